@@ -15,9 +15,8 @@ import echelon as ec
 from echelon.exact.expressions import parse, parse_angle
 from echelon.exact.polynomial import Polynomial, float_generators
 from echelon.mechanism.body import GROUND, Body, Symbol
-from echelon.mechanism.joint import Joint, Motion, merge, rotation
+from echelon.mechanism.joint import Joint, Motion, Placement, merge, rotation, shift, turn
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.placement import Placement, shift, turn
 
 PANDA_FILE = Path(__file__).parents[1] / "examples" / "panda.yaml"
 _PANDA = {"d1": "0.333", "d3": "0.316", "d5": "0.384", "a4": "0.0825", "a5": "-0.0825", "a7": "0.088"}

@@ -28,7 +28,7 @@ from echelon.mechanism.joint import Joint, MotionKind
 from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut, Output, plain
-from echelon.mechanism.placement import Placement
+from echelon.mechanism.joint import Placement
 from echelon.mechanism.substitute import substituted
 from echelon.report.drawing import CLASSES, seen_bodies
 from echelon.report.pose import drawable_pose

@@ -9,10 +9,10 @@ from echelon.base.model import BaseModel as BaseModel
 from echelon.base.modes import assembly_modes as assembly_modes
 from echelon.base.numeric_rank import NumericComparison as NumericComparison
 from echelon.base.numeric_rank import compare_numeric as compare_numeric
-from echelon.base.recorded_rows import RecordedRows as RecordedRows
-from echelon.base.recorded_rows import energy_regressor as energy_regressor
-from echelon.base.recorded_rows import power_regressor as power_regressor
+from echelon.base.row_space import RecordedRows as RecordedRows
 from echelon.base.row_space import RowSpaces as RowSpaces
+from echelon.base.row_space import energy_regressor as energy_regressor
+from echelon.base.row_space import power_regressor as power_regressor
 from echelon.base.row_space import same_row_space as same_row_space
 from echelon.base.sensors import SensorReport as SensorReport
 from echelon.base.sensors import sensor_report as sensor_report
@@ -34,8 +34,8 @@ from echelon.errors import UnknownRelationsError as UnknownRelationsError
 from echelon.excite.excite import exciting_trajectory as exciting_trajectory
 from echelon.excite.excite import judged_trajectory as judged_trajectory
 from echelon.excite.exciting_trajectory import ExcitingTrajectory as ExcitingTrajectory
-from echelon.excite.files.read_trajectory import read_trajectory as read_trajectory
-from echelon.excite.files.write_trajectory import write_trajectory as write_trajectory
+from echelon.excite.files.trajectory_file import read_trajectory as read_trajectory
+from echelon.excite.files.trajectory_file import write_trajectory as write_trajectory
 from echelon.excite.problem.prior_model import information_of_logs as information_of_logs
 from echelon.excite.problem.trajectory import Trajectory as Trajectory
 from echelon.formats.linear_document import load_linear as load_linear

@@ -9,10 +9,9 @@ import pytest
 
 import echelon as ec
 from echelon.base.linear_base import LinearBase
-from echelon.program.parallel import impossible
 from echelon.program.region import RealPoints, RegionReport
 from echelon.program.region_search import IndependentRegions
-from echelon.program.surfaces import find_surfaces
+from echelon.program.surfaces import find_surfaces, impossible
 from echelon.program.tape import Program
 from echelon.program.text import record_expression
 from support.sign_models import sign_model

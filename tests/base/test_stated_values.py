@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import echelon as ec
 from echelon.base.reading_report import report_reading
-from echelon.exact.angle import Angle
+from echelon.exact.expressions import Angle
 from echelon.exact.field import PrimeField
 from echelon.exact.polynomial import float_generators
 from echelon.formats.reading_options import ReadingOptions

@@ -13,12 +13,21 @@ from hypothesis import strategies as st
 
 import echelon as ec
 from echelon.errors import DegenerateSampleError
-from echelon.exact.angle import Angle
+from echelon.exact.expressions import Angle
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.body import Body
-from echelon.mechanism.joint import Joint, Motion, ball, floating_motions, rotation, translation
+from echelon.mechanism.joint import (
+    Joint,
+    Motion,
+    Placement,
+    ball,
+    floating_motions,
+    rotate,
+    rotation,
+    translation,
+    turn,
+)
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.placement import Placement, rotate, turn
 from support import textbook_arms as arms
 from support.float_regressor import FloatArray, float_regressor, random_states
 from support.random_mechanisms import mechanisms

@@ -18,7 +18,7 @@ import pytest
 import echelon as ec
 from echelon.cli import excite_commands
 from echelon.cli.commands import run as main
-from echelon.excite.files.read_trajectory import SUFFIXES
+from echelon.excite.files.trajectory_file import SUFFIXES
 from echelon.formats.schema.schema_excite import ExcitationEntry
 from support.command_line import run
 from support.paths import EXAMPLES

@@ -9,8 +9,7 @@ import sympy
 from hypothesis import given
 from hypothesis import strategies as st
 
-from echelon.exact.angle import Angle
-from echelon.exact.expressions import parse, parse_angle
+from echelon.exact.expressions import Angle, parse, parse_angle
 from support.strategies import in_sympy
 
 SYMBOLS = ("D3", "RL4", "alpha")

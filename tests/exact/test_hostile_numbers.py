@@ -13,7 +13,7 @@ import echelon as ec
 from echelon.cli.logs import _fit
 from echelon.errors import InputError
 from echelon.excite.files.coefficients import trajectory_to_json
-from echelon.excite.files.read_trajectory import read_trajectory
+from echelon.excite.files.trajectory_file import read_trajectory
 from echelon.identification.conditioning import without_rounding
 from echelon.identification.validation import Score, fit
 from echelon.logs.columns.column_map import ColumnMap

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from echelon.excite.problem.loop_motion import LoopMotion
+from echelon.excite.problem.closed_loops import LoopMotion
 from echelon.program.tape import Program
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.dependent_motion import DependentMotion

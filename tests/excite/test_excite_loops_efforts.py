@@ -7,9 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from echelon.excite.problem.closed_loops import LoopEfforts, LoopPart, loop_limits
+from echelon.excite.problem.closed_loops import LoopEfforts, LoopMotion, LoopPart, loop_limits
 from echelon.excite.problem.effort_limits import EffortLimit, EffortModel
-from echelon.excite.problem.loop_motion import LoopMotion
 from echelon.excite.problem.state_limits import PointLimit, point_limits
 from support.excitation_cases import slopes_by_state
 from support.excitation_loops import assert_slopes, base, certain, identified, mechanism, states

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from echelon.excite.verify.loop_samples import loop_margins
-from echelon.excite.verify.margins import when_kept
+from echelon.excite.verify.margins import loop_margins, when_kept
 from support.excitation_loops import limited, motion_of
 
 

@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 import echelon as ec
-from echelon.excite.problem.closed_loops import LoopRegressor, loop_limits
-from echelon.excite.problem.loop_motion import Closed, LoopMotion
+from echelon.excite.problem.closed_loops import Closed, LoopMotion, LoopRegressor, loop_limits
 from echelon.excite.problem.trajectory import Fourier, Trajectory, resting_ends
-from echelon.excite.verify.loop_samples import loop_margins
+from echelon.excite.verify.margins import loop_margins
 from support import linkages
 from support.excitation_cases import slopes_by_state
 from support.excitation_loops import Floats, assert_slopes, mechanism

@@ -8,7 +8,7 @@ import pytest
 import echelon as ec
 from echelon.dynamics.kinematics import Kinematics
 from echelon.excite.exciting_trajectory import conditioning_of
-from echelon.excite.problem.loop_motion import LoopMotion
+from echelon.excite.problem.closed_loops import LoopMotion
 from echelon.excite.problem.task import changed, task_of
 from echelon.excite.solve.design import designed
 from support.excitation_loops import LOOPS, base

@@ -15,8 +15,7 @@ from scipy.interpolate import BSpline
 
 from echelon.errors import InputError
 from echelon.excite.files.coefficients import text_of, trajectory_from_json, trajectory_schema, trajectory_to_json
-from echelon.excite.files.read_trajectory import read_trajectory
-from echelon.excite.files.write_trajectory import write_trajectory
+from echelon.excite.files.trajectory_file import read_trajectory, write_trajectory
 from echelon.excite.problem.trajectory import (
     Basis,
     Combined,

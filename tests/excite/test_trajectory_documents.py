@@ -10,8 +10,7 @@ import pytest
 
 from echelon.errors import InputError
 from echelon.excite.files.coefficients import trajectory_from_json, trajectory_to_json
-from echelon.excite.files.read_trajectory import read_trajectory
-from echelon.excite.files.write_trajectory import write_trajectory
+from echelon.excite.files.trajectory_file import read_trajectory, write_trajectory
 from echelon.excite.problem.trajectory import uniform_splines
 from support.trajectory_motions import NAMES, UNITS, motion, smooth
 

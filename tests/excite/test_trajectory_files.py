@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from echelon.errors import InputError, MissingExtraError
-from echelon.excite.files import trajectory_samples as samples_module
-from echelon.excite.files.read_trajectory import read_trajectory
-from echelon.excite.files.trajectory_samples import sampled
-from echelon.excite.files.write_trajectory import write_trajectory
+from echelon.excite.files import samples as samples_module
+from echelon.excite.files.samples import sampled
+from echelon.excite.files.trajectory_file import read_trajectory, write_trajectory
 from echelon.excite.problem.trajectory import Trajectory, uniform_splines
 from support.trajectory_motions import NAMES, UNITS, motion, smooth, states
 

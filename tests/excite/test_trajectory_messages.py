@@ -11,9 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from echelon.excite.files.joint_trajectory import yaml_text
-from echelon.excite.files.trajectory_samples import sampled
-from echelon.excite.files.write_trajectory import write_trajectory
+from echelon.excite.files.samples import sampled, yaml_text
+from echelon.excite.files.trajectory_file import write_trajectory
 from echelon.excite.problem.trajectory import Fourier, Trajectory
 from support.trajectory_motions import KIND, NAMES, UNITS, smooth
 

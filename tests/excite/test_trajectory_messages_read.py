@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from echelon.errors import InputError
-from echelon.excite.files.read_trajectory import read_trajectory
+from echelon.excite.files.trajectory_file import read_trajectory
 from support.trajectory_motions import NAMES, UNITS, WAVE, T
 
 

@@ -12,8 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from echelon.errors import InputError
-from echelon.excite.files.read_trajectory import read_trajectory
-from echelon.excite.files.write_trajectory import write_trajectory
+from echelon.excite.files.trajectory_file import read_trajectory, write_trajectory
 from echelon.excite.problem.trajectory import Trajectory
 from support.trajectory_motions import NAMES, SPEED, UNITS, WAVE, T, smooth
 

@@ -10,8 +10,7 @@ import pytest
 
 import echelon as ec
 from echelon.exact.polynomial import float_generators
-from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.placement import Placement
+from echelon.mechanism.joint import MotionKind, Placement
 
 INERTIAL = (
     "<inertial><origin xyz='0.1 0 0' rpy='0 0 0'/><mass value='2'/>"

@@ -64,7 +64,7 @@ def run(words: list[str]) -> int | None:
 
 def _read(what: str, name: str) -> int:
     from echelon.errors import EchelonError
-    from echelon.excite.files.read_trajectory import read_trajectory
+    from echelon.excite.files.trajectory_file import read_trajectory
     from echelon.logs.files.open_log import read_table
 
     try:

@@ -15,9 +15,8 @@ from echelon.errors import InputError
 from echelon.identification.physics.prior_information import prior_from
 from echelon.identification.physics.pseudo_inertia import is_physical
 from echelon.mechanism.body import GROUND, Body
-from echelon.mechanism.joint import Joint, merge, rotation
+from echelon.mechanism.joint import Joint, Placement, merge, rotation
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.placement import Placement
 from support import textbook_arms as arms
 from support.measured_logs import measured
 from support.physical_robots import body_of_points, states

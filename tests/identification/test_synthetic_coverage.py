@@ -28,8 +28,7 @@ from echelon.identification.rows.rows import ModelRows
 from echelon.logs.preparation.prepare import prepare
 from echelon.logs.preparation.settings import Preparation
 from echelon.logs.recording import Segment
-from echelon.observe.layout import Layout
-from echelon.observe.observation import Observation
+from echelon.observe.observation import Layout, Observation
 from support.observation_rows import ArrayRows
 from support.selection import slow_unless
 from support.simulated_robots import System

@@ -16,8 +16,7 @@ from echelon.machine.operations_text import Vector
 from echelon.machine.rows_text import Way, rows_of
 from echelon.machine.target import Target, host
 from echelon.program.function import Argument, Function
-from echelon.program.scalar import Scalar
-from echelon.program.tape import Program
+from echelon.program.tape import Program, Scalar
 from support.small_kernels import LANES, Fences, FloatArray, by_numpy, function, same_bits
 
 WIDTH = 11

@@ -9,7 +9,7 @@ from echelon.errors import SlowWarning
 from echelon.machine import interpreted, kernel
 from echelon.machine.batch import batch
 from echelon.machine.kernel import Columns, Kernel
-from echelon.program.scalar import Scalar
+from echelon.program.tape import Scalar
 from support.small_kernels import function
 
 SAMPLES = 1000

@@ -15,9 +15,8 @@ import pytest
 
 from echelon.exact.expressions import parse_angle
 from echelon.exact.polynomial import Polynomial
-from echelon.mechanism.joint import Step, ball, rotation, screw, translation
+from echelon.mechanism.joint import Step, ball, rotation, screw, shift, translation, turn
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.placement import shift, turn
 from support import textbook_arms as arms
 from support.float_regressor import float_regressor, random_states
 

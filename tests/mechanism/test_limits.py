@@ -21,7 +21,7 @@ import pytest
 import echelon as ec
 from echelon.claims.reading import read_claims
 from echelon.errors import InputError
-from echelon.excite.files.read_trajectory import read_trajectory
+from echelon.excite.files.trajectory_file import read_trajectory
 from echelon.inputs.content import COLUMNS, DEPTH, LIMITS, Limit, limits_table
 from echelon.inputs.json_text import parse_json
 from echelon.inputs.xml_text import parse_xml

@@ -2,7 +2,7 @@
 
 from mutation.fault import Fault
 
-PLACEMENT, JOINT, SUBSTITUTE = "mechanism/placement.py", "mechanism/joint.py", "mechanism/substitute.py"
+PLACEMENT, JOINT, SUBSTITUTE = "mechanism/joint.py", "mechanism/joint.py", "mechanism/substitute.py"
 JOINTS = "mechanism/test_joints.py formats/test_description_geometry.py"
 
 FAULTS = (

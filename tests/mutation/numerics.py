@@ -78,7 +78,7 @@ FAULTS = (
     Fault("observe/observation.py", "/ safe[:, None] / safe)", "/ safe[:, None])", "normal equations", OBSERVE),
     Fault("codegen/views.py", "_at_least(Binding.PRODUCT, b)", "b[0]", "a − (b + c)", CODE),
     Fault("codegen/views.py", "_at_least(Binding.ATOM, b)", "b[0]", "a / (b·c)", CODE),
-    Fault("codegen/targets.py", 'Op.ABS: "ca.fabs({x})"', 'Op.ABS: "ca.sign({x})"', "absolute values in CasADi", CODE),
+    Fault("codegen/language.py", 'Op.ABS: "ca.fabs({x})"', 'Op.ABS: "ca.sign({x})"', "absolute values in CasADi", CODE),
     Fault("codegen/views.py", "min(k, self.places - LANES)", "k", "blocks of angles", CODE),
     Fault("inertia/convert.py", "(square - centre[..., :, None]", "(square + centre[..., :, None]", "Steiner", CONVERT),
     Fault(

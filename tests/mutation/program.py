@@ -127,7 +127,7 @@ FAULTS = (
         "program/test_sympy_bridge.py::test_there_and_back",
     ),
     Fault(
-        "program/scalar.py",
+        "program/tape.py",
         "return total if number >= 0 else 1 / total",
         "return total",
         "negative powers",

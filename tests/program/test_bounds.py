@@ -12,8 +12,7 @@ from hypothesis import assume, given
 
 from echelon.exact.numbers import surd
 from echelon.program.bounds import norm_bits, size_bound
-from echelon.program.scalar import Scalar
-from echelon.program.tape import Program
+from echelon.program.tape import Program, Scalar
 from support.strategies import calculate, formulas
 
 NAMES = ("x", "y", "z")

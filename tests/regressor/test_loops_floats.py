@@ -15,9 +15,9 @@ from echelon.claims.audit import random_states
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.body import GROUND
 from echelon.mechanism.effect import Action, Effect, Side
+from echelon.mechanism.joint import Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut, plain
-from echelon.mechanism.placement import Placement
 from echelon.mechanism.transmission import Actuator
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.loops.assembly import Assembly

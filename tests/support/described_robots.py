@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from echelon.mechanism.joint import Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut, plain
-from echelon.mechanism.placement import Placement
 
 EVERYTHING = """
 echelon: 1

@@ -11,13 +11,13 @@ import echelon as ec
 from echelon.excite.problem.closed_loops import (
     LoopEfforts,
     LoopLimits,
+    LoopMotion,
     LoopPart,
     LoopRegressor,
     loop_limits,
     state_regressor,
 )
 from echelon.excite.problem.effort_limits import EffortLimit, EffortModel
-from echelon.excite.problem.loop_motion import LoopMotion
 from echelon.excite.problem.state_limits import PointLimit, point_limits
 from echelon.excite.problem.trajectory import Fourier, Trajectory, resting_ends
 from echelon.mechanism.closure import ClosureKind

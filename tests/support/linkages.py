@@ -8,9 +8,8 @@ from dataclasses import replace
 from echelon.exact.expressions import parse
 from echelon.mechanism.body import GROUND, Body
 from echelon.mechanism.closure import Closure, ClosureKind
-from echelon.mechanism.joint import ball, rotation, screw, translation
+from echelon.mechanism.joint import Placement, ball, rotation, screw, shift, translation
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.placement import Placement, shift
 from support import textbook_arms as arms
 
 LENGTHS = {"a": "0.3", "b": "-0.45", "c": "0.2", "h": "0.05", "g": "9.81"}

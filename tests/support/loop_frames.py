@@ -6,8 +6,8 @@ import numpy as np
 
 from echelon.exact.polynomial import float_generators
 from echelon.mechanism.body import GROUND
+from echelon.mechanism.joint import Placement
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.placement import Placement
 from support.textbook_poses import Array, pose_of
 
 

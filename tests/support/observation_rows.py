@@ -11,8 +11,7 @@ import numpy.typing as npt
 
 from echelon.identification.rows.rows import RowBlock
 from echelon.identification.validation import Fit, Predicted, Validation, validate
-from echelon.observe.layout import Layout
-from echelon.observe.observation import Observation
+from echelon.observe.observation import Layout, Observation
 from echelon.observe.triangle import upper_triangle
 
 Floats = npt.NDArray[np.float64]

@@ -9,9 +9,8 @@ import pinocchio as pin
 from echelon.exact.polynomial import Polynomial, float_generators
 from echelon.mechanism.body import GROUND
 from echelon.mechanism.closure import Closure, ClosureKind
-from echelon.mechanism.joint import Motion, MotionKind
+from echelon.mechanism.joint import Motion, MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.placement import Placement
 
 Array = npt.NDArray[np.float64]
 

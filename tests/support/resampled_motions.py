@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.interpolate import BSpline
 
 from echelon.excite.exciting_trajectory import ExcitingTrajectory
-from echelon.excite.files.write_trajectory import design_to_json
+from echelon.excite.files.trajectory_file import design_to_json
 
 Floats = npt.NDArray[np.float64]
 

@@ -9,7 +9,9 @@ from echelon.mechanism.body import ALL, GROUND, Body, Symbol
 from echelon.mechanism.coupling import Coupling, linear
 from echelon.mechanism.joint import (
     Joint,
+    Placement,
     Step,
+    Vector,
     ball,
     cylindrical_motions,
     floating_motions,
@@ -17,11 +19,12 @@ from echelon.mechanism.joint import (
     planar_motions,
     rotation,
     screw,
+    shift,
     translation,
+    turn,
     universal_motions,
 )
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.placement import Placement, Vector, shift, turn
 
 DOWN = "0 0 -g"
 GENERIC = "gx gy gz"

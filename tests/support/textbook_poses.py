@@ -8,9 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.exact.polynomial import Polynomial, float_generators
-from echelon.mechanism.joint import Motion, MotionKind
+from echelon.mechanism.joint import Motion, MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.placement import Placement
 
 Array = npt.NDArray[np.float64]
 X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)

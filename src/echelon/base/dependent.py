@@ -21,15 +21,14 @@ from echelon.base.rows import Rows, rows_of
 from echelon.base.structure import Structure, floating_pair, mount, pair_columns, pair_signature
 from echelon.conventions import PER_BODY
 from echelon.errors import DegenerateSampleError
-from echelon.exact.ansatz import Geometry
 from echelon.exact.elimination import solve_batched
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.numbers import Surd, parts_of
 from echelon.exact.polynomial import Polynomial, as_polynomial
-from echelon.exact.unknown import UnknownFunctions, persistent
+from echelon.exact.unknown import Geometry, UnknownFunctions, persistent
 from echelon.inertia.spatial import move
+from echelon.mechanism.joint import Placement
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.placement import Placement
 from echelon.mechanism.stated import SymbolRoles, symbol_roles
 from echelon.program.sampling import FieldSampler
 from echelon.regressor.energy import energy_form

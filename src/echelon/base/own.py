@@ -22,7 +22,7 @@ from echelon.base.matrix import BaseMatrix
 from echelon.base.rows import rows_of
 from echelon.base.structure import Structure, dependent_columns, find_structure
 from echelon.errors import DegenerateSampleError, EchelonError, InputError, OtherModeError, SingularPoseError
-from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
+from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.field import CERTIFICATE_BITS, PrimeField
 from echelon.exact.numbers import Surd, decimal_text
 from echelon.exact.polynomial import Polynomial, format_polynomial

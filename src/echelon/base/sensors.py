@@ -16,9 +16,9 @@ from echelon.exact.elimination import rank, reduced_echelon
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.unknown import SOLVING, Work
 from echelon.mechanism.body import GROUND
+from echelon.mechanism.joint import Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut, Output, plain
-from echelon.mechanism.placement import Placement
 from echelon.program.sampling import FieldSampler
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.virtual_power import virtual_power_form

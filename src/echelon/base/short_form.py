@@ -20,9 +20,8 @@ from echelon.exact.numbers import Number
 from echelon.exact.polynomial import Monomial, Polynomial, cosine, is_trigonometric, sine, symbol_of
 from echelon.extras import extra
 from echelon.mechanism.body import GROUND
-from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.joint import MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.placement import Placement
 from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.tape import Program
 

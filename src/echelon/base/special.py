@@ -8,8 +8,8 @@ from itertools import combinations
 
 from echelon.base.structure import find_structure
 from echelon.exact.polynomial import Polynomial, cosine, is_trigonometric, sine, symbol_of
+from echelon.mechanism.joint import Placement, Vector
 from echelon.mechanism.mechanism import Mechanism, setup_expressions
-from echelon.mechanism.placement import Placement, Vector
 from echelon.mechanism.substitute import substituted
 from echelon.seeds import DEFAULT_SEED, random_generator
 

@@ -23,10 +23,9 @@ from echelon.errors import DegenerateSampleError, EchelonError, OtherModeError, 
 from echelon.exact.field import PrimeField
 from echelon.mechanism.body import ALL, GROUND, Body
 from echelon.mechanism.closed_pose import shown_loops
-from echelon.mechanism.joint import Joint, Motion, Step, floating_motions
+from echelon.mechanism.joint import Joint, Motion, Placement, Step, floating_motions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut
-from echelon.mechanism.placement import Placement
 from echelon.mechanism.stated import UNITS, has_values
 from echelon.program.sampling import FieldSampler
 from echelon.regressor.blocks import FEW_COLUMNS

@@ -21,8 +21,7 @@ from echelon.errors import one_line
 from echelon.excite.excite import exciting_trajectory, judged_trajectory
 from echelon.excite.exciting_trajectory import ExcitingTrajectory
 from echelon.excite.files.coefficients import text_of
-from echelon.excite.files.read_trajectory import read_trajectory
-from echelon.excite.files.write_trajectory import design_to_json, trajectory_content
+from echelon.excite.files.trajectory_file import design_to_json, read_trajectory, trajectory_content
 from echelon.excite.problem.prior_model import information_of_logs
 from echelon.excite.problem.task import UNCHECKED, task_of
 from echelon.excite.problem.task import changed as changed_entry

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 from echelon.base.model import BaseModel
 from echelon.codegen.constants import SHARED, kept_symbols, parameter_constants, specialised, symbol_constants
 from echelon.codegen.documentation import Subject, documentation
-from echelon.codegen.language import Language, Precision, checked_identifier, identifier
-from echelon.codegen.targets import TARGETS
+from echelon.codegen.language import TARGETS, Language, Precision, checked_identifier, identifier
 from echelon.codegen.views import LANES, view
 from echelon.dynamics.functions import ALL_FUNCTIONS
 from echelon.errors import InputError, one_line

@@ -6,8 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 
 from echelon.dynamics.arguments import parameter_input, row_names
-from echelon.dynamics.composite import efforts_at_rest, mass_matrix
-from echelon.dynamics.derivatives import by_quaternion, effort_derivatives
+from echelon.dynamics.composite import by_quaternion, effort_derivatives, efforts_at_rest, mass_matrix
 from echelon.dynamics.recursion import ForwardPass, efforts
 from echelon.dynamics.reframing import grouped_inertias, reframed
 from echelon.errors import InputError

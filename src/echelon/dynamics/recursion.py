@@ -28,7 +28,7 @@ from echelon.inertia.spatial import Array
 from echelon.mechanism.body import GROUND
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.joint import Step as Described
-from echelon.program.scalar import Scalar
+from echelon.program.tape import Scalar
 from echelon.regressor.probes import Probes
 from echelon.regressor.spatial import Mat, Vec, add, apply, cross, dot, identity, product, scale, transposed
 from echelon.regressor.steps import Freedom, Recorder, Step, backward, forward, into_frame

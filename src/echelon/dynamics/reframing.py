@@ -25,11 +25,10 @@ from echelon.conventions import PER_BODY
 from echelon.exact.polynomial import Polynomial
 from echelon.inertia.spatial import Array, pseudo_inertia
 from echelon.mechanism.body import GROUND
-from echelon.mechanism.joint import Joint, MotionKind, Step, merge
+from echelon.mechanism.joint import ORIGIN, Joint, MotionKind, Placement, Step, Vector, merge
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut
-from echelon.mechanism.placement import ORIGIN, Placement, Vector
-from echelon.program.scalar import Scalar
+from echelon.program.tape import Scalar
 from echelon.regressor.steps import Recorder
 from echelon.regressor.steps import Step as Recorded
 

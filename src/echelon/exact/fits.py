@@ -8,7 +8,6 @@ from functools import partial
 import numpy as np
 
 from echelon.errors import DegenerateSampleError
-from echelon.exact.ansatz import Fit, Geometry
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.fractions import (
     Numerator,
@@ -22,7 +21,7 @@ from echelon.exact.fractions import (
     multiplied,
     sections,
 )
-from echelon.exact.unknown import SOLVING, UnknownFunctions, Work, persistent
+from echelon.exact.unknown import SOLVING, Fit, Geometry, UnknownFunctions, Work, persistent
 
 _NODES = (6, 16, 40, 100)
 """Values along a line, more where they are too few."""

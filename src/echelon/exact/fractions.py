@@ -30,10 +30,21 @@ import flint
 import numpy as np
 
 from echelon.errors import DegenerateSampleError
-from echelon.exact.ansatz import EXTRA_SAMPLES, Ansatz, Fit, Geometry, circle_basis, design, fit_quotient, normalised
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.polynomial import Monomial
-from echelon.exact.unknown import SOLVING, Work, persistent
+from echelon.exact.unknown import (
+    EXTRA_SAMPLES,
+    SOLVING,
+    Ansatz,
+    Fit,
+    Geometry,
+    Work,
+    circle_basis,
+    design,
+    fit_quotient,
+    normalised,
+    persistent,
+)
 
 _SURPLUS = 2
 """Values beyond those that a quotient needs: a wrong one fits them with probability about p^-2."""

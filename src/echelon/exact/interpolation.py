@@ -16,13 +16,12 @@ from fractions import Fraction
 import numpy as np
 
 from echelon.errors import DegenerateSampleError
-from echelon.exact.ansatz import Ansatz, generator_values, solve_ansatz
 from echelon.exact.field import PrimeField
 from echelon.exact.fits import find_fits
 from echelon.exact.numbers import Number, Rational, surd
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction
-from echelon.exact.unknown import SOLVING, UnknownFunctions, Work
+from echelon.exact.unknown import SOLVING, Ansatz, UnknownFunctions, Work, generator_values, solve_ansatz
 
 _MARGIN_BITS = 16
 """A candidate n/d is believed when |n|·d is this many bits shorter than the modulus; the certificate has the last

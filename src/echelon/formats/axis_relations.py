@@ -17,14 +17,25 @@ from math import atan2, hypot, pi
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
+from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.numbers import cosine_of_turn
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.reading_options import LENGTH_TOLERANCE, PRECISION
 from echelon.formats.snapping import Snapping
 from echelon.mechanism.body import GROUND, Body
-from echelon.mechanism.joint import Motion, MotionKind, Step, merge
-from echelon.mechanism.placement import Matrix, Placement, Vector, multiply, rotate, transpose, turn
+from echelon.mechanism.joint import (
+    Matrix,
+    Motion,
+    MotionKind,
+    Placement,
+    Step,
+    Vector,
+    merge,
+    multiply,
+    rotate,
+    transpose,
+    turn,
+)
 from echelon.mechanism.reading import Snap
 from echelon.mechanism.stated import vanishes
 

@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from functools import reduce
 from operator import matmul
 
-from echelon.exact.angle import Angle
+from echelon.exact.expressions import Angle
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.body import ALL, GROUND, Body
-from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, floating_motions, merge
-from echelon.mechanism.placement import Placement, shift, turn
+from echelon.mechanism.joint import Joint, Motion, MotionKind, Placement, Step, floating_motions, merge, shift, turn
 
 BASE = "base"
 """What a parent is called that is the base, unless a body has that name."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.exact.angle import Angle
+from echelon.exact.expressions import Angle
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.axis_relations import with_relations
 from echelon.formats.bodies import Bodies, Part, placed_before
@@ -39,10 +39,9 @@ from echelon.formats.reading_options import ReadingOptions, gravity_vector
 from echelon.formats.snapping import Snapping, symbol_stem
 from echelon.mechanism.body import ALL, GROUND, Symbol
 from echelon.mechanism.closure import Closure
-from echelon.mechanism.joint import Motion, MotionKind, Step, merge
+from echelon.mechanism.joint import Motion, MotionKind, Placement, Step, merge
 from echelon.mechanism.mechanism import Mechanism, setup_placements
 from echelon.mechanism.output import Cut, JointForce, Output, plain
-from echelon.mechanism.placement import Placement
 from echelon.mechanism.reading import Snap
 from echelon.regressor.loops.closed_motion import ClosedMotion, largest, normalised
 from echelon.regressor.loops.closing import close

@@ -23,8 +23,7 @@ from echelon.inertia.convert import rotation_quaternion
 from echelon.mechanism.body import Body, Symbol
 from echelon.mechanism.closed_pose import parted, turned_by
 from echelon.mechanism.closure import Closure, ClosureKind
-from echelon.mechanism.joint import Motion, MotionKind
-from echelon.mechanism.placement import IDENTITY, Placement, Vector, shift
+from echelon.mechanism.joint import IDENTITY, Motion, MotionKind, Placement, Vector, shift
 from echelon.mechanism.reading import Snap
 from echelon.mechanism.stated import placement_matrix
 from echelon.regressor.loops.exact_pose import unit_quaternion

@@ -17,7 +17,7 @@ from echelon.errors import InputError
 from echelon.exact.expressions import parse
 from echelon.exact.numbers import Number, parts_of
 from echelon.exact.polynomial import Polynomial
-from echelon.mechanism.placement import Vector
+from echelon.mechanism.joint import Vector
 
 ANGLE_TOLERANCE = 2e-3
 """Default distance, rad, within which angles are read as multiples of 15° and axes as coordinate directions."""

@@ -18,15 +18,24 @@ from math import atan2, ceil, hypot, log10, pi
 from operator import matmul
 
 from echelon.errors import InputError
-from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
-from echelon.exact.expressions import PI
+from echelon.exact.expressions import PI, STEPS_PER_HALF_TURN, Angle
 from echelon.exact.numbers import Rational, decimal_text, inverse, square_root
 from echelon.exact.polynomial import Polynomial, as_polynomial, format_polynomial
 from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralTree, Triple
 from echelon.formats.reading_options import LARGEST_ANGLE, LENGTH_TOLERANCE, PRECISION, ReadingOptions
 from echelon.mechanism.body import Symbol
-from echelon.mechanism.joint import Motion, MotionKind, Step, floating_motions, planar_motions
-from echelon.mechanism.placement import Placement, Vector, as_matrix, shift, turn
+from echelon.mechanism.joint import (
+    Motion,
+    MotionKind,
+    Placement,
+    Step,
+    Vector,
+    as_matrix,
+    floating_motions,
+    planar_motions,
+    shift,
+    turn,
+)
 from echelon.mechanism.reading import Snap
 
 _STEP = pi / STEPS_PER_HALF_TURN

@@ -37,8 +37,7 @@ from echelon.logs.files.open_log import log_paths
 from echelon.logs.preparation.choices import chosen
 from echelon.logs.read_log import read_log
 from echelon.logs.recording import Samples, Segment
-from echelon.observe.layout import Layout
-from echelon.observe.observation import Observation
+from echelon.observe.observation import Layout, Observation
 from echelon.observe.triangle import upper_triangle
 from echelon.setup.setup import Setup
 

@@ -23,8 +23,7 @@ from echelon.hints import nearest_of
 from echelon.identification.rows.rows import ModelRows, RowBlock, Rows, observed
 from echelon.logs.recording import Samples
 from echelon.mechanism.body import ALL
-from echelon.observe.layout import Layout
-from echelon.observe.observation import Observation
+from echelon.observe.observation import Layout, Observation
 
 LABEL = "_payload"
 """Ends the names of a payload's parameters: ``M_payload``."""

@@ -11,13 +11,12 @@ from dataclasses import replace
 from fractions import Fraction
 from math import lcm
 
-from echelon.exact.angle import multiple_of_point
+from echelon.exact.expressions import multiple_of_point
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.body import GROUND
 from echelon.mechanism.closure import Closure
-from echelon.mechanism.joint import Motion, MotionKind
+from echelon.mechanism.joint import Motion, MotionKind, Placement, shift, turn_by
 from echelon.mechanism.mechanism import ClosedAt, Mechanism
-from echelon.mechanism.placement import Placement, shift, turn_by
 
 _SHOWN = 4  # closures that a message names
 

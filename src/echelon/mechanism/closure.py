@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from echelon.mechanism.placement import Placement
+from echelon.mechanism.joint import Placement
 
 _ALONG_Z = ((0, 2, 0), (1, 2, 0), (2, 2, 1))
 _ALIGNED = tuple((i, j, int(i == j)) for i in range(3) for j in range(3))

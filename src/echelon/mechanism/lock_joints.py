@@ -14,10 +14,9 @@ from echelon.hints import nearest_of
 from echelon.mechanism.body import Body
 from echelon.mechanism.coupling import Coupling, Spline
 from echelon.mechanism.effect import Effect
-from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, merge
+from echelon.mechanism.joint import IDENTITY, Joint, Matrix, Motion, MotionKind, Placement, Step, as_matrix, merge
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import ActuatorForce, Cut, Output
-from echelon.mechanism.placement import IDENTITY, Matrix, Placement, as_matrix
 from echelon.mechanism.stated import known_values
 from echelon.mechanism.transmission import Actuator
 

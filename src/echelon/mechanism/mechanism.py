@@ -14,9 +14,8 @@ from echelon.mechanism.body import GROUND, Body, Symbol
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.coupling import Coupling
 from echelon.mechanism.effect import Action, Effect, Side
-from echelon.mechanism.joint import Motion, MotionKind
+from echelon.mechanism.joint import Motion, MotionKind, Placement, Vector
 from echelon.mechanism.output import ActuatorForce, Cut, JointForce, Output, Parameter, inertial_parameter, plain
-from echelon.mechanism.placement import Placement, Vector
 from echelon.mechanism.reading import Reading
 from echelon.mechanism.transmission import Actuator, Transmission, transmission
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from echelon.conventions import LENGTH_DEGREE, UNITS, parameter_name
 from echelon.exact.polynomial import Polynomial
-from echelon.mechanism.placement import Placement
+from echelon.mechanism.joint import Placement
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
-from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
-from echelon.exact.expressions import parse, parse_angle
+from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle, parse, parse_angle
 from echelon.exact.field import CERTIFICATE_BITS, PrimeField, Residues
 from echelon.exact.numbers import Number, cosine_of_turn, decimal_text, sine_of_turn
 from echelon.exact.polynomial import (
@@ -34,9 +33,8 @@ from echelon.exact.polynomial import (
     symbol_of,
 )
 from echelon.mechanism.body import Symbol
-from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.joint import MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism, setup_expressions, setup_placements, setup_ratios
-from echelon.mechanism.placement import Placement
 from echelon.mechanism.substitute import substituted
 from echelon.program.text import phase_symbols
 from echelon.seeds import DEFAULT_SEED, random_generator

@@ -11,7 +11,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 from echelon.errors import InputError
-from echelon.exact.angle import multiple_of_point
+from echelon.exact.expressions import multiple_of_point
 from echelon.exact.polynomial import (
     Polynomial,
     as_polynomial,
@@ -25,10 +25,9 @@ from echelon.exact.polynomial import (
 from echelon.mechanism.body import Body
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.effect import Effect
-from echelon.mechanism.joint import Motion, MotionKind, Step, merge
+from echelon.mechanism.joint import Matrix, Motion, MotionKind, Placement, Step, Vector, merge
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Channel, Cut, Output
-from echelon.mechanism.placement import Matrix, Placement, Vector
 
 _NAMES = re.compile(r"\[[^\]]*\]|[^\W\d]\w*")
 """Coordinates in brackets, which are no symbols, and names."""

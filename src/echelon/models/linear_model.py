@@ -18,9 +18,8 @@ from echelon.exact.numbers import Rational
 from echelon.exact.polynomial import Polynomial
 from echelon.models.model_text import constant_values, free_names, linear_rows, names_of, record_rows
 from echelon.program.rewriting import with_values
-from echelon.program.scalar import Scalar
 from echelon.program.schedule import FloatArithmetic, Schedule
-from echelon.program.tape import Program
+from echelon.program.tape import Program, Scalar
 from echelon.program.text import FUNCTION_NAMES, record_expression
 from echelon.regressor.linear import LinearForms
 

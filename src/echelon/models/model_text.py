@@ -19,9 +19,8 @@ from echelon.exact.field import CERTIFICATE_BITS, PrimeField
 from echelon.exact.numbers import Rational, Surd
 from echelon.program.operations import Op
 from echelon.program.sampling import FieldSampler
-from echelon.program.scalar import Scalar, exact
 from echelon.program.sympy_bridge import from_sympy
-from echelon.program.tape import Program
+from echelon.program.tape import Program, Scalar, exact
 from echelon.program.text import record_expression
 from echelon.seeds import DEFAULT_SEED, random_generator
 

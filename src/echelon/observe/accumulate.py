@@ -21,8 +21,7 @@ from echelon.errors import InputError
 from echelon.machine.batch import Batch, batch
 from echelon.machine.kernel import Columns, processors
 from echelon.machine.target import Target, one_thread
-from echelon.observe.layout import layout_of, measured
-from echelon.observe.observation import NormalEquations, Observation
+from echelon.observe.observation import NormalEquations, Observation, layout_of, measured
 from echelon.observe.triangle import ROWS, update_triangle, upper_triangle
 from echelon.program.function import Argument, Function
 

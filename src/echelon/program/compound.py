@@ -27,8 +27,7 @@ from echelon.exact.elimination import rank
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.numbers import Number
 from echelon.program.operations import Op
-from echelon.program.scalar import Scalar, maximum, minimum, square_root
-from echelon.program.tape import Program
+from echelon.program.tape import Program, Scalar, maximum, minimum, square_root
 
 
 def heaviside(x: Scalar) -> Scalar:

@@ -13,7 +13,7 @@ and by descent to the wanted signs.  Only regions that add something count (:cla
 is proved to exist by ball arithmetic at its point.
 
 The search ends when as many regions add something as products of signs occur, less the relations between them that
-parallel surfaces bring (:mod:`echelon.program.parallel`): then no other region can matter.  Else it ends when no change
+parallel surfaces bring (:mod:`echelon.program.surfaces`): then no other region can matter.  Else it ends when no change
 of one sign from a region found led to one that adds something, or when its budget of counted tries is spent.  Then it
 is an assumption that no other region adds anything, and the report says so.
 """
@@ -27,9 +27,8 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Floats, SignArray
-from echelon.program.parallel import impossible, relations
 from echelon.program.region_moves import along_axes, descended, random_points, solved
-from echelon.program.surfaces import RealValues, Surfaces, monomials
+from echelon.program.surfaces import RealValues, Surfaces, impossible, monomials, relations
 
 _PRIME = 1_048_573
 """The largest prime below 2^20: then products of matrices of a thousand columns are exact in double precision."""

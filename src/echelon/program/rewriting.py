@@ -19,8 +19,7 @@ from echelon.exact.polynomial import Polynomial
 from echelon.program.compound import circular
 from echelon.program.function import Argument, Function
 from echelon.program.operations import Op
-from echelon.program.scalar import Scalar
-from echelon.program.tape import Program
+from echelon.program.tape import Program, Scalar
 
 _WRITTEN_OUT = (Op.ABS, Op.TAN, Op.TANH, Op.ATAN)
 

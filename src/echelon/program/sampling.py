@@ -27,9 +27,8 @@ from echelon.program.generator_values import ConstantName, GeneratorValues, cons
 from echelon.program.operations import Op
 from echelon.program.region import RealPoints, RegionReport
 from echelon.program.rewriting import written_out
-from echelon.program.scalar import Scalar
 from echelon.program.schedule import ModularArithmetic, Schedule
-from echelon.program.tape import Program
+from echelon.program.tape import Program, Scalar
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 _Pattern = tuple[Signs, npt.NDArray[np.intp]]  # signs, and the samples that have them

@@ -16,13 +16,12 @@ from operator import add, mul, sub, truediv
 from typing import Any
 
 from echelon.errors import InputError
-from echelon.exact.angle import STEPS_PER_HALF_TURN
+from echelon.exact.expressions import STEPS_PER_HALF_TURN
 from echelon.exact.numbers import Number, Rational, cosine_of_turn, parse_decimal, parts_of, sine_of_turn
 from echelon.extras import extra
 from echelon.program.compound import COMPOUND, turned
 from echelon.program.operations import FUNCTIONS, Op
-from echelon.program.scalar import Scalar, power, square_root
-from echelon.program.tape import Program
+from echelon.program.tape import Program, Scalar, power, square_root
 
 SUPPORTED = {"Abs" if op is Op.ABS else op.name.lower(): op for op in FUNCTIONS}
 """The functions that a program can hold, by sympy's names."""

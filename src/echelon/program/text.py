@@ -14,14 +14,12 @@ from fractions import Fraction
 from math import tan
 
 from echelon.errors import InputError, shortened
-from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
-from echelon.exact.expressions import PI, parse_angle
+from echelon.exact.expressions import PI, STEPS_PER_HALF_TURN, Angle, parse_angle
 from echelon.exact.numbers import cosine_of_turn, parse_decimal, sine_of_turn
 from echelon.exact.syntax import expression_tree
 from echelon.program.compound import COMPOUND, turned
 from echelon.program.operations import FUNCTIONS, Op
-from echelon.program.scalar import Scalar, power, square_root
-from echelon.program.tape import Program
+from echelon.program.tape import Program, Scalar, power, square_root
 
 _PLAIN = {op.name.lower(): op for op in FUNCTIONS}
 FUNCTION_NAMES = (*_PLAIN, *COMPOUND)

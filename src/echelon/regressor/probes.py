@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from echelon.mechanism.joint import Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import ActuatorForce, Cut, JointForce
-from echelon.mechanism.placement import Placement
 from echelon.program.tape import Scalar
 from echelon.regressor.steps import Freedom, Recorder, Step
 

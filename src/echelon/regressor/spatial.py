@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from echelon.program.scalar import Scalar
-from echelon.program.tape import Program
+from echelon.program.tape import Program, Scalar
 
 Vec = tuple[Scalar, Scalar, Scalar]
 Mat = tuple[Vec, Vec, Vec]

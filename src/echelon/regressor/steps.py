@@ -12,9 +12,8 @@ from fractions import Fraction
 from typing import TypeVar
 
 from echelon.mechanism.body import GROUND
-from echelon.mechanism.joint import Motion, MotionKind
+from echelon.mechanism.joint import Motion, MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.placement import Placement
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.spatial import Mat, Vec, apply, transposed
 

@@ -16,9 +16,15 @@ from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.excite.problem.clearance import Clearance, clearance_of
-from echelon.excite.problem.closed_loops import LoopEfforts, LoopPart, check_loops, loop_limits
+from echelon.excite.problem.closed_loops import (
+    LoopEfforts,
+    LoopMotion,
+    LoopPart,
+    LoopPositions,
+    check_loops,
+    loop_limits,
+)
 from echelon.excite.problem.effort_limits import effort_limits
-from echelon.excite.problem.loop_motion import LoopMotion, LoopPositions
 from echelon.excite.problem.prior_model import effort_model
 from echelon.excite.problem.resolved_limits import ResolvedLimits, resolved_limits
 from echelon.excite.problem.robot_shapes import read_geometry

@@ -9,8 +9,7 @@ from echelon.excite.problem.state_limits import Enclosed
 from echelon.excite.problem.task import Task
 from echelon.excite.problem.trajectory import Trajectory
 from echelon.excite.verify.clearance_bounds import clearance_margins
-from echelon.excite.verify.loop_samples import loop_margins
-from echelon.excite.verify.margins import Margin, motion_margins, state_margins
+from echelon.excite.verify.margins import Margin, loop_margins, motion_margins, state_margins
 
 
 def margins_of(trajectory: Trajectory, task: Task) -> list[Margin]:

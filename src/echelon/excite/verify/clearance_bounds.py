@@ -25,9 +25,8 @@ from echelon.excite.problem.shapes import Shape, extent, plane_gaps
 from echelon.excite.problem.trajectory import Trajectory
 from echelon.excite.verify.margins import Margin
 from echelon.mechanism.body import GROUND
-from echelon.mechanism.joint import Motion, MotionKind, Step
+from echelon.mechanism.joint import Motion, MotionKind, Placement, Step
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.placement import Placement
 from echelon.mechanism.stated import placement_matrix, symbol_values
 
 

@@ -31,9 +31,8 @@ from echelon.formats.snapping import numeric_value, symbol_stem
 from echelon.hints import nearest_of, unused
 from echelon.inputs.yaml_text import step_into
 from echelon.mechanism.body import ALL, GROUND, Body
-from echelon.mechanism.joint import Joint, Motion, Step, floating_motions, merge
+from echelon.mechanism.joint import ORIGIN, Joint, Motion, Placement, Step, floating_motions, merge
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.placement import ORIGIN, Placement
 from echelon.mechanism.reading import Snap
 
 if TYPE_CHECKING:

@@ -16,8 +16,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from echelon.errors import InputError
-from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
-from echelon.exact.expressions import PI, RESERVED, as_angle, parse, parse_angle
+from echelon.exact.expressions import PI, RESERVED, STEPS_PER_HALF_TURN, Angle, as_angle, parse, parse_angle
 from echelon.exact.numbers import Number, Rational, Surd
 from echelon.exact.polynomial import Polynomial, is_trigonometric, symbol_of
 from echelon.formats.description.document import Document
@@ -26,8 +25,8 @@ from echelon.formats.reading_options import NOT_FINITE, ReadingOptions, checked_
 from echelon.formats.snapping import Snapping
 from echelon.hints import nearest, nearest_of
 from echelon.mechanism.body import Symbol
+from echelon.mechanism.joint import ORIGIN, Placement, Vector
 from echelon.mechanism.mechanism import Mechanism, setup_expressions
-from echelon.mechanism.placement import ORIGIN, Placement, Vector
 from echelon.mechanism.reading import Snap
 from echelon.mechanism.stated import symbol_roles
 

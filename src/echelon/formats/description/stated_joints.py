@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING, cast
 
-from echelon.exact.angle import Angle
+from echelon.exact.expressions import Angle
 from echelon.exact.numbers import Number, Rational
 from echelon.exact.polynomial import Monomial, Polynomial, is_trigonometric, symbol_of
 from echelon.formats.bodies import placed_before
@@ -18,8 +18,11 @@ from echelon.formats.literal import LiteralMotion, StatedCoupling, resolved
 from echelon.inputs.yaml_text import step_into
 from echelon.mechanism.coupling import Spline, linear, natural_spline
 from echelon.mechanism.joint import (
+    IDENTITY,
+    Matrix,
     Motion,
     MotionKind,
+    Placement,
     Step,
     X,
     Y,
@@ -27,11 +30,14 @@ from echelon.mechanism.joint import (
     ball,
     floating_motions,
     merge,
+    multiply,
     rotation,
     screw,
+    shift,
     translation,
+    transpose,
+    turn,
 )
-from echelon.mechanism.placement import IDENTITY, Matrix, Placement, multiply, shift, transpose, turn
 
 if TYPE_CHECKING:
     from echelon.formats.schema.robot_schema import BodyEntry, ModifiedRow, RobotDescription, StandardRow

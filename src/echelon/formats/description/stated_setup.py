@@ -9,8 +9,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from echelon.conventions import PARAMETERS
-from echelon.exact.angle import Angle
-from echelon.exact.expressions import PI
+from echelon.exact.expressions import PI, Angle
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.bodies import BASE
 from echelon.formats.closure_frames import at_zero, second_frame
@@ -23,10 +22,9 @@ from echelon.mechanism.closed_pose import follow
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.coupling import Coupling, linear
 from echelon.mechanism.effect import Action, Effect, Side, ready_made
-from echelon.mechanism.joint import Joint, Motion, MotionKind, X, Y, Z, merge
+from echelon.mechanism.joint import Joint, Motion, MotionKind, Placement, X, Y, Z, merge, turn
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import ActuatorForce, Channel, Cut, JointForce, Output, plain
-from echelon.mechanism.placement import Placement, turn
 from echelon.mechanism.transmission import Actuator
 from echelon.regressor.loops.closing import close
 from echelon.regressor.loops.exact_pose import check_pose

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
-from echelon.exact.angle import STEPS_PER_HALF_TURN
+from echelon.exact.expressions import STEPS_PER_HALF_TURN
 from echelon.exact.numbers import Rational, parse_decimal
 from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralStep, Triple, rotation_matrix
 from echelon.formats.reading_options import checked_size

@@ -11,7 +11,7 @@ from math import pi, radians
 from typing import Any
 
 from echelon.errors import InputError
-from echelon.exact.angle import STEPS_PER_HALF_TURN
+from echelon.exact.expressions import STEPS_PER_HALF_TURN
 from echelon.exact.numbers import Rational, parse_decimal
 from echelon.formats.literal import LiteralPlacement, Triple, numeric_placements
 from echelon.formats.mjcf.mjcf_numbers import exact_angle, exact_number, placements, placements_of

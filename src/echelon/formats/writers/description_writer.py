@@ -19,10 +19,9 @@ from echelon.mechanism.body import ALL, GROUND, Body, Symbol
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.coupling import Coupling, Spline
 from echelon.mechanism.effect import Effect
-from echelon.mechanism.joint import Joint, Motion, MotionKind, Step
+from echelon.mechanism.joint import IDENTITY, ORIGIN, Joint, Motion, MotionKind, Placement, Step, Vector
 from echelon.mechanism.mechanism import Mechanism, setup_expressions
 from echelon.mechanism.output import ActuatorForce, Cut, JointForce, Output
-from echelon.mechanism.placement import IDENTITY, ORIGIN, Placement, Vector
 
 if TYPE_CHECKING:
     from echelon.formats.description.stated_joints import Joints

@@ -43,9 +43,8 @@ from echelon.formats.writers.xml_editor import XmlEditor, quoted
 from echelon.hints import listed, unused
 from echelon.inertia.spatial import move
 from echelon.mechanism.body import GROUND, Body
-from echelon.mechanism.joint import Motion, MotionKind
+from echelon.mechanism.joint import ORIGIN, Motion, MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.placement import ORIGIN, Placement
 from echelon.mechanism.stated import known_values, placement_matrix
 
 FORMAT = "URDF"

@@ -47,8 +47,7 @@ from echelon.identification.estimators.estimate import (
 )
 from echelon.identification.estimators.least_squares import checked_noise, irls, noise_floor, used_up
 from echelon.identification.rows.rows import RowBlock, Rows
-from echelon.observe.layout import Layout
-from echelon.observe.observation import Observation
+from echelon.observe.observation import Layout, Observation
 from echelon.observe.triangle import column_norms, upper_triangle
 
 _DISTINCT = 1e-8

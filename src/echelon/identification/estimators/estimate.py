@@ -17,8 +17,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.extras import extra
-from echelon.observe.layout import Layout
-from echelon.observe.observation import Observation
+from echelon.observe.observation import Layout, Observation
 from echelon.observe.triangle import Triangle
 
 

@@ -17,8 +17,7 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.rows.rows import RowBlock, Rows
-from echelon.observe.layout import Layout
-from echelon.observe.observation import Observation
+from echelon.observe.observation import Layout, Observation
 from echelon.observe.triangle import upper_triangle
 
 

@@ -31,9 +31,8 @@ from echelon.identification.physics.pseudo_inertia import unwhitening
 from echelon.inertia.spatial import from_pseudo_inertia, move, pseudo_inertia
 from echelon.logs.finding import Finding, Severity
 from echelon.mechanism.body import GROUND
-from echelon.mechanism.joint import Motion, MotionKind
+from echelon.mechanism.joint import Motion, MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.placement import Placement
 from echelon.mechanism.stated import all_symbols, characteristic_length, placement_matrix, symbol_values
 
 LEAST = 1e-4

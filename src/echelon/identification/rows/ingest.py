@@ -16,8 +16,7 @@ from echelon.identification.rows.batches import Batch, Batcher
 from echelon.identification.rows.plan import Plan
 from echelon.identification.rows.rows import ModelRows, Numbering, RowBlock, observed, plain, prefetched
 from echelon.logs.recording import Samples
-from echelon.observe.layout import Layout
-from echelon.observe.observation import Observation
+from echelon.observe.observation import Layout, Observation
 
 MEMORY = 1 << 28
 """Bytes of samples that are kept between passes over the logs unless said otherwise; what goes beyond is read again."""

@@ -26,8 +26,7 @@ from echelon.arrays import Flags, Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.logs.recording import Samples
-from echelon.observe.layout import Layout, layout_of, measured
-from echelon.observe.observation import Observation
+from echelon.observe.observation import Layout, Observation, layout_of, measured
 from echelon.observe.triangle import upper_triangle
 
 Item = TypeVar("Item")

@@ -26,9 +26,8 @@ from echelon.logs.columns.column_map import WRAP, Channel, ColumnMap, Series, mo
 from echelon.logs.columns.units import factor
 from echelon.logs.finding import Finding, listed, warning
 from echelon.logs.recording import Recording
-from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.joint import MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.placement import Placement
 from echelon.mechanism.stated import known_values
 from echelon.signals.clock import GAP, nominal_period
 

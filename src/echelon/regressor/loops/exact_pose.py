@@ -16,7 +16,7 @@ from itertools import combinations
 from math import pi
 
 from echelon.arrays import Floats
-from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
+from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.field import CERTIFICATE_BITS, PrimeField
 from echelon.exact.polynomial import Polynomial, as_polynomial
 from echelon.mechanism.body import Symbol

@@ -16,7 +16,7 @@ import numpy as np
 
 from echelon.arrays import Integers
 from echelon.exact import series
-from echelon.exact.angle import STEPS_PER_HALF_TURN
+from echelon.exact.expressions import STEPS_PER_HALF_TURN
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.numbers import cosine_of_turn, parse_decimal, sine_of_turn
 from echelon.mechanism.joint import Motion, MotionKind
