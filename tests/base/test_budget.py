@@ -222,6 +222,7 @@ def test_numbers_are_saved_and_verified(name: str, tmp_path: Path) -> None:
         verify(file)
 
 
+@pytest.mark.slow
 def test_a_large_bound_does_not_hide_a_wrong_number(tmp_path: Path) -> None:
     base, file = base_parameters(load(written(odd_arm(3), tmp_path)), budget=0), tmp_path / "base.json"
     save_base(base, file)
@@ -243,6 +244,7 @@ def test_text_says_what_is_a_number_and_how_to_ask_for_more() -> None:
     )
 
 
+@pytest.mark.slow
 def test_numeric_gives_numbers_where_sines_are_not_exact(tmp_path: Path) -> None:
     file = written(odd_arm(3), tmp_path)
     result = CliRunner().invoke(app, ["derive", str(file), "--numeric", "--json"])

@@ -180,6 +180,7 @@ def test_readers_may_leave(folder: Path, arguments: tuple[str, ...]) -> None:
     assert ended(start(folder, *arguments, code=leave + MAIN)) == (0, "", "")
 
 
+@pytest.mark.slow
 def test_the_reader_of_a_named_pipe_may_leave(folder: Path) -> None:
     os.mkfifo(folder / "pipe")
     process = start(folder, "derive", "slide.yaml", "-o", "pipe")
@@ -206,6 +207,7 @@ def test_closed_streams(folder: Path, case: str) -> None:
         assert (folder / "set.txt").read_text().startswith("slide: 2 base parameters")
 
 
+@pytest.mark.slow
 def test_standard_output_by_its_name(folder: Path) -> None:
     code, out, err = ended(start(folder, "derive", "slide.yaml", "-o", "/dev/stdout"))
     assert (code, out.startswith("slide: 2 base parameters"), err) == (0, True, "")

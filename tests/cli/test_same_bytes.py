@@ -18,7 +18,16 @@ from support.every_command import COMMANDS, LANGUAGES, SCHEMAS, write_inputs
 from support.paths import ROOT, TESTS
 
 LONG = {"excite-json", "excite-loop", "complement", "identify-json", "regressor-sympy", "generate-loop", "modes"}
-LONG |= {"numeric", "special", "markdown", "predict-parquet", *(f"generate-{name}" for name in LANGUAGES[2:])}
+LONG |= {
+    "check",
+    "what-logs-show",
+    "regressor-latex",
+    "numeric",
+    "special",
+    "markdown",
+    "predict-parquet",
+    *(f"generate-{name}" for name in LANGUAGES[2:]),
+}
 """Commands that repeat, in more time, what others do."""
 
 

@@ -140,10 +140,10 @@ def test_robots(target: str, name: str, tmp_path: Path) -> None:
 
 
 def loop_cases() -> Iterator[object]:
-    """All targets with all loops; a long one in NumPy at once."""
+    """All targets with all loops."""
     for target in generated.RUNNERS:
         for name in LOOPS:
-            slow = name not in QUICK and (target, name) != ("python", "sr400")
+            slow = name not in QUICK or target in ("cuda", "matlab")
             yield pytest.param(target, name, marks=[pytest.mark.slow] * slow)
 
 

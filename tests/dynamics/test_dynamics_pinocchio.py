@@ -12,6 +12,7 @@ from echelon.mechanism.mechanism import Mechanism
 from support.float_functions import evaluate
 from support.float_regressor import FloatArray, random_states, standard_vector
 from support.robot_files import pinocchio_model, pinocchio_state, robot_file
+from support.selection import slow_unless
 
 CASES = [("ur10_robot", False), ("panda", False), ("kinova", False), ("a1", True), ("romeo", True), ("tiago", False)]
 SAMPLES = 2
@@ -27,7 +28,7 @@ def check(found: FloatArray, expected: FloatArray, tolerance: float = 1e-13) -> 
     np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * np.abs(expected).max())
 
 
-@pytest.mark.parametrize(("name", "floating"), CASES)
+@pytest.mark.parametrize(("name", "floating"), slow_unless(CASES[:4], CASES))
 def test_inverse_dynamics_and_its_parts(name: str, floating: bool) -> None:
     mechanism, model = loaded(name, floating)
     data, columns = model.createData(), range(len(mechanism.parameters))  # type: ignore[attr-defined]
@@ -48,7 +49,7 @@ def test_inverse_dynamics_and_its_parts(name: str, floating: bool) -> None:
         check(found["mass_matrix"][k], state.map.T @ mass @ state.map)
 
 
-@pytest.mark.parametrize("name", ["ur10_robot", "panda", "kinova", "tiago"])
+@pytest.mark.parametrize("name", slow_unless(["panda"], ["ur10_robot", "panda", "kinova", "tiago"]))
 def test_derivatives_of_inverse_dynamics(name: str) -> None:
     mechanism, model = loaded(name, False)
     data, columns = model.createData(), range(len(mechanism.parameters))  # type: ignore[attr-defined]

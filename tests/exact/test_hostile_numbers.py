@@ -200,7 +200,7 @@ def crossed_arms() -> str:
 
 
 def test_the_search_for_closed_poses_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(poses, "_MOST_WORK", 1000.0)
+    monkeypatch.setattr(poses, "_MOST_WORK", 100.0)
     (tmp_path / "robot.xml").write_text(crossed_arms())
     with pytest.raises(InputError, match="no exact closed pose was found"):
         ec.load(tmp_path / "robot.xml")

@@ -41,6 +41,7 @@ from support.paths import ROOT
 # -- what was promised -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_deviations_are_those_that_were_predicted() -> None:
     """Over repeated noise: each variance, the volume of the ellipsoid, and no bias."""
     found, seen = excited(), rows(excited().trajectory)
@@ -57,6 +58,7 @@ def test_deviations_are_those_that_were_predicted() -> None:
     assert np.abs((estimates.mean(axis=0) - truth) / predicted * np.sqrt(SEEDS)).max() < 4.5
 
 
+@pytest.mark.slow
 def test_a_log_gives_intervals_of_the_predicted_size(tmp_path: Path) -> None:
     """A fifth of the rows are left after filters, and no information is lost: the noise that is left is smaller.
 

@@ -27,6 +27,7 @@ from support.excitation_loops import (
     regressor,
     states,
 )
+from support.selection import slow_unless
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -39,7 +40,7 @@ def test_states_are_those_of_the_assembly(name: str) -> None:
         np.testing.assert_allclose(mine, other, atol=1e-8 * max(np.abs(other).max(), 1.0))
 
 
-@pytest.mark.parametrize("name", DERIVED)
+@pytest.mark.parametrize("name", slow_unless(lambda name: name != "three_rps", DERIVED))
 def test_entries_are_those_of_the_base_model(name: str) -> None:
     made = regressor(name)
     state = states(made.motion)
@@ -55,7 +56,7 @@ def test_redundant_equations_are_among_the_cases() -> None:
         assert (len(motion.row_units) > len(motion.dependent)) == (name in REDUNDANT), name
 
 
-@pytest.mark.parametrize("name", DERIVED)
+@pytest.mark.parametrize("name", slow_unless(lambda name: name != "three_rps", DERIVED))
 def test_pulled_derivatives_are_those_of_differences(name: str) -> None:
     made = regressor(name, 0.02)
     state = states(made.motion)

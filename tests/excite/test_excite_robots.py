@@ -48,6 +48,7 @@ EFFORT = {"shoulder_pan_joint": 40.0, "shoulder_lift_joint": 60.0, "elbow_joint"
 """N·m; the file allows 330, 330 and 150."""
 
 
+@pytest.mark.slow
 def test_torques_by_pinocchio_stay_below_limits_that_bind() -> None:
     file = robot_file("ur10_robot")
     limits = {"position": [-2.5, 2.5], "effort": EFFORT}
@@ -315,6 +316,7 @@ def check_by_pinocchio(file: Path, found: ExcitingTrajectory, rate: float) -> li
 PARTS = ("hip", "thigh", "calf")
 
 
+@pytest.mark.slow
 def test_a_leg_of_a_quadruped_moves_and_its_base_is_held() -> None:
     file, leg = robot_file("a1"), [f"FR_{part}_joint" for part in PARTS]
     found = design(file, floating=True, duration=6, move=leg)

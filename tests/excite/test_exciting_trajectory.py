@@ -190,6 +190,7 @@ def test_the_best_value_only_falls_and_is_always_that_of_a_motion_within_limits(
         assert value == pytest.approx(-np.linalg.slogdet(W.T @ W)[1] / 6, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_bits_whatever_the_processes_and_others_others() -> None:
     told: list[str] = []
     one = design(PENDULUM, starts=2, seed=7, jobs=1, on_step=told.append, **SWING)
@@ -360,6 +361,7 @@ def test_a_missing_mesh_matters_only_where_collisions_are_asked_for(tmp_path: Pa
     assert any("gone.stl" in str(finding) for finding in found.findings)
 
 
+@pytest.mark.slow
 def test_a_start_that_fails_in_a_process_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("echelon.excite.solve.starts.pickle.dumps", lambda _: b"nonsense")
     with pytest.raises(ec.EchelonError, match="a start of the solver ended early"):

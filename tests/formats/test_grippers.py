@@ -97,6 +97,7 @@ def test_what_states_with_fingers_apart_would_show() -> None:
 NEAR = HANDS["parallelogram"].replace("0.035465 0.042039", "0.03546 0.04204").replace("-0.015 0.015", "-0.01501 0.015")
 
 
+@pytest.mark.slow
 def test_a_parallelogram_within_rounding_is_meant() -> None:
     """The literal count stands beside the intended one: two different four-bars with one driver."""
     robot = RobotFile.of(NEAR.encode(), "hand.xml").mechanism(ReadingOptions())

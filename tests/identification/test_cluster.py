@@ -124,6 +124,7 @@ def test_what_is_no_cluster_is_refused(where: str) -> None:
 
 
 @pytest.mark.usefixtures("impatient")
+@pytest.mark.slow
 def test_a_cluster_that_loses_all_workers_is_an_error(start: Start) -> None:
     _, address = start(SCHEDULER, 0)
     workers = [start(WORKER, address, "")[0] for _ in range(2)]
@@ -183,6 +184,7 @@ def test_a_machine_without_echelon_is_refused(start: Start) -> None:
         pass
 
 
+@pytest.mark.slow
 def test_also_those_that_come_later(start: Start) -> None:
     _, address = start(SCHEDULER, 0)
     with connect(address) as client:

@@ -20,6 +20,7 @@ from echelon.identification.result import Identification
 from echelon.results.identified import identification_to_json
 from support.paths import TESTS
 from support.pendulum_logs import pendulum, write_logs
+from support.selection import slow_unless
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -70,7 +71,7 @@ def test_two_processes_say_what_one_says(client: Client, folder: Path, alone: Id
     same(identify(pendulum(), [folder], client=client), alone)
 
 
-@pytest.mark.parametrize("memory", [0, 300_000, 1 << 28])
+@pytest.mark.parametrize("memory", slow_unless([300_000], [0, 300_000, 1 << 28]))
 def test_some_logs_are_kept_and_some_are_not(client: Client, folder: Path, memory: int) -> None:
     """By what one process would have had memory for; with one log held out in part, and others."""
     logs, other = [folder / f"run{k}.parquet" for k in range(3)], [folder / "run7.parquet"]
@@ -79,7 +80,7 @@ def test_some_logs_are_kept_and_some_are_not(client: Client, folder: Path, memor
         same(found, identify(pendulum(), logs, validate, memory=memory))
 
 
-@pytest.mark.parametrize("estimator", ["huber", "tls"])
+@pytest.mark.parametrize("estimator", slow_unless(["tls"], ["huber", "tls"]))
 def test_other_estimators_say_the_same(client: Client, folder: Path, estimator: str) -> None:
     setup = pendulum()
     setup = setup.with_settings(estimator=estimator)

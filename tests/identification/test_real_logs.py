@@ -128,6 +128,7 @@ def tx40() -> tuple[Setup, Identification]:
     return setup, identify(setup, [measured(TX40)])
 
 
+@pytest.mark.slow
 def test_tx40_needs_its_coupled_wrist(tx40: tuple[Setup, Identification]) -> None:
     setup, coupled = tx40
     without = identify(changed(setup, known=dict.fromkeys(("Iam6", "fvm6", "fsm6"), 0.0)), [measured(TX40)])
@@ -237,6 +238,7 @@ def test_panda_at_30_hertz() -> None:
 # -- LWR4+ -------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_lwr4_needs_physics_and_a_prior() -> None:
     folder = "kuka_lwr4"
     setup = load_setup(EXAMPLES / "logs" / "lwr4.yaml", prior=measured(f"{folder}/model/kuka_lwr4.urdf"))

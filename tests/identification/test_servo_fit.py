@@ -50,6 +50,7 @@ def fitted(
     return fit, fit.base.values(servo_arms.true_standard(arm, setup.mechanism))
 
 
+@pytest.mark.slow
 def test_planted_truth_of_two_servos(tmp_path: Path) -> None:
     setup = two_joints(tmp_path)
     fit, truth = fitted(tmp_path, setup, tmp_path / "swing.urdf", 4, 16.0, known=1)

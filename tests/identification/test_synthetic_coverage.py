@@ -217,6 +217,7 @@ def batched(data: Trial, noise: Callable[[int], list[Floats]], seeds: int) -> It
         yield clustered(data.rows(errors), irls(data.observation(errors), data.units))
 
 
+@pytest.mark.slow
 def test_classical_intervals_are_too_narrow_for_noise_with_a_memory() -> None:
     data = trial("arm")
     found = hits((irls(data.observation(data.coloured(seed)), data.units) for seed in range(200)), data.truth)

@@ -209,6 +209,7 @@ def test_friction_of_many_joints_needs_no_combinations() -> None:
     assert "enough for all products" in str(base.certificate)
 
 
+@pytest.mark.slow
 def test_dead_zones_of_speed_in_a_loop() -> None:
     path = ROOT / "examples" / "loops" / "four_bar.yaml"
     data = yaml.safe_load(path.read_text())

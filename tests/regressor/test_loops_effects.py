@@ -26,13 +26,19 @@ effects:
 @pytest.mark.parametrize(
     ("effects", "rank"),
     [
-        ("[{type: viscous, at: all, side: joint}, {type: coulomb, at: all, side: joint}]", 8 + 6),
+        pytest.param(
+            "[{type: viscous, at: all, side: joint}, {type: coulomb, at: all, side: joint}]",
+            8 + 6,
+            marks=pytest.mark.slow,
+        ),
         pytest.param(
             "[{type: viscous, at: all, side: joint}, {type: coulomb, at: all}]", 8 + 4, marks=pytest.mark.slow
         ),
         ("[{type: asymmetric_coulomb, at: all}, {type: rotor_inertia, at: all}, {type: drive_gain, at: all}]", 8 + 3),
         pytest.param("[{type: stribeck, velocity: 0.05, at: all, side: joint}]", 8 + 3, marks=pytest.mark.slow),
-        ("[{type: stribeck, velocity: 0.05, exponent: 1, at: all, side: joint}]", 8 + 3),
+        pytest.param(
+            "[{type: stribeck, velocity: 0.05, exponent: 1, at: all, side: joint}]", 8 + 3, marks=pytest.mark.slow
+        ),
         ("[{type: spring, at: [coupler, rocker], side: joint}]", 8 + 4),
     ],
 )

@@ -37,6 +37,7 @@ def test_forces_of_the_stated_assembly_follow_from_the_base_parameters(second: s
     np.testing.assert_allclose(reduced @ base.B_float(), regressor, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_every_combination_of_signs_is_a_mode() -> None:
     """Three cranks with one guide: q2 = ±q1 and q3 = ±q1."""
     text = CRANKS.replace("SECOND", "0.7").replace("first: 0.7", "first: 0.7, third: -0.7")

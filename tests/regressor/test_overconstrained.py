@@ -81,7 +81,7 @@ RINGS = {
 }
 
 
-QUICK = ("Bennett", "Myard")
+QUICK = ("Bennett",)
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK)) for name in RINGS])
