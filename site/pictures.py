@@ -13,6 +13,7 @@ from echelon.report.drawing import seen_links
 from echelon.report.matrix_picture import matrix_picture, mergings
 from echelon.report.page import TEMPLATES, render
 
+ROOT = Path(__file__).parent.parent
 CSS = (TEMPLATES / "report.css").read_text(encoding="utf-8")
 
 
@@ -85,11 +86,11 @@ def write(folder: Path) -> None:
     """The two pictures of README."""
     import echelon
 
-    base = echelon.base_parameters(echelon.load("examples/panda.yaml"))
+    base = echelon.base_parameters(echelon.load(ROOT / "examples/panda.yaml"))
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "panda.svg").write_text(robot(base).svg, encoding="utf-8")
     (folder / "panda-structure.svg").write_text(structure(base).svg, encoding="utf-8")
 
 
 if __name__ == "__main__":
-    write(Path("docs/pictures"))
+    write(ROOT / "docs" / "pictures")

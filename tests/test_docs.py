@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from support.command_line import run
+from support.explorer import module
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -76,6 +77,13 @@ def test_numbers_come_from_the_benchmark_of_trajectories(page: str) -> None:
 def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text()):
         assert (page.parent / target).exists(), target
+
+
+def test_pictures_are_those_of_this_program(tmp_path: Path) -> None:
+    """``python site/pictures.py`` draws them again."""
+    module("pictures", "pictures.py").write(tmp_path)
+    kept = {picture.name: picture.read_text(encoding="utf-8") for picture in (ROOT / "docs/pictures").iterdir()}
+    assert {picture.name: picture.read_text(encoding="utf-8") for picture in tmp_path.iterdir()} == kept
 
 
 def test_the_map_of_contributing_leads_to_files() -> None:

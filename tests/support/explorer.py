@@ -126,7 +126,11 @@ class Explorer:
     def visit(self, profile: Path, *steps: Step, address: str = "", window: str = "1400,900", limit: int = 90) -> Any:
         """What the page says at first and after every step; the console must stay silent."""
         said = json.dumps(steps).replace("<", "\\u003c")  # the page has it in a script
-        self.page = _VISIT.replace("STEPS", said).replace("HASH", json.dumps(address))
+        return self.told(_VISIT.replace("STEPS", said).replace("HASH", json.dumps(address)), profile, window, limit)
+
+    def told(self, page: str, profile: Path, window: str = "1400,900", limit: int = 90) -> Any:
+        """What a page of a test sends to ``/found``; the console must stay silent."""
+        self.page = page
         with self._serving() as port:
             command = [tool(*CHROMIUM), *FLAGS, f"--user-data-dir={profile}", f"--window-size={window}"]
             command += ["--remote-debugging-port=0", f"http://127.0.0.1:{port}/visit.html"]

@@ -1,0 +1,73 @@
+"""The built site in a browser: every page can be read and reached, and nothing comes from elsewhere."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from support.paths import ROOT
+from support.site_audit import audited, complaints
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def site() -> Path:
+    """The site that ``make site`` left, or at least its pages."""
+    folder = ROOT / "build" / "site"
+    if not (folder / "index.html").exists():
+        if importlib.util.find_spec("mkdocs") is None:
+            (pytest.fail if os.environ.get("CI") else pytest.skip)("the site is not built: make site")
+        subprocess.run([sys.executable, ROOT / "site" / "build.py", "--only-pages"], check=True)
+    return folder
+
+
+def pages_of(site: Path) -> list[str]:
+    parts = ("zoo", "explorer", "assets", "files", "404.html")
+    return [
+        f"/{page.relative_to(site).as_posix()}" for page in sorted(site.rglob("*.html")) if not _in(page, site, parts)
+    ]
+
+
+def _in(page: Path, site: Path, parts: tuple[str, ...]) -> bool:
+    return page.relative_to(site).parts[0] in parts
+
+
+@pytest.mark.parametrize("window", ["400,800", "1400,900"])
+def test_pages_can_be_read(site: Path, tmp_path: Path, window: str) -> None:
+    pages = pages_of(site)
+    found, asked = audited(site, tmp_path / "profile", pages, window)
+    assert complaints(found) == {}
+    assert len(pages) > 40
+    inside = {link.lstrip("/").partition("#")[0] for page in found.values() for link in page["links"]}
+    optional = tuple(part for part in ("zoo/", "explorer/") if not (site / part).exists())
+    assert [
+        link for link in sorted(inside) if not link.startswith(optional or ("?",)) and not (site / link).exists()
+    ] == []
+    assert not [path for path in asked if "//" in path]
+
+
+def test_nothing_comes_from_elsewhere(site: Path) -> None:
+    """No page names a script, a style, a font or a picture of another host."""
+    foreign = re.compile(
+        r"""(?:src|srcset|poster)=["']?(?:https?:)?//|<link[^>]+href=["']?(?:https?:)?//|url\(["']?https?:"""
+    )
+    found = [page for page in site.rglob("*") if page.suffix in (".html", ".css") and "explorer" not in page.parts]
+    assert [page for page in found if foreign.search(page.read_text(encoding="utf-8"))] == []
+
+
+def test_numbers_are_those_of_this_run(site: Path) -> None:
+    """What stands in braces was filled in, and counts that are known are there."""
+    home = (site / "index.html").read_text(encoding="utf-8")
+    assert "43 combinations of\n70 parameters" in home.replace("70 parameters", "70 parameters")
+    assert not [page for page in (site / "tutorials").glob("*.html") if "{{" in page.read_text(encoding="utf-8")]
+    table = (site / "theory.html").read_text(encoding="utf-8")
+    known = re.findall(r"<td>(\w+)</td>\s*<td[^>]*>(\d+)</td>\s*<td[^>]*>(\d+)</td>", table)
+    assert len(known) == 7
+    assert [row for row in known if row[1] != row[2]] == []
