@@ -60,9 +60,9 @@ FAULTS = (
         "logs/test_log_text.py",
     ),
     Fault(
-        "formats/robot_sources.py",
-        "pitch = atan2(-R[2, 0]",
-        "pitch = atan2(R[2, 0]",
+        "formats/literal.py",
+        "atan2(-r[2, 0], hypot",
+        "atan2(r[2, 0], hypot",
         "angles of Pinocchio's frames",
         "formats/test_robot_sources.py",
     ),

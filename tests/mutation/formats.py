@@ -2,10 +2,9 @@
 
 from mutation.fault import Fault
 
-URDF, INERTIA, NUMBERS, MJCF = (
+URDF, INERTIA, MJCF = (
     "formats/urdf/urdf_reader.py",
     "formats/literal.py",
-    "formats/mjcf/mjcf_numbers.py",
     "formats/mjcf/mjcf_reader.py",
 )
 BUILD, JOINTS = "formats/builder.py", "formats/description/stated_joints.py"
@@ -48,7 +47,7 @@ FAULTS = (
         "formats/test_urdf.py::test_fixed_links_are_lumped_or_kept",
     ),
     Fault(
-        NUMBERS,
+        "inertia/convert.py",
         "2 * (x * y - w * z)",
         "2 * (x * y + w * z)",
         "quaternions",

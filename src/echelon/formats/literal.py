@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from typing import Any
+from math import atan2, cos, hypot, sin
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,7 @@ from echelon.exact.numbers import Rational
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.reading_options import StatedJoint
 from echelon.hints import nearest_of
+from echelon.inertia.spatial import from_tensor, tensor_and_moment
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.coupling import Coupling, Spline
 from echelon.mechanism.joint import MotionKind
@@ -246,8 +247,6 @@ def _steps(steps: Sequence[LiteralStep], joint: StatedJoint) -> Iterator[Literal
 Inertial = Floats
 """The ten standard parameters XX XY XZ YY YZ ZZ MX MY MZ M."""
 
-_UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-
 
 def rotation_matrix(roll: float, pitch: float, yaw: float) -> Floats:
     """Rz(yaw) Ry(pitch) Rx(roll)."""
@@ -259,6 +258,20 @@ def rotation_matrix(roll: float, pitch: float, yaw: float) -> Floats:
             [-sp, cp * sr, cp * cr],
         ]
     )
+
+
+_ROUNDING = 1e-15  # what is left of a zero in a product of two rotations
+
+
+def roll_pitch_yaw(r: Floats) -> tuple[float, float, float]:
+    """Angles with R = Rz(yaw) Ry(pitch) Rx(roll).
+
+    The roll is taken after the yaw is undone, so that at a pitch near ±90°, where neither is well determined, their
+    errors cancel.
+    """
+    yaw = atan2(r[1, 0], r[0, 0]) if hypot(r[0, 0], r[1, 0]) > _ROUNDING else 0.0
+    c, s = cos(yaw), sin(yaw)
+    return atan2(s * r[0, 2] - c * r[1, 2], c * r[1, 1] - s * r[0, 1]), atan2(-r[2, 0], hypot(r[0, 0], r[1, 0])), yaw
 
 
 def numeric_placement(placement: LiteralPlacement) -> tuple[Floats, Floats]:
@@ -283,27 +296,16 @@ def central_inertial(mass: float, centre: npt.ArrayLike, tensor: npt.ArrayLike, 
     turned = np.asarray(rotation) @ np.asarray(tensor) @ np.asarray(rotation).T
     c = np.asarray(centre, dtype=float)
     about_origin = turned + mass * (c @ c * np.eye(3) - np.outer(c, c))
-    return _pack(about_origin, mass * c, mass)
+    return from_tensor(about_origin, mass * c, np.asarray(mass))
 
 
 def move_inertial(inertial: Inertial, rotation: npt.ArrayLike, translation: npt.ArrayLike) -> Inertial:
     """The same body's parameters about a reference frame in which its own frame is placed."""
     r, p = np.asarray(rotation, dtype=float), np.asarray(translation, dtype=float)
-    tensor, moment, mass = _unpack(inertial)
+    tensor, moment, mass = tensor_and_moment(inertial)
     h = r @ moment
     turned = r @ tensor @ r.T
     # parallel axes for a frame shift p: I + terms in h and m, symmetric in both factors
     shifted = turned + 2 * (p @ h) * np.eye(3) - np.outer(p, h) - np.outer(h, p)
     shifted = shifted + mass * (p @ p * np.eye(3) - np.outer(p, p))
-    return _pack(shifted, h + mass * p, mass)
-
-
-def _pack(tensor: Floats, moment: Floats, mass: float) -> Inertial:
-    return np.array([*(tensor[i, j] for i, j in _UPPER), *moment, mass])
-
-
-def _unpack(inertial: Inertial) -> tuple[Any, Any, float]:
-    tensor = np.zeros((3, 3))
-    for value, (i, j) in zip(inertial, _UPPER, strict=False):
-        tensor[i, j] = tensor[j, i] = value
-    return tensor, inertial[6:9], float(inertial[9])
+    return from_tensor(shifted, h + mass * p, mass)

@@ -9,7 +9,6 @@ import re
 import sys
 from contextlib import redirect_stdout
 from importlib import import_module
-from math import atan2, hypot
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, tostring
@@ -18,6 +17,7 @@ import numpy as np
 
 from echelon.errors import InputError, one_line
 from echelon.extras import extra
+from echelon.formats.literal import roll_pitch_yaw
 from echelon.hints import nearest
 from echelon.inputs.content import read_content
 from echelon.inputs.xml_text import parse_xml
@@ -26,7 +26,6 @@ _DESCRIPTION = re.compile(r"\w+_description")
 _XACRO = re.compile(rb"""xmlns:xacro\s*=\s*["']https?://[^"']*xacro/?["']""")
 _MACROS = re.compile(rb"<xacro:|\$[{(]")
 _EQUALITIES = ("connect", "weld", "joint")
-_ALIGNED = 1e-9  # cosine of the pitch
 _JOINTS = ("free", "ball", "slide", "hinge")
 
 
@@ -177,7 +176,7 @@ def _urdf(model: Any) -> Element:
         SubElement(joint, "parent", link=f"{model.names[parent]}_link" if parent else "universe")
         SubElement(joint, "child", link=f"{name}_link")
         placed = model.jointPlacements[k]
-        SubElement(joint, "origin", xyz=_row(placed.translation), rpy=_row(_angles(placed.rotation)))
+        SubElement(joint, "origin", xyz=_row(placed.translation), rpy=_row(roll_pitch_yaw(np.asarray(placed.rotation))))
         _urdf_motion(joint, model, k)
     return root
 
@@ -203,12 +202,3 @@ def _urdf_motion(joint: Element, model: Any, k: int) -> None:
         limits = {"lower": model.lowerPositionLimit[q], "upper": model.upperPositionLimit[q]}
         limits |= {"effort": model.effortLimit[v], "velocity": model.velocityLimit[v]}
         SubElement(joint, "limit", {name: _row(value) for name, value in limits.items()})
-
-
-def _angles(rotation: Any) -> list[float]:
-    """Roll, pitch and yaw of a rotation matrix; where the axes of roll and yaw agree, yaw is zero."""
-    R = np.asarray(rotation)
-    pitch = atan2(-R[2, 0], hypot(R[0, 0], R[1, 0]))
-    if hypot(R[0, 0], R[1, 0]) < _ALIGNED:
-        return [atan2(-R[1, 2], R[1, 1]), pitch, 0.0]
-    return [atan2(R[2, 1], R[2, 2]), pitch, atan2(R[1, 0], R[0, 0])]

@@ -77,7 +77,7 @@ def _about_centre(values: Floats) -> tuple[Floats, Floats, Floats]:
 
 def _read_principal(values: Floats) -> Floats:
     mass, centre, quaternion, moments = values[..., 0], values[..., 1:4], values[..., 4:8], values[..., 8:11]
-    axes = _rotation(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True))
+    axes = rotation_of(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True))
     tensor = axes @ (moments[..., :, None] * np.swapaxes(axes, -1, -2))
     return from_tensor(tensor + _steiner(mass, centre), mass[..., None] * centre, mass)
 
@@ -90,7 +90,8 @@ def _write_principal(values: Floats) -> Floats:
     return np.concatenate([mass[..., None], centre, rotation_quaternion(axes), moments], axis=-1)
 
 
-def _rotation(quaternion: Floats) -> Floats:
+def rotation_of(quaternion: Floats) -> Floats:
+    """Rotation matrices (..., 3, 3) of unit quaternions w, x, y, z (..., 4)."""
     w, x, y, z = np.moveaxis(quaternion, -1, 0)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],

@@ -14,6 +14,7 @@ from echelon.exact.expressions import STEPS_PER_HALF_TURN
 from echelon.exact.numbers import Rational, parse_decimal
 from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralStep, Triple, rotation_matrix
 from echelon.formats.reading_options import checked_size
+from echelon.inertia.convert import rotation_of
 
 _NOISE = 1e-14  # what a few roundings of MuJoCo's compiler leave of a zero or of a multiple of 15°
 _LOCK = 1e-2  # cosine of the pitch below which roll and yaw are hardly told apart
@@ -25,14 +26,7 @@ _DIGITS = 15  # significant decimal digits that a double always keeps
 def quaternion_matrix(quaternion: npt.ArrayLike) -> npt.NDArray[np.float64]:
     """Rotation matrix of a quaternion w, x, y, z of any length but zero."""
     q = np.asarray(quaternion, dtype=float)
-    w, x, y, z = q / np.linalg.norm(q)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return rotation_of(q / np.linalg.norm(q))
 
 
 def placements(element: str, xyz: Triple, quaternion: npt.ArrayLike) -> tuple[LiteralPlacement, ...]:

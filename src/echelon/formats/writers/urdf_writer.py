@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from math import atan2, cos, hypot, sin
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.exact.polynomial import as_polynomial
+from echelon.formats.literal import roll_pitch_yaw
 from echelon.formats.urdf.urdf_reader import stated_number
 from echelon.formats.writers.description_writer import expression_text
 from echelon.formats.writers.identified_values import (
@@ -163,8 +163,6 @@ def _end(joint: Any, tag: str) -> str:
 _TYPES = {MotionKind.ROTATION: "continuous", MotionKind.TRANSLATION: "prismatic"}
 _FLOATING = (MotionKind.TRANSLATION,) * 3 + (MotionKind.BALL,)
 _UNLIMITED = '<limit lower="-1e9" upper="1e9" effort="1e9" velocity="1e9"/>'
-_ROUNDING = 1e-15
-"""What is left of a zero in a product of two rotations."""
 _USUAL_GRAVITY = (0, 0, Fraction(-981, 100))
 
 
@@ -299,7 +297,7 @@ class _Generator:
 
 
 def _joint(name: str, kind: str, parent: str, child: str, frame: Floats, inside: list[str]) -> list[str]:
-    placed = f'<origin xyz="{number_text(*frame[:3, 3])}" rpy="{number_text(*_rpy(frame[:3, :3]))}"/>'
+    placed = f'<origin xyz="{number_text(*frame[:3, 3])}" rpy="{number_text(*roll_pitch_yaw(frame[:3, :3]))}"/>'
     ends = [f"<parent link={quoted(parent)}/>", f"<child link={quoted(child)}/>"]
     lines = [placed, *ends, *inside]
     return [f"<joint name={quoted(name)} type={quoted(kind)}>", *(f"  {line}" for line in lines), "</joint>"]
@@ -313,17 +311,6 @@ def _floats(mechanism: Mechanism, index: int) -> bool:
     plain = [step.axis for step in first[:3] if isinstance(step, Motion) and step.sign > 0] == [0, 1, 2]
     alone = sum(b.parent == GROUND and b.joint.kind != ROTOR for b in mechanism.bodies) == 1
     return body.parent == GROUND and alone and plain and kinds == _FLOATING == tuple(m.kind for m in body.joint.motions)
-
-
-def _rpy(r: Floats) -> tuple[float, float, float]:
-    """Angles with R = Rz(yaw) Ry(pitch) Rx(roll).
-
-    The roll is taken after the yaw is undone, so that at a pitch near ±90°, where neither is well determined, their
-    errors cancel.
-    """
-    yaw = atan2(r[1, 0], r[0, 0]) if hypot(r[0, 0], r[1, 0]) > _ROUNDING else 0.0
-    c, s = cos(yaw), sin(yaw)
-    return atan2(s * r[0, 2] - c * r[1, 2], c * r[1, 1] - s * r[0, 1]), atan2(-r[2, 0], hypot(r[0, 0], r[1, 0])), yaw
 
 
 def _new(name: str, taken: set[str]) -> str:
