@@ -60,8 +60,8 @@ faults: $(DEV)
 	$(BIN)/pytest -n auto tests/cli/test_faults.py
 
 # EXPLORER="--wheels DIR" names a folder with NumPy for Pyodide, where its release cannot be reached
-explorer:
-	$(PYTHON) site/build_explorer.py build/site/explorer $(EXPLORER)
+explorer: $(CORE)
+	$(BIN)/python site/build_explorer.py build/site/explorer $(EXPLORER)
 
 # MUTATE="--only exact/ --jobs 4" chooses faults and how many run at the same time
 mutate: $(DEV)

@@ -15,6 +15,7 @@ import base64
 import hashlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -22,11 +23,15 @@ import tarfile
 import tempfile
 import urllib.request
 import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parent.parent
+sys.path.insert(0, str(ROOT / "src"))
+
+from echelon.zoo.find import robot_files, usual_folders  # noqa: E402  needs the path above
+
 PAGE = ROOT / "site" / "explorer"
 LOCK = json.loads((PAGE / "lock.json").read_text())
 BROWSER, NATIVE = "pyemscripten_2026_0_wasm32", "manylinux2014_x86_64"
@@ -43,9 +48,7 @@ def main() -> None:
     """Build into a folder that is made anew."""
     parser = argparse.ArgumentParser(description="Build the explorer into a folder.")
     parser.add_argument("folder", type=Path)
-    parser.add_argument(
-        "--robots", type=Path, action="append", default=[], help="file, or folder of URDF and YAML files"
-    )
+    parser.add_argument("--robots", type=Path, action="append", default=[], help="folder of robots")
     parser.add_argument("--wheels", type=Path, help="folder of wheels to look in before the network")
     parser.add_argument("--cache", type=Path, default=ROOT / "build" / "cache")
     given = parser.parse_args()
@@ -55,13 +58,13 @@ def main() -> None:
         sys.exit(1 if os.environ.get("CI") else 0)
 
 
-def build(folder: Path, robots: Iterable[Path], cache: Path, wheels: Path | None = None) -> list[str]:
-    """Everything into a folder; returns the wheels that could not be had."""
-    build_page(folder, robots, cache)
+def build(folder: Path, robots: Sequence[Path], cache: Path, wheels: Path | None = None) -> list[str]:
+    """Everything into a folder, the installed packages of robots included; returns the wheels that could not be had."""
+    build_page(folder, [*robots, *usual_folders()], cache)
     return _python(folder / "vendor", cache, wheels)
 
 
-def build_page(folder: Path, robots: Iterable[Path], cache: Path) -> None:
+def build_page(folder: Path, robots: Sequence[Path], cache: Path) -> None:
     """All but Python: the page, what it draws and typesets with, Pyodide without packages, robots."""
     shutil.rmtree(folder, ignore_errors=True)
     vendor = folder / "vendor"
@@ -81,21 +84,21 @@ def build_page(folder: Path, robots: Iterable[Path], cache: Path) -> None:
 # -- robots ------------------------------------------------------------------------------------------------------------
 
 
-def _copy_robots(sources: Iterable[Path], folder: Path) -> None:
+def _copy_robots(sources: Sequence[Path], folder: Path) -> None:
+    """Robots under the names that the zoo gives them."""
     folder.mkdir()
-    files = {file.name: file for source in sources for file in _robots(source)}
-    for name, file in files.items():
-        shutil.copy(file, folder / name)
-    names = sorted(files, key=lambda name: (name != FIRST, name.lower()))
+    found = {f"{robot.slug}{robot.path.suffix}": robot.path for source in sources for robot in robot_files([source])}
+    names = sorted(filter(lambda name: _stands_alone(found[name]), found), key=lambda name: (name != FIRST, name))
+    for name in names:
+        shutil.copy(found[name], folder / name)
     (folder / "robots.json").write_text(json.dumps(names))
 
 
-def _robots(source: Path) -> Iterator[Path]:
-    """Files that stand alone: neither of MuJoCo, which is not there in a browser, nor additions to another file."""
-    for file in [source] if source.is_file() else sorted(source.glob("*")):
-        text = file.read_text() if file.suffix in (".urdf", ".yaml") else ""
-        if text and "\nrobot:" not in text:
-            yield file
+def _stands_alone(file: Path) -> bool:
+    """Whether a file needs neither MuJoCo, which is not there in a browser, nor another file."""
+    if file.suffix not in (".urdf", ".yaml"):
+        return False
+    return not re.search(r"^(robot|model):", file.read_text(errors="replace"), re.MULTILINE)
 
 
 # -- from npm ----------------------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ const SHADES = ["#8b929b", "#cfe1f2", "#8fbce0", "#4a90c8", "#0b5394"]; // of a 
 const WORDS = ["nothing of the link is seen", "less than a third", "less than two thirds", "most", "everything"];
 const LIT = "#e07b00";
 const STUB = 0.12; // length of a last body, of the robot's extent
+const AWAY = 2; // of the camera, in extents: what is within one of them is in the picture
 const TURN = 0.12; // rad, of an arrow key
 
 export class Arm {
@@ -61,18 +62,19 @@ export class Arm {
     grid.quaternion.setFromUnitVectors(new Vector3(0, 1, 0), up);
     this.links.add(grid);
     this.scene.add(this.links);
+    this.resize();
     const key = JSON.stringify(picture.parents);
     if (key !== this.seen) this.look(middle, up, extent);
     this.seen = key;
-    this.resize();
+    this.render();
   }
 
   look(middle, up, extent) {
     const side = new Vector3(1, 0, 0).cross(up).lengthSq() > 0.1 ? new Vector3(1, 0, 0) : new Vector3(0, 1, 0);
     const front = side.clone().cross(up).normalize();
     this.camera.up.copy(up);
-    this.camera.position.copy(middle).addScaledVector(front, 1.3 * extent)
-      .addScaledVector(side, 0.7 * extent).addScaledVector(up, 0.45 * extent);
+    const view = front.multiplyScalar(0.85).addScaledVector(side, 0.45).addScaledVector(up, 0.3).normalize();
+    this.camera.position.copy(middle).addScaledVector(view, AWAY * extent * Math.max(1, 1 / this.camera.aspect));
     this.camera.near = 0.01 * extent;
     this.camera.far = 20 * extent;
     this.controls?.dispose();
