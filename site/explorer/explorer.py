@@ -24,14 +24,12 @@ from echelon.formats.robot_file import RobotFile
 from echelon.formats.usual_effects import effect_label, slides
 from echelon.mechanism.body import GROUND, Body
 from echelon.mechanism.effect import Effect, Side, ready_made
-from echelon.mechanism.joint import Joint, MotionKind
+from echelon.mechanism.joint import Joint, MotionKind, Placement
 from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut, Output, plain
-from echelon.mechanism.joint import Placement
 from echelon.mechanism.substitute import substituted
-from echelon.report.drawing import CLASSES, seen_bodies
-from echelon.report.pose import drawable_pose
+from echelon.report.drawing import CLASSES, drawable_pose, seen_bodies
 from echelon.results.saved import to_json
 
 PAYLOAD = "payload"
