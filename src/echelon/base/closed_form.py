@@ -130,25 +130,45 @@ class StatedColumns:
         self, field: PrimeField, geometry: Mapping[str, Residues], needed: Sequence[Relation]
     ) -> dict[int, dict[int, int]]:
         """Dependent columns as combinations of pivots at one geometry."""
-        raw: dict[int, dict[int, int]] = {column: {} for column in self.zero}
-        known: dict[Kernel, dict[int, dict[int, int]]] = {}
 
         def number(polynomial: Polynomial) -> int:
             points = residues_of_generators(polynomial.generators(), geometry, field)
             return polynomial.evaluate({g: int(x[0]) for g, x in points.items()}, field.embed) % field.p
 
+        def coefficients(kernel: Kernel) -> npt.NDArray[Any]:
+            own = {s: geometry[s] for s in kernel.sampler.symbols}
+            found = kernel.coefficients(field, own, self.rng)[:, 0].astype(object)
+            return found.reshape(len(kernel.sources), -1)
+
+        def reduced(combination: dict[int, int]) -> dict[int, int]:
+            return {pivot: v % field.p for pivot, v in combination.items() if v % field.p}
+
+        solved = self._solved(needed, coefficients, number, reduced)
+        assert solved is not None
+        return solved if self._is_classical else self._reordered(solved, field)
+
+    def _solved(
+        self,
+        needed: Sequence[Relation],
+        coefficients: Callable[[Kernel], npt.NDArray[Any] | None],
+        number: Callable[[Polynomial], Any],
+        reduced: Callable[[dict[int, Any]], dict[int, Any]],
+    ) -> dict[int, dict[int, Any]] | None:
+        """Dependent columns as combinations of classical pivots; None where a kernel has no coefficients."""
+        raw: dict[int, dict[int, Any]] = {column: {} for column in self.zero}
+        known: dict[Kernel, dict[int, dict[int, Any]]] = {}
         for relation in needed:
             kernel = relation.kernel
             if kernel not in known:
-                own = {s: geometry[s] for s in kernel.sampler.symbols}
-                values = kernel.coefficients(field, own, self.rng)[:, 0].astype(object)
-                known[kernel] = _by_target(kernel, values.reshape(len(kernel.sources), -1))
+                values = coefficients(kernel)
+                if values is None:
+                    return None
+                known[kernel] = _by_target(kernel, values)
             raw |= relation.placed(known[kernel], number)
-        solved: dict[int, dict[int, int]] = {}
+        solved: dict[int, dict[int, Any]] = {}
         for column in sorted(raw):
-            total = substituted(raw[column], solved)
-            solved[column] = {pivot: v % field.p for pivot, v in total.items() if v % field.p}
-        return solved if self._is_classical else self._reordered(solved, field)
+            solved[column] = reduced(substituted(raw[column], solved))
+        return solved
 
     def _reordered(self, solved: Mapping[int, Mapping[int, int]], field: PrimeField) -> dict[int, dict[int, int]]:
         dense = np.zeros((len(self._classical), len(self.order)), dtype=np.int64)
@@ -201,23 +221,12 @@ class StatedColumns:
         raise ClosedFormError(f"balls of {_MOST_BITS} bits do not decide the coefficients; please report this model")
 
     def _balls(self, pairs: Sequence[Pair], needed: Sequence[Relation], at: Mapping[str, str]) -> list[Any] | None:
-        raw: dict[int, dict[int, Any]] = {column: {} for column in self.zero}
-        known: dict[Kernel, dict[int, dict[int, Any]]] = {}
-
         def number(polynomial: Polynomial) -> Any:
             return polynomial.evaluate(stated_generators(polynomial.generators(), at), ball)
 
-        for relation in needed:
-            kernel = relation.kernel
-            if kernel not in known:
-                values = _solved(kernel, at, self.rng)
-                if values is None:
-                    return None
-                known[kernel] = _by_target(kernel, values)
-            raw |= relation.placed(known[kernel], number, keep=lambda _: True)
-        solved: dict[int, dict[int, Any]] = {}
-        for column in sorted(raw):
-            solved[column] = substituted(raw[column], solved, keep=lambda _: True)
+        solved = self._solved(needed, lambda kernel: _solved(kernel, at, self.rng), number, lambda found: found)
+        if solved is None:
+            return None
         if not self._is_classical:
             return self._exchanged(pairs, solved)
         return [solved[column].get(pivot, flint.arb(0)) for pivot, column in pairs]

@@ -169,12 +169,11 @@ class Relation:
         self,
         combinations: Mapping[int, Mapping[int, T]],
         number: Callable[[Polynomial], T],
-        keep: Callable[[T], bool] = bool,
     ) -> dict[int, dict[int, T]]:
         """The targets as combinations of columns of X."""
         changes = self.changes((k for c in combinations.values() for k in c if k < PER_BODY), number)
         return {
-            self.columns[target]: {self.columns[k]: v for k, v in substituted(c, changes, keep).items()}
+            self.columns[target]: {self.columns[k]: v for k, v in substituted(c, changes).items()}
             for target, c in combinations.items()
         }
 
@@ -273,9 +272,7 @@ def _degrees(mechanism: Mechanism, sources: Sequence[int], targets: Sequence[int
     return [columns[s].length_degree - columns[t].length_degree for s in sources for t in targets]
 
 
-def substituted(
-    combination: Mapping[int, T], solved: Mapping[int, Mapping[int, T]], keep: Callable[[T], bool] = bool
-) -> dict[int, T]:
+def substituted(combination: Mapping[int, T], solved: Mapping[int, Mapping[int, T]]) -> dict[int, T]:
     """A combination of columns as one of pivots."""
     total: dict[int, T] = {}
     for column, coefficient in combination.items():
@@ -285,4 +282,4 @@ def substituted(
         for pivot, inner in solved[column].items():
             addend = coefficient * inner
             total[pivot] = total[pivot] + addend if pivot in total else addend
-    return {column: c for column, c in sorted(total.items()) if keep(c)}
+    return dict(sorted(total.items()))

@@ -23,12 +23,13 @@ from echelon.errors import EchelonError, InputError, shortened
 from echelon.exact.elimination import reduced_echelon
 from echelon.exact.expressions import parse
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.numbers import BEYOND_DOUBLES, Number, Surd
+from echelon.exact.numbers import BEYOND_DOUBLES, Number
 from echelon.exact.polynomial import float_generators, is_trigonometric, multiple_of, symbol_of
 from echelon.exact.rational import RationalFunction, cost_of_products
 from echelon.exact.unknown import Work
 from echelon.extras import extra
 from echelon.mechanism.output import Parameter
+from echelon.program.sympy_bridge import sympy_number
 
 if TYPE_CHECKING:
     import sympy
@@ -105,6 +106,18 @@ class BaseMatrix:
         known = {id(c): residue(c, values, field) for c in self.coefficients}
         return [{column: known[id(c)] for column, c in row.items()} for row in self.rows]
 
+    def dense_modulo(
+        self, symbols: Mapping[str, Residues], field: PrimeField, columns: Sequence[int] | None = None
+    ) -> Residues:
+        """B, or some of its columns in the given order, modulo a prime at one geometry."""
+        chosen = range(len(self.parameters)) if columns is None else columns
+        place = {column: k for k, column in enumerate(chosen)}
+        dense: Residues = np.zeros((self.rank, len(place)), dtype=np.int64)
+        for row, coefficients in zip(dense, self.modulo(symbols, field), strict=True):
+            for column in coefficients.keys() & place.keys():
+                row[place[column]] = coefficients[column]
+        return dense
+
     def floats(self, symbols: Mapping[str, float]) -> npt.NDArray[np.float64]:
         """B in double precision.  Shapes: returns (base parameters, standard parameters)."""
         values = float_generators(self.generators, symbols)
@@ -144,20 +157,6 @@ def coefficient_value(coefficient: RationalFunction, generators: Mapping[str, fl
     if not math.isfinite(value):
         raise InputError(f"the coefficient {shortened(str(coefficient))} is {BEYOND_DOUBLES}")
     return value
-
-
-def sympy_number(x: Number) -> Any:
-    """An exact number in sympy."""
-    with extra("symbolic"):
-        import sympy
-
-    if isinstance(x, Surd):
-        roots = (sympy.Integer(1), sympy.sqrt(2), sympy.sqrt(3), sympy.sqrt(6))
-        return sum(
-            (sympy.Rational(p.numerator, p.denominator) * r for p, r in zip(x.parts, roots, strict=True)),
-            sympy.Integer(0),
-        )
-    return sympy.Rational(x.numerator, x.denominator)
 
 
 def sympy_generator(generator: str, exact: Mapping[str, Any]) -> Any:
@@ -242,11 +241,7 @@ def reordered(matrix: BaseMatrix, order: tuple[int, ...], rng: np.random.Generat
 def _pivots(matrix: BaseMatrix, order: tuple[int, ...], rng: np.random.Generator) -> tuple[int, ...]:
     field = PrimeField.random(rng)
     symbols = {name: field.draw(rng, (1,)) for name in matrix.symbols}
-    dense = np.zeros(matrix.shape, dtype=np.int64)
-    for i, row in enumerate(matrix.modulo(symbols, field)):
-        for column, value in row.items():
-            dense[i, column] = value
-    _, pivots = reduced_echelon(dense[:, list(order)], field)
+    _, pivots = reduced_echelon(matrix.dense_modulo(symbols, field, order), field)
     return tuple(order[k] for k in pivots)
 
 

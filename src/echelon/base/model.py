@@ -13,7 +13,7 @@ from echelon.arrays import Floats
 from echelon.base.base_set import BaseSet, Identifiability, classify
 from echelon.base.certificate import Certificate
 from echelon.base.evaluation import Evaluation, Logs
-from echelon.base.matrix import BaseMatrix, Row, sympy_number
+from echelon.base.matrix import BaseMatrix, Row
 from echelon.base.own import SpecialValues, at_values
 from echelon.base.pseudo_inverse import Metric, lift, metric_matrix, pseudo_inverse_floats
 from echelon.base.reading_report import ReadingReport
@@ -23,6 +23,7 @@ from echelon.exact.rational import RationalFunction
 from echelon.extras import extra
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import characteristic_length, stated_values, symbol_values
+from echelon.program.sympy_bridge import sympy_number
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.virtual_power import inverse_dynamics_regressor, virtual_power_form
 

@@ -169,16 +169,10 @@ def _rank_of_columns(matrix: BaseMatrix, columns: Sequence[int], values: StatedV
     rng = random_generator(DEFAULT_SEED)
     field = PrimeField.random(rng, ARRAY_BITS)
     try:
-        rows = matrix.modulo(values.draw(matrix.symbols, field, rng), field)
+        dense = matrix.dense_modulo(values.draw(matrix.symbols, field, rng), field, columns)
     except DegenerateSampleError:
         return None
-    place = {column: i for i, column in enumerate(columns)}
-    rows = [row for row in rows if row.keys() & place.keys()]
-    dense = np.zeros((len(rows), len(place)), dtype=np.int64)
-    for row, coefficients in zip(dense, rows, strict=True):
-        for column in coefficients.keys() & place.keys():
-            row[place[column]] = coefficients[column]
-    return rank_modulo(dense, field)
+    return rank_modulo(dense[dense.any(axis=1)], field)
 
 
 def mimic_ranks(mechanism: Mechanism, rank: int, rng: np.random.Generator) -> MimicRanks | None:

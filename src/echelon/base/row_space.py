@@ -17,7 +17,7 @@ import numpy as np
 
 from echelon.base.derive import base_parameters
 from echelon.base.linear_base import LinearBase
-from echelon.base.matrix import BaseMatrix, residue, residues_of_generators
+from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseModel
 from echelon.base.structure import find_structure
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
@@ -224,7 +224,7 @@ class _Side:
         matrix: BaseMatrix | None = None
         if isinstance(model, BaseModel | LinearBase):
             self.names, matrix = model.parameters, model.matrix
-            self._rows: Callable[..., Residues] = lambda *point: _rows_of_matrix(model.matrix, *point)
+            self._rows: Callable[..., Residues] = lambda field, _, at: model.matrix.dense_modulo(at, field)
         elif isinstance(model, Mechanism):
             self.names, forms, auxiliary = model.parameters, virtual_power_form(model), 0
             if model.closures:
@@ -276,18 +276,6 @@ def _rows_of_forms(
     kept = [k for k, pivot in enumerate(pivots) if pivot >= auxiliary]
     table = [[int(reduced[k, c]) for c in range(auxiliary, rows.shape[1])] for k in kept]
     return np.array(table, dtype=np.int64).reshape(len(kept), rows.shape[1] - auxiliary)
-
-
-def _rows_of_matrix(
-    matrix: BaseMatrix, field: PrimeField, _: np.random.Generator, geometry: dict[str, Residues]
-) -> Residues:
-    generators = residues_of_generators(matrix.generators, geometry, field)
-    values = {g: int(value[0]) for g, value in generators.items()}
-    rows = np.zeros(matrix.shape, dtype=np.int64)
-    for i, row in enumerate(matrix.rows):
-        for column, coefficient in row.items():
-            rows[i, column] = residue(coefficient, values, field)
-    return rows
 
 
 def _places(first: Sequence[str], second: Sequence[str], columns: int, others: int) -> list[int]:

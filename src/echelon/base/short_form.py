@@ -14,7 +14,6 @@ from fractions import Fraction
 from functools import cached_property, reduce
 from typing import Any
 
-from echelon.base.matrix import sympy_number
 from echelon.errors import ClosedFormError
 from echelon.exact.numbers import Number
 from echelon.exact.polynomial import Monomial, Polynomial, cosine, is_trigonometric, sine, symbol_of
@@ -23,6 +22,7 @@ from echelon.mechanism.body import GROUND
 from echelon.mechanism.joint import MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.operations import FUNCTIONS, Op
+from echelon.program.sympy_bridge import sympy_number
 from echelon.program.tape import Program
 
 Combination = tuple[tuple[str, int], ...]

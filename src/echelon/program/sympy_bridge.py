@@ -17,7 +17,7 @@ from typing import Any
 
 from echelon.errors import InputError
 from echelon.exact.expressions import STEPS_PER_HALF_TURN
-from echelon.exact.numbers import Number, Rational, cosine_of_turn, parse_decimal, parts_of, sine_of_turn
+from echelon.exact.numbers import Number, Rational, Surd, cosine_of_turn, parse_decimal, sine_of_turn
 from echelon.extras import extra
 from echelon.program.compound import COMPOUND, turned
 from echelon.program.operations import FUNCTIONS, Op
@@ -29,7 +29,6 @@ SUPPORTED = {"Abs" if op is Op.ABS else op.name.lower(): op for op in FUNCTIONS}
 _CIRCULAR = ("sin", "cos", "tan")
 _BY_EXPONENTIALS = ("sinh", "cosh", "coth", "sech", "csch")
 _COMPOUND = {"asin": "asin", "acos": "acos", "atan2": "atan2", "Max": "max", "Min": "min", "Heaviside": "heaviside"}
-_RADICANDS = (1, 2, 3, 6)
 
 
 def from_sympy(program: Program, expression: Any, symbols: Mapping[str, Scalar]) -> Scalar:
@@ -79,7 +78,7 @@ def to_sympy(program: Program, outputs: Sequence[int], given: Mapping[int, Any] 
         if op is Op.INPUT:
             formulas[node] = sympy.Symbol(program.inputs[node].name)
         elif op is Op.CONSTANT:
-            formulas[node] = _sympy_number(program.constants[node])
+            formulas[node] = sympy_number(program.constants[node])
         else:
             formulas[node] = functions[op](a) if op in functions else _operated(op, a, b)
     return [formulas[node] for node in outputs]
@@ -100,12 +99,18 @@ def _operated(op: Op, a: Any, b: Any) -> Any:
     return {Op.ADD: add, Op.SUB: sub, Op.MUL: mul, Op.DIV: truediv}[op](a, b)
 
 
-def _sympy_number(x: Number) -> Any:
+def sympy_number(x: Number) -> Any:
+    """An exact number in sympy."""
     with extra("symbolic"):
         import sympy
 
-    parts = zip(parts_of(x), _RADICANDS, strict=True)
-    return sum(sympy.Rational(part.numerator, part.denominator) * sympy.sqrt(r) for part, r in parts)
+    if isinstance(x, Surd):
+        roots = (sympy.Integer(1), sympy.sqrt(2), sympy.sqrt(3), sympy.sqrt(6))
+        return sum(
+            (sympy.Rational(p.numerator, p.denominator) * r for p, r in zip(x.parts, roots, strict=True)),
+            sympy.Integer(0),
+        )
+    return sympy.Rational(x.numerator, x.denominator)
 
 
 class _Reader:
