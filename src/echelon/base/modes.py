@@ -143,12 +143,16 @@ def _relations_at_poses(
     sampler = rows.forms.sampler(order)
     assert isinstance(sampler, CurveSampler)
     geometry = {s: field.draw(rng, (1,)) for s in sampler.symbols}
-    pose = sampler.pose_variants(field, rng, geometry, poses)
-    distinct = _distinct(pose)
-    repeated = {s: np.repeat(value, len(distinct)) for s, value in geometry.items()}
-    repeated[_ANY] = np.zeros(len(distinct), dtype=np.int64)
-    tables = _tables(rows, sampler, field, rng, repeated, pose.at(distinct))
-    return [_relations(table, rows.auxiliary, field) for table in tables]
+
+    def relations(pose: Pose) -> list[_Relations]:
+        pose = sampler.variants(field, rng, geometry, pose, poses)
+        distinct = _distinct(pose)
+        repeated = {s: np.repeat(value, len(distinct)) for s, value in geometry.items()}
+        repeated[_ANY] = np.zeros(len(distinct), dtype=np.int64)
+        tables = _tables(rows, sampler, field, rng, repeated, pose.at(distinct))
+        return [_relations(table, rows.auxiliary, field) for table in tables]
+
+    return sampler.from_pose(field, rng, geometry, relations)
 
 
 def _distinct(pose: Pose) -> npt.NDArray[np.intp]:

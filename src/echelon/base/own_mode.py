@@ -52,14 +52,15 @@ class OwnPose:
 
     def __init__(self, mechanism: Mechanism, rows: Rows, columns: Sequence[int], moved: bool = False) -> None:
         self.mechanism, self._rows, self._columns, self._moved = mechanism, rows, list(columns), moved
-        self._tables = dict[int, npt.NDArray[Any]]()  # of balls, by their precision
+        self._tables = dict[int, tuple[int, npt.NDArray[Any] | None]]()  # states, and their rows in balls, by precision
 
     def mode(self, modes: Sequence[Mode]) -> Mode | None:
         """The one of some modes that the pose is in; None if it is in none of them, as far as can be told."""
         verdicts = [self._clear(mode) for mode in modes]
         if verdicts.count(True) == 1 and None not in verdicts:
             return modes[verdicts.index(True)]
-        return next((m for m, v in zip(modes, verdicts, strict=True) if v is not False and self._holds(m)), None)
+        most = len(self._columns) - min(len(mode.dependence) for mode in modes)
+        return next((m for m, v in zip(modes, verdicts, strict=True) if v is not False and self._holds(m, most)), None)
 
     def likely(self, modes: Sequence[Mode]) -> Mode | None:
         """The first of some modes whose relations hold there, perhaps beside others."""
@@ -79,9 +80,12 @@ class OwnPose:
     @cached_property
     def rank(self) -> int | None:
         """Rank of the columns there; None if balls do not tell."""
-        for bits in _BITS if self._closes else ():
+        for bits in _BITS:
+            table = self._balls(bits, len(self._columns))
+            if table is None:
+                return None
             with precision(bits):
-                found = ball_rank([list(row) for row in self._balls(bits)], bits)
+                found = ball_rank([list(row) for row in table], bits)
             if found is not None:
                 return found - self._rows.auxiliary
         return None
@@ -120,10 +124,11 @@ class OwnPose:
         """Whether a mode surely holds; None if doubles do not tell."""
         table, sizes = self._table
         pivots, others = _split(mode, table.shape[1])
-        solution = np.linalg.lstsq(table[:, pivots], table[:, others], rcond=None)[0]
-        missed = np.abs(table[:, others] - table[:, pivots] @ solution).max(initial=0.0)
-        if np.linalg.svd(table[:, pivots], compute_uv=False).min(initial=1.0) < _INDEPENDENT:
+        orthogonal, triangle = np.linalg.qr(table[:, pivots])
+        if np.linalg.svd(triangle, compute_uv=False).min(initial=1.0) < _INDEPENDENT:
             return None
+        solution = np.linalg.solve(triangle, orthogonal.T @ table[:, others])
+        missed = np.abs(table[:, others] - table[:, pivots] @ solution).max(initial=0.0)
         if missed > _HOLDS:
             return False if missed > _FAILS else None
         scaled = solution * sizes[others] / sizes[pivots][:, None]
@@ -134,35 +139,38 @@ class OwnPose:
 
     # -- balls -----------------------------------------------------------------------------------------------------
 
-    def _balls(self, bits: int) -> npt.NDArray[Any]:
-        """Rows in ball arithmetic, those of auxiliary columns first."""
-        if bits in self._tables:
-            return self._tables[bits]
+    def _balls(self, bits: int, columns: int) -> npt.NDArray[Any] | None:
+        """Rows in ball arithmetic, auxiliary columns first, enough for some columns to be independent.
+
+        None if the loops are not proved to close; redundant constraints that miss by rounding are not.
+        """
         forms = self._rows.forms
         assert forms.loops is not None
-        near = replace(forms, loops=replace(forms.loops, real=partial(real_inputs, self.mechanism, reach=_NEAR)))
         motions = max(2, len(self.mechanism.independent_velocities))  # energies show at least as much at one pose
-        states = int(_SURPLUS * -(-(forms.shape[1] + _STATES) // forms.shape[0])) + 2 * motions
-        texts = value_texts(self.mechanism, all_symbols(self.mechanism))
-        with precision(bits):
-            self._tables[bits] = ball_rows(near, texts, states, random_generator(DEFAULT_SEED), motions)
-        return self._tables[bits]
+        rows = self._rows.auxiliary + columns + _STATES
+        states = int(_SURPLUS * -(-rows // forms.shape[0])) + 2 * motions
+        if self._tables.get(bits, (0, None))[0] < states:
+            near = replace(forms, loops=replace(forms.loops, real=partial(real_inputs, self.mechanism, reach=_NEAR)))
+            texts = value_texts(self.mechanism, all_symbols(self.mechanism))
+            try:
+                with precision(bits):
+                    found = ball_rows(near, texts, states, random_generator(DEFAULT_SEED), motions)
+            except InputError:
+                found = None
+            self._tables[bits] = states, found
+        return self._tables[bits][1]
 
-    @cached_property
-    def _closes(self) -> bool:
-        """Whether the loops are proved to close; redundant constraints that miss by rounding are not."""
-        try:
-            return self._balls(_BITS[0]) is not None
-        except InputError:
-            return False
+    def _holds(self, mode: Mode, most: int) -> bool:
+        """Whether the representatives of a mode are independent there, and its relations and no others hold.
 
-    def _holds(self, mode: Mode) -> bool:
-        """Whether the representatives of a mode are independent there, and its relations and no others hold."""
-        if not self._closes:
-            return self._moved  # then doubles do not say otherwise, and there is no exact pose of the stated frames
+        ``most`` is the largest rank of all modes.
+        """
         for bits in _BITS:
+            table = self._balls(bits, most)
+            if table is None:
+                return self._moved  # then doubles do not say otherwise, and there is no exact pose of the stated frames
             with precision(bits):
-                verdict = self._holds_in_balls(mode, self._balls(bits), bits)
+                verdict = self._holds_in_balls(mode, table, bits)
             if verdict is not None:
                 return verdict
         return False

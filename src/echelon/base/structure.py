@@ -20,6 +20,7 @@ from echelon.base.modes import Dependence, InMode, Mode, dependence, find_modes,
 from echelon.base.own_mode import OwnPose
 from echelon.base.rows import Rows, rows_of
 from echelon.errors import DegenerateSampleError, EchelonError, OtherModeError, SingularPoseError
+from echelon.exact.elimination import rank
 from echelon.exact.field import PrimeField
 from echelon.mechanism.body import ALL, GROUND, Body
 from echelon.mechanism.closed_pose import shown_loops
@@ -32,6 +33,7 @@ from echelon.regressor.blocks import FEW_COLUMNS
 from echelon.regressor.energy import energy_changes, energy_form
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.closing import check_independent, closable_as_stated, unsolved
+from echelon.regressor.loops.curves import CurveSampler
 
 _SURPLUS_ROWS = 8
 _ATTEMPTS, _PASSES = 8, 2
@@ -135,23 +137,43 @@ def _modes(
     """
     if not has_values(mechanism):
         modes, own = find_modes(rows, rng)
-    else:
-        # frames that were made to follow are as good as the stated ones only if they show as much
-        stated = closable_as_stated(mechanism)
-        moved = stated is not mechanism
-        pose = OwnPose(stated, rows_of(stated).columns(columns) if moved else rows, columns, moved)
-        check_independent(stated, pose.free_velocities)
+        return modes, own or _lowest(modes)
+    # frames that were made to follow are as good as the stated ones only if they show as much
+    stated = closable_as_stated(mechanism)
+    moved = stated is not mechanism
+    pose = OwnPose(stated, rows_of(stated).columns(columns) if moved else rows, columns, moved)
+    sampler = rows.forms.sampler()
+    assert isinstance(sampler, CurveSampler)
+
+    def wanted(found: Sequence[Mode]) -> Mode | None:
+        at_pose = sampler.at_stated_pose and not moved  # where all curves began
+        if not (at_pose and _determine(mechanism, sampler, rng)):
+            check_independent(stated, pose.free_velocities)
+        if at_pose and len(found) == 1:
+            return found[0]
+        if pose.is_singular:  # modes meet there
+            return _lowest(found)
         # what is special about the stated values is in no mode of general ones
-        general = not set(rows.forms.sampler().symbols) <= set(UNITS)
-        singular = pose.is_singular  # so that modes may meet there
-        wanted = pose.likely if general else pose.mode
-        modes, own = find_modes(rows, rng, None if singular else wanted)
-        if own is None and not singular:
-            ranks = [len(columns) - len(mode.dependence) for mode in modes]
-            raise OtherModeError(shown_loops(mechanism), pose.rank, ranks, bool(mechanism.closed_at))
-    if own is None:  # modes meet there
-        own = modes[0] if len(modes) == 1 else replace(modes[0], marks=None if modes[0].marks else modes[0].marks)
+        return pose.mode(found) if set(sampler.symbols) <= set(UNITS) else pose.likely(found)
+
+    modes, own = find_modes(rows, rng, wanted)
+    if own is None:
+        ranks = [len(columns) - len(mode.dependence) for mode in modes]
+        raise OtherModeError(shown_loops(mechanism), pose.rank, ranks, bool(mechanism.closed_at))
     return modes, own
+
+
+def _determine(mechanism: Mechanism, sampler: CurveSampler, rng: np.random.Generator) -> bool:
+    """Whether the independent coordinates determine all others at the stated pose."""
+    field = PrimeField.random(rng)
+    dependent = [k for k, name in enumerate(mechanism.velocities) if name not in mechanism.independent_velocities]
+    jacobian = sampler.jacobian(field, rng)
+    return rank(jacobian, field) == len(dependent) == rank(jacobian[:, dependent], field)
+
+
+def _lowest(modes: Sequence[Mode]) -> Mode:
+    """The mode with the lowest rank, with what tells it from the others where these differ in more than that."""
+    return modes[0] if len(modes) == 1 else replace(modes[0], marks=None if modes[0].marks else modes[0].marks)
 
 
 def floating_pair(mechanism: Mechanism, index: int) -> Mechanism:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Flags, Integers
-from echelon.errors import DegenerateSampleError
+from echelon.arrays import Flags
 from echelon.exact.elimination import solve_batched
 from echelon.exact.field import PrimeField, Residues
 
 _BLOCK = 1024  # series that are multiplied together, so that they stay in the cache
+_SMALL = 8  # unknowns that are as fast to solve for together as one after the other
 _UNREDUCED = 3  # products of residues below 2^31 that may be added to one and a residue: four of them fit into 64 bits
 
 
@@ -94,25 +94,51 @@ def matrix_product(a: Residues, b: Residues, field: PrimeField) -> Residues:
     return result
 
 
-def matrix_inverse(a: Residues, field: PrimeField, start: Residues | None = None) -> Residues:
-    """Inverses of square matrices of series, by Newton's iteration for every block of connected rows on its own."""
-    # shapes: a (batch, n, n, order); start (batch, n, n, known)
-    result, samples = np.zeros_like(a), np.arange(len(a))
-    for rows, columns in _blocks(np.asarray(a.any(axis=(0, -1)))):
-        if len(rows) != len(columns):
-            raise DegenerateSampleError("a matrix of series is singular")
-        here, there = np.ix_(samples, rows, columns), np.ix_(samples, columns, rows)
-        result[there] = _inverted(a[here], field, None if start is None else start[there])
-    return result
+Inverses = dict[tuple[tuple[int, ...], tuple[int, ...]], Residues]
+"""Inverses of the blocks of a matrix of series, by their rows and columns."""
 
 
-def _blocks(pattern: Flags) -> list[tuple[Integers, Integers]]:
-    """Rows and columns of a matrix that its entries connect, as small as possible: loops that share no coordinates."""
-    connected = pattern @ pattern.T | np.eye(len(pattern), dtype=bool)
-    while (farther := connected @ connected).sum() > connected.sum():
-        connected = farther
-    rows = np.unique(connected, axis=0)
-    return [(np.flatnonzero(block), np.flatnonzero(pattern[block].any(axis=0))) for block in rows]
+def solve(a: Residues, right: Residues, field: PrimeField, known: Inverses | None = None) -> tuple[Residues, Inverses]:
+    """x with a x = b, and the inverses of the blocks on the diagonal, continued from those known to fewer terms.
+
+    Loops in series make matrices that are triangular but for small blocks, so their equations are solved one after the
+    other.  Shapes: a (batch, n, n, order), b (batch, n, k, order) of the same order or a lower one.
+    """
+    samples, order = range(len(a)), right.shape[-1]
+    result, inverses, pattern = np.zeros_like(right), Inverses(), np.asarray(a.any(axis=(0, -1)))
+    solved: list[int] = []
+    for rows, columns in _triangular(a, pattern, field):
+        left = right[:, rows]
+        earlier = [c for c in solved if pattern[list(rows), c].any()]
+        if earlier:
+            driven = matrix_product(a[np.ix_(samples, rows, earlier)][..., :order], result[:, earlier], field)
+            left = (left - driven) % field.p
+        inverse = _inverted(a[np.ix_(samples, rows, columns)], field, (known or {}).get((rows, columns)))
+        inverses[rows, columns] = inverse
+        result[:, columns] = matrix_product(inverse[..., :order], left, field)
+        solved += columns
+    return result, inverses
+
+
+def _triangular(a: Residues, pattern: Flags, field: PrimeField) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
+    """Rows and columns of blocks, in an order in which those above the diagonal vanish.
+
+    What determines an unknown is read from the inverse of random combinations of the coefficients.
+    """
+    size, rng = len(pattern), np.random.default_rng(0)
+    mixed = (a[0] * field.draw(rng, (a.shape[-1],)) % field.p).sum(axis=-1) % field.p
+    determines = solve_batched(mixed[None], np.eye(size, dtype=np.int64)[None], field)[0] != 0
+    order = np.argsort(determines.sum(axis=1), kind="stable")
+    blocks, rows, columns, left = [], list[int](), list[int](), np.ones(size, dtype=bool)
+    for place, column in enumerate(order.tolist()):
+        rows, columns = [*rows, *np.flatnonzero(determines[column] & left).tolist()], [*columns, column]
+        left[rows] = False
+        if len(rows) == len(columns) and (len(rows) >= _SMALL or not left.any()):
+            if pattern[rows][:, order[place + 1 :]].any():
+                break
+            blocks.append((tuple(rows), tuple(columns)))
+            rows, columns = [], []
+    return blocks if not rows else [(tuple(range(size)), tuple(range(size)))]
 
 
 def _inverted(a: Residues, field: PrimeField, start: Residues | None) -> Residues:

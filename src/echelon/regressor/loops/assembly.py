@@ -36,7 +36,7 @@ _FEW = 8  # iterations for one such step; if these do not do, it is shortened
 LARGEST_CORRECTION = 0.05  # of what its trend predicts; more may be a jump to another way of assembly
 _FAR = 0.1  # where one closed pose is, others may be nearer; rad or characteristic lengths
 _TRIES, _NEAR = 64, 1.0  # disturbances of a pose that does not close, rad or characteristic lengths
-_WALK = 20  # random strides from the assembly pose
+_WALK, _FEWEST = 20, 4  # random strides from the assembly pose, and from it to states near it
 _KEPT_AWAY = 0.25  # of the assembly pose's distance from singular configurations; more than a stride
 _RATE = 2.0  # largest random velocity and acceleration
 _ROUNDING, _LARGE, _TOO_LARGE = 1e-6, 0.1, 2.0  # moves of coordinates to a closed pose, rad or characteristic lengths
@@ -154,7 +154,7 @@ class Assembly(ClosedMotion):
         if not done.any():
             return None
         q, rng = q[done], random_generator(DEFAULT_SEED)
-        ahead, done = self.closed(self._moved(q, self._random_motion(rng, q, 2 * STRIDE)))
+        ahead, done = self.closed(self._moved(q, _random_motion(rng, self._jacobian(q), 2 * STRIDE)))
         gone = largest((ahead - q) / self.position_units) > STRIDE / 10  # not so where links are folded onto each other
         q = q[done & gone & (self.mobility(ahead) > 0)]
         if not len(q):
@@ -164,7 +164,7 @@ class Assembly(ClosedMotion):
 
     def easiest(self, q: Floats) -> Resisted:
         """Of the motions that a closed configuration does not allow, the one that closures resist least."""
-        jacobian = self.closures.at(q[None])[1][0, :, : len(self.mechanism.velocities)]
+        jacobian = self._jacobian(q[None])[0]
         _, singular, motions = np.linalg.svd(jacobian, full_matrices=False)
         stopped = int((singular > RANK_TOLERANCE * singular[0]).sum()) - 1
         motion = motions[stopped]
@@ -321,30 +321,22 @@ class Assembly(ClosedMotion):
         they cannot change over to another way of assembly there.
         """
         q = np.repeat(self.pose[None], count, axis=0)
-        closeness = self._distance_to_singular(q[:1])
-        for _ in range(_WALK):
-            found, done = self.closed(self._moved(q, self._random_motion(rng, q, 2 * reach * STRIDE)), iterations=_FEW)
-            done &= self._distance_to_singular(found) > _KEPT_AWAY * closeness
-            q[done] = found[done]
-        units = self.closures.units[: len(self.mechanism.velocities)]
-        qd = self._random_motion(rng, q, _RATE) * units
-        return q, qd, self._random_motion(rng, q, _RATE, self.closures.bias(q, qd)) * units
-
-    def _random_motion(self, rng: np.random.Generator, q: Floats, size: float, bias: Floats | float = 0.0) -> Floats:
-        """Random x with J x + bias = 0."""
-        names = self.mechanism.velocities
-        jacobian = self.closures.at(q)[1][:, :, : len(names)]
-        any_ = rng.uniform(-size, size, (len(q), len(names)))
-        opening = (jacobian @ any_[:, :, None])[:, :, 0] + bias
-        back = np.linalg.pinv(jacobian, rcond=RANK_TOLERANCE) @ opening[:, :, None]
-        result: Floats = any_ - back[:, :, 0]
-        return result
-
-    def _distance_to_singular(self, q: Floats) -> Floats:
-        """The smallest singular value of the Jacobian that does not vanish at the assembly pose."""
+        jacobian, strides = self._jacobian(q), max(_FEWEST, round(_WALK * reach**2))
+        size = 2 * STRIDE * reach * np.sqrt(_WALK / strides)  # as far on average, however many there are
         rank = len(self.mechanism.velocities) - int(self.mobility(self.pose[None])[0])
-        singular = np.linalg.svd(self.closures.at(q)[1][:, :, : len(self.mechanism.velocities)], compute_uv=False)
-        return singular[:, max(rank - 1, 0)].astype(np.float64)
+        near = _KEPT_AWAY * _singular(jacobian[:1], rank)
+        for _ in range(strides):
+            found, done = self.closed(self._moved(q, _random_motion(rng, jacobian, size)), iterations=_FEW)
+            ahead = self._jacobian(found)
+            done &= _singular(ahead, rank) > near
+            q[done], jacobian[done] = found[done], ahead[done]
+        units = self.closures.units[: len(self.mechanism.velocities)]
+        qd = _random_motion(rng, jacobian, _RATE) * units
+        return q, qd, _random_motion(rng, jacobian, _RATE, self.closures.bias(q, qd)) * units
+
+    def _jacobian(self, q: Floats) -> Floats:
+        """Derivatives of the closure equations by velocities."""
+        return self.closures.at(q)[1][:, :, : len(self.mechanism.velocities)]
 
     def _moved(self, q: Floats, change: Floats) -> Floats:
         units = self.closures.units[: change.shape[1]]
@@ -374,6 +366,20 @@ class Assembly(ClosedMotion):
         if not done[0]:
             problem = self.opening(self.closures.at(nearest)[0][0])
         raise InputError(f"the loops cannot be closed at the independent positions of sample {sample}: {problem}")
+
+
+def _random_motion(rng: np.random.Generator, jacobian: Floats, size: float, bias: Floats | float = 0.0) -> Floats:
+    """Random x with J x + bias = 0."""
+    any_ = rng.uniform(-size, size, jacobian.shape[::2])
+    opening = (jacobian @ any_[:, :, None])[:, :, 0] + bias
+    back = np.linalg.pinv(jacobian, rcond=RANK_TOLERANCE) @ opening[:, :, None]
+    result: Floats = any_ - back[:, :, 0]
+    return result
+
+
+def _singular(jacobian: Floats, rank: int) -> Floats:
+    """The smallest singular value that does not vanish at the assembly pose: how far singular configurations are."""
+    return np.asarray(np.linalg.svd(jacobian, compute_uv=False)[:, max(rank - 1, 0)], dtype=np.float64)
 
 
 def _damped_steps(values: Floats, jacobian: Floats) -> Floats:

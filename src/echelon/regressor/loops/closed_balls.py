@@ -96,9 +96,10 @@ class ClosedBalls:
     def _moving(self, q: Values, jacobian: _Jacobian, names: set[str], rng: np.random.Generator) -> Values:
         """Values of inputs at a random motion through a pose."""
         rates = jacobian.completed({name: _random(rng) for name in jacobian.free})
-        accelerations = jacobian.completed({name: _random(rng) for name in jacobian.free}, self._bias(q, rates))
-        values = {f"q[{n}]": x for n, x in q.items()}
-        values |= {f"qd[{n}]": x for n, x in rates.items()} | {f"qdd[{n}]": x for n, x in accelerations.items()}
+        values = {f"q[{n}]": x for n, x in q.items()} | {f"qd[{n}]": x for n, x in rates.items()}
+        if any(name.startswith("qdd[") for name in names):
+            found = jacobian.completed({name: _random(rng) for name in jacobian.free}, self._bias(q, rates))
+            values |= {f"qdd[{n}]": x for n, x in found.items()}
         values |= {name: _random(rng) for name in sorted(names) if name not in {*values, *self.symbols}}
         values |= self.symbols
         if not any(name.startswith("v[") for name in names):

@@ -57,7 +57,7 @@ def lift(equations: OfSeries, slopes: OfSeries, choice: Choice, free: Residues, 
     dependent, independent = list(choice.dependent), list(choice.independent)
     square = np.ix_(range(samples), choice.rows, dependent)
     local = np.zeros((samples, len(dependent) + len(independent), order), dtype=np.int64)
-    known, inverse = 1, None
+    known, inverses = 1, None
     while known < order:
         target = min(2 * known, order)
         local[:, independent, :target] = free[..., :target]
@@ -65,10 +65,9 @@ def lift(equations: OfSeries, slopes: OfSeries, choice: Choice, free: Residues, 
         if values[..., :known].any():
             raise SingularPoseError("the loops do not stay closed")
         # half the coefficients of the derivatives do, for what is added begins with the power t^known
-        inverse = series.matrix_inverse(slopes(local[..., :known])[square], field, inverse)
-        residual = values[:, list(choice.rows), known:target]
-        change = series.matrix_product(inverse[..., : target - known], residual[:, :, None], field)[:, :, 0]
-        local[:, dependent, known:target] = -change % field.p
+        residual = values[:, list(choice.rows), None, known:target]
+        change, inverses = series.solve(slopes(local[..., :known])[square], residual, field, inverses)
+        local[:, dependent, known:target] = -change[:, :, 0] % field.p
         known = target
     return local
 
@@ -82,8 +81,8 @@ def tangent(jacobian: Residues, choice: Choice, free: Residues, field: PrimeFiel
     if dependent:
         rows = range(samples)
         driven = series.matrix_product(jacobian[np.ix_(rows, choice.rows, independent)], free[:, :, None], field)
-        inverse = series.matrix_inverse(jacobian[np.ix_(rows, choice.rows, dependent)], field)
-        result[:, dependent] = -series.matrix_product(inverse, driven, field)[:, :, 0] % field.p
+        solved, _ = series.solve(jacobian[np.ix_(rows, choice.rows, dependent)], driven, field)
+        result[:, dependent] = -solved[:, :, 0] % field.p
     return result
 
 

@@ -29,6 +29,7 @@ from echelon.regressor.steps import Recorder
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 _ATTEMPTS = 2
+_ORDER = 16  # of the coefficients of a curve that show whether the loops really move
 _STANDS_STILL = 1e-3  # rad or m
 _EXACTLY = (
     "Write what is meant exactly: directions and angles as expressions such as pi/3 or sqrt(2)/2, equal lengths as "
@@ -210,7 +211,7 @@ def _jacobian(mechanism: Mechanism, work: float = inf) -> tuple[PrimeField, Resi
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng)
         try:
-            return field, sampler.jacobian(field, rng)
+            return field, sampler.jacobian(field, rng, _ORDER)
         except DegenerateSampleError:
             continue
         except ShakyPoseError:

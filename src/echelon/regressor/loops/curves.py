@@ -7,11 +7,12 @@ coefficients of a row along such curves span what the row spans at all configura
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from itertools import islice
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -36,9 +37,11 @@ from echelon.regressor.loops.positions import Constants, Positions, Recorded
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 _LOST = 2  # coefficients that are not known of accelerations
-_REGULAR_ORDER = 16  # half of these coefficients show whether a curve is closed
 _PRODUCT, _LIFTS = 0.25, 3  # what a product of series costs, of order², and how often closures are evaluated
 _SURPLUS = 3  # halves: that many more coefficients are taken than states, because some are not independent
+
+
+T = TypeVar("T")
 
 
 class CurveSampler(FieldSampler):
@@ -103,30 +106,29 @@ class CurveSampler(FieldSampler):
 
         See :meth:`echelon.program.sampling.FieldSampler.evaluate`.
         """
+        return self.from_pose(field, rng, geometry, lambda pose: self.evaluate_at(field, rng, states, geometry, pose))
+
+    def from_pose(
+        self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues], found: Callable[[Pose], T]
+    ) -> T:
+        """What is found from a closed pose for every geometry; where the stated one is singular, from another."""
+        positions = self._positions(field, rng, geometry)
         while True:
-            pose = self.closed_pose(field, rng, geometry)
             try:
-                return self.evaluate_at(field, rng, states, geometry, pose)
+                return found(self._poses.find(positions, rng))
             except SingularPoseError:
                 if not self._poses.leave_stated():
                     raise
 
-    def closed_pose(self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues]) -> Pose:
-        """A closed pose for every geometry."""
-        while True:
-            positions = self._positions(field, rng, geometry)
-            pose = self._poses.find(positions, rng)
-            self._poses.regular = self._poses.regular or self._is_regular(positions, pose, rng)
-            if self._poses.regular:
-                return pose
-            if not self._poses.leave_stated():
-                raise ShakyPoseError("at closed poses, velocities are possible from which no motion goes on")
+    @property
+    def at_stated_pose(self) -> bool:
+        """Whether the poses that were found are the stated one, exactly."""
+        return self._poses.takes_stated
 
-    def pose_variants(
-        self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues], count: int
+    def variants(
+        self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues], pose: Pose, count: int
     ) -> Pose:
         """A closed pose of one geometry and others that share some of its coordinates."""
-        pose = self.closed_pose(field, rng, geometry)
         return self._poses.variants(self._positions(field, rng, geometry), pose, count, rng)
 
     def evaluate_at(
@@ -149,26 +151,29 @@ class CurveSampler(FieldSampler):
     def _curves(self, states: int) -> int:
         return max(1 + -(-_SURPLUS * states // (2 * self.order)), len(self._regions))
 
-    def jacobian(self, field: PrimeField, rng: np.random.Generator) -> Residues:
-        """Jacobian of the closures by all coordinates at a closed pose of a random geometry."""
+    def jacobian(self, field: PrimeField, rng: np.random.Generator, order: int = 0) -> Residues:
+        """Jacobian of the closures by all coordinates at a closed pose of a random geometry.
+
+        ShakyPoseError if no curve goes on from there, as half of the coefficients up to an order show.
+        """
         geometry = {s: field.draw(rng, (1,)) for s in self.symbols}
-        pose = self.closed_pose(field, rng, geometry)
-        jacobian: Residues = self._positions(field, rng, geometry).jacobian(pose)[0]
-        return jacobian
+        positions = self._positions(field, rng, geometry)
+
+        def found(pose: Pose) -> Residues:
+            try:
+                if order:
+                    self._curve(positions, pose, rng, order, {})
+            except SingularPoseError:
+                raise ShakyPoseError("at closed poses, velocities are possible from which no motion goes on") from None
+            jacobian: Residues = positions.jacobian(pose)[0]
+            return jacobian
+
+        return self.from_pose(field, rng, geometry, found)
 
     def _curve(
         self, positions: Positions, pose: Pose, rng: np.random.Generator, order: int, signs: Mapping[int, Residues]
     ) -> ClosedCurve:
         return ClosedCurve(positions, pose, rng, order, self.loops.speeds, self._speeds, signs, self._exponentials)
-
-    def _is_regular(self, positions: Positions, pose: Pose, rng: np.random.Generator) -> bool:
-        """Whether curves of closed poses go on from a pose in all directions that the Jacobian allows."""
-        first = np.zeros(1, dtype=np.intp)
-        try:
-            self._curve(positions.at(first), pose.at(first), rng, _REGULAR_ORDER, {})
-        except SingularPoseError:
-            return False
-        return True
 
     # -- signs -----------------------------------------------------------------------------------------------------
 

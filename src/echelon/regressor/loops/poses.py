@@ -44,7 +44,7 @@ class PoseFinder:
     ) -> None:
         self._preferred, self._accepts, self._work = preferred, accepts, work
         self._stated = list(stated)
-        self._takes_stated = self.regular = False  # whether curves go on from the poses that are found
+        self.takes_stated = False  # whether the poses that are found are the stated one
         self._blocks: list[ClosureBlock] | None = None
         self._manageable: set[ClosureBlock] = set()
         self._spent = 0.0  # work since a pose was found last, over all primes
@@ -58,8 +58,8 @@ class PoseFinder:
                 if values is None
                 else recorded.layout.stated_pose(values, recorded.units, positions.field, samples)
             )
-            self._takes_stated = pose is not None and not positions.equations(pose).any()
-            if self._takes_stated and pose is not None:
+            self.takes_stated = pose is not None and not positions.equations(pose).any()
+            if self.takes_stated and pose is not None:
                 self._stated = [values]
                 return pose
         self._stated = []
@@ -76,7 +76,7 @@ class PoseFinder:
 
     def variants(self, positions: Positions, pose: Pose, count: int, rng: np.random.Generator) -> Pose:
         """Closed poses of one sample that share the coordinates that were drawn, among them the given one."""
-        if self._takes_stated or self._blocks is None:
+        if self.takes_stated or self._blocks is None:
             return pose
         one = np.zeros(1, dtype=np.intp)
         try:
@@ -88,7 +88,7 @@ class PoseFinder:
 
     def leave_stated(self) -> bool:
         """No longer take the zero or assembly pose, because it is singular; returns whether it was taken so far."""
-        before, self._stated, self._takes_stated, self.regular = self._takes_stated, [], False, False
+        before, self._stated, self.takes_stated = self.takes_stated, [], False
         return before
 
     # -- plan ------------------------------------------------------------------------------------------------------
