@@ -43,8 +43,6 @@ from echelon.mechanism.joint import Motion, MotionKind, Placement, Step, merge
 from echelon.mechanism.mechanism import Mechanism, setup_placements
 from echelon.mechanism.output import Cut, JointForce, Output, plain
 from echelon.mechanism.reading import Snap
-from echelon.regressor.loops.closed_motion import ClosedMotion, largest, normalised
-from echelon.regressor.loops.closing import close
 
 
 @dataclass(frozen=True)
@@ -95,6 +93,8 @@ class _Builder:
         riders = Riders(self.snapping, self._rides())
         mechanism = replace(mechanism, symbols=symbols)
         if closures:
+            from echelon.regressor.loops.closing import close  # robots without loops load without it
+
             assembly, note = chosen_pose(mechanism, self.tree.poses)
             mechanism = replace(mechanism, assembly=assembly)
             self.notes += [note] if note else []
@@ -329,6 +329,8 @@ _NEAR = 0.02  # a pose that is this near to closing is taken for the one that is
 
 def chosen_pose(mechanism: Mechanism, poses: Mapping[str, Mapping[str, float]]) -> tuple[dict[str, float], str]:
     """The pose near which loops are assembled, and what the user should know about it, if anything."""
+    from echelon.regressor.loops.closed_motion import ClosedMotion, largest, normalised
+
     known = [{n: v for n, v in pose.items() if n in mechanism.positions} for pose in poses.values()]
     motion = ClosedMotion(mechanism)
     values, _ = motion.closures.at(normalised(mechanism, np.array([_positions(mechanism, pose) for pose in known])))

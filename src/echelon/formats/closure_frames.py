@@ -26,7 +26,6 @@ from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import IDENTITY, Motion, MotionKind, Placement, Vector, shift
 from echelon.mechanism.reading import Snap
 from echelon.mechanism.stated import placement_matrix
-from echelon.regressor.loops.exact_pose import unit_quaternion
 
 _MOST_ANGLES = 18  # a product of six rotations by three angles each has thousands of terms
 
@@ -67,6 +66,8 @@ def _rounded(chain: Sequence[Placement], angles: Sequence[str], symbols: Mapping
             f"between the two bodies lie {len(angles)} angles that are no multiples of 15° ({shown}, …), too many to "
             "derive the second frame from the first: state both, or values of all symbols"
         )
+    from echelon.regressor.loops.exact_pose import unit_quaternion  # robots without loops load without it
+
     pose = reduce(np.matmul, (placement_matrix(placement, known) for placement in chain))
     quaternion = unit_quaternion(rotation_quaternion(pose[:3, :3]).tolist())
     x, y, z = (as_polynomial(Fraction(f"{value:.15f}")) for value in pose[:3, 3])

@@ -139,6 +139,10 @@ class FieldSampler:
     def _is_symbol(self, node: int) -> bool:
         return node in self.program.inputs and self.program.inputs[node].role == "symbol"
 
+    def with_order(self, order: int | None) -> FieldSampler:  # noqa: ARG002
+        """The sampler itself: without loops there are no curves that have an order."""
+        return self
+
     def evaluate(
         self, field: PrimeField, rng: np.random.Generator, states: int, geometry: Mapping[str, Residues]
     ) -> Residues:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,8 +14,9 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.program.sampling import FieldSampler
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.blocks import BlockRows
-from echelon.regressor.loops.closures import Loops
-from echelon.regressor.loops.curves import CurveSampler
+
+if TYPE_CHECKING:
+    from echelon.regressor.loops.closures import Loops
 
 
 def column_sums(
@@ -61,15 +63,15 @@ class LinearForms:
         """Evaluates all entries at random states modulo primes."""
         if not self._samplers:
             nodes = list(self.entries.values())
-            self._samplers[None] = (
-                FieldSampler(self.program, nodes, self.values)
-                if self.loops is None
-                else CurveSampler(self.program, nodes, self.loops)
-            )
-        sampler = self._samplers[None]
-        if order is not None and isinstance(sampler, CurveSampler) and order not in self._samplers:
-            self._samplers[order] = sampler.with_order(order)
-        return self._samplers.get(order, sampler)
+            if self.loops is None:
+                self._samplers[None] = FieldSampler(self.program, nodes, self.values)
+            else:
+                from echelon.regressor.loops.curves import CurveSampler  # robots without loops do without it
+
+                self._samplers[None] = CurveSampler(self.program, nodes, self.loops)
+        if order not in self._samplers:
+            self._samplers[order] = self._samplers[None].with_order(order)
+        return self._samplers[order]
 
     def stacked(self, values: Residues) -> Residues:
         """Sampled entries as matrices, one for each geometry."""

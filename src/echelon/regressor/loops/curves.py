@@ -90,10 +90,10 @@ class CurveSampler(FieldSampler):
         stated = [None, loops.assembly] if loops.stated else []
         self._poses = PoseFinder(preferred, stated, loops.work, loops.accepts)
 
-    def with_order(self, order: int) -> CurveSampler:
+    def with_order(self, order: int | None) -> CurveSampler:
         """The sampler with another number of coefficients along curves; both know the poses that were found."""
         other = copy(self)
-        other.order = order
+        other.order = self.order if order is None else order
         return other
 
     def evaluate(
