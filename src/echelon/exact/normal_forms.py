@@ -14,24 +14,15 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from echelon.exact.field import PrimeField, Residues
+from echelon.exact.series import matrix_product
 from echelon.exact.straight_line import Indices
 
 Exponents = tuple[int, ...]
 
-_DIGIT = 11  # bits: a digit times a residue, summed over 2^11 terms, is exact in a double
-_SMALL = 2000  # products in a matrix multiplication, below which integers are faster than three products of doubles
-
 
 def multiply(left: Residues, right: Residues, field: PrimeField) -> Residues:
-    """Product of (stacks of) matrices over GF(p), p below 2^31, with at most 2048 terms in a sum."""
-    if left.size * right.shape[-1] < _SMALL:
-        return np.asarray((left[..., None] * right[..., None, :, :] % field.p).sum(axis=-2) % field.p)
-    factor = right.astype(np.float64)
-    total = np.zeros(1, dtype=np.int64)
-    for shift in (2 * _DIGIT, _DIGIT, 0):
-        digit = (left >> shift & (1 << _DIGIT) - 1).astype(np.float64)
-        total = ((total << _DIGIT) + (digit @ factor).astype(np.int64)) % field.p
-    return total
+    """Product of matrices over GF(p)."""
+    return matrix_product(left[..., None], right[..., None], field)[..., 0]
 
 
 @dataclass(frozen=True)

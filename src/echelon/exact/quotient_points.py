@@ -45,8 +45,6 @@ def quotient_points(matrices: Residues, field: PrimeField) -> tuple[Indices, Res
     traces = np.stack([np.trace(power) % field.p for power in powers])
     polynomials = _characteristic(traces, field)
     owners, roots = _roots(polynomials, field)
-    order = np.argsort(owners, kind="stable")
-    owners, roots = owners[order], roots[order]
     cofactors = _cofactors(polynomials[:, owners], roots, field)
     sums = np.zeros((variables, len(owners)), dtype=np.int64)
     below = (cofactors * traces[:-1, owners] % field.p).sum(axis=0) % field.p
@@ -83,51 +81,13 @@ def _characteristic(traces: Residues, field: PrimeField) -> Residues:
 
 def _roots(polynomials: Residues, field: PrimeField) -> tuple[Indices, Residues]:
     """Distinct roots in GF(p) of monic polynomials of shape (degree + 1, samples), and whose they are."""
-    if len(polynomials) <= 3:
-        return _quadratic_roots(polynomials, np.arange(polynomials.shape[1]), field)
-    groups: dict[int, tuple[list[int], list[list[int]]]] = {1: ([], []), 2: ([], [])}
-    owners, roots = [], []
-    x = flint.nmod_poly([0, 1], field.p)
+    owners, roots, x = [], [], flint.nmod_poly([0, 1], field.p)
     for sample, coefficients in enumerate(polynomials.T.tolist()):
         polynomial = flint.nmod_poly(coefficients, field.p)
-        split = polynomial.gcd(pow(x, field.p, polynomial) - x)
-        if split.degree() in groups:
-            groups[split.degree()][0].append(sample)
-            groups[split.degree()][1].append([int(c) for c in split.coeffs()])
-        elif split.degree():
-            found = [int(root) for root, _ in split.roots()]
-            owners += [sample] * len(found)
-            roots += found
-    parts = [(np.array(owners, dtype=np.int64), np.array(roots, dtype=np.int64))]
-    parts += [
-        _quadratic_roots(np.array(factors, dtype=np.int64).T, np.array(samples, dtype=np.int64), field)
-        for samples, factors in groups.values()
-        if samples
-    ]
-    return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
-
-
-def _quadratic_roots(polynomials: Residues, owners: Indices, field: PrimeField) -> tuple[Indices, Residues]:
-    """Distinct roots of monic polynomials of degree one, or of degree two."""
-    p = field.p
-    if len(polynomials) == 2:
-        return owners, -polynomials[0] % p
-    half = polynomials[1] * ((p + 1) // 2) % p
-    discriminant = (half * half - polynomials[0]) % p
-    root = _power(discriminant, (p + 1) // 4, p)  # p is 3 modulo 4
-    real, twice = root * root % p == discriminant, root != 0
-    first, second = (root - half) % p, (-root - half) % p
-    return np.concatenate([owners[real], owners[real & twice]]), np.concatenate([first[real], second[real & twice]])
-
-
-def _power(x: Residues, exponent: int, p: int) -> Residues:
-    """Elementwise power."""
-    result = np.ones_like(x)
-    for bit in bin(exponent)[2:]:
-        result = result * result % p
-        if bit == "1":
-            result = result * x % p
-    return result
+        found = polynomial.gcd(pow(x, field.p, polynomial) - x).roots()  # of what splits into linear factors
+        owners += [sample] * len(found)
+        roots += [int(root) for root, _ in found]
+    return np.array(owners, dtype=np.int64), np.array(roots, dtype=np.int64)
 
 
 def _cofactors(polynomials: Residues, roots: Residues, field: PrimeField) -> Residues:

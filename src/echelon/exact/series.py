@@ -128,9 +128,9 @@ def _triangular(a: Residues, pattern: Flags, field: PrimeField) -> list[tuple[tu
     size, rng = len(pattern), np.random.default_rng(0)
     mixed = (a[0] * field.draw(rng, (a.shape[-1],)) % field.p).sum(axis=-1) % field.p
     determines = solve_batched(mixed[None], np.eye(size, dtype=np.int64)[None], field)[0] != 0
-    order = np.argsort(determines.sum(axis=1), kind="stable")
+    order = sorted(range(size), key=lambda column: (determines[column].sum(), determines[column].tolist()))
     blocks, rows, columns, left = [], list[int](), list[int](), np.ones(size, dtype=bool)
-    for place, column in enumerate(order.tolist()):
+    for place, column in enumerate(order):
         rows, columns = [*rows, *np.flatnonzero(determines[column] & left).tolist()], [*columns, column]
         left[rows] = False
         if len(rows) == len(columns) and (len(rows) >= _SMALL or not left.any()):

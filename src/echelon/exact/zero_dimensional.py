@@ -40,32 +40,22 @@ class Solutions:
     points: list[Residues]  # the solutions of each sample
 
 
-def solve(
-    equations: Sequence[Mapping[Exponents, Residues]],
-    variables: int,
-    field: PrimeField,
-    monomial_limit: int = _MONOMIALS,
-) -> Solutions:
-    """Solve a system with finitely many solutions.  Shapes: equations (samples,).
+class Solver:
+    """Solves systems with finitely many solutions, and remembers how for others that have the same monomials.
 
     >>> x, y = (1, 0), (0, 1)
     >>> line = {x: np.array([1, 1]), y: np.array([-1, -1])}
     >>> circle = {(2, 0): np.array([1, 1]), (0, 2): np.array([1, 1]), (0, 0): np.array([-2, -8])}
-    >>> [sorted(points.tolist()) for points in solve([line, circle], 2, PrimeField.of(47)).points]
+    >>> [sorted(points.tolist()) for points in Solver(2).solve([line, circle], PrimeField.of(47)).points]
     [[[1, 1], [46, 46]], [[2, 2], [45, 45]]]
     """
-    return Solver(variables, monomial_limit).solve(equations, field)
-
-
-class Solver:
-    """Solves systems like :func:`solve`, and remembers how for others that have the same monomials."""
 
     def __init__(self, variables: int, monomial_limit: int = _MONOMIALS) -> None:
         self._variables, self._limit = variables, monomial_limit
         self._recordings: dict[tuple[tuple[Exponents, ...], ...], _Recording] = {}
 
     def solve(self, equations: Sequence[Mapping[Exponents, Residues]], field: PrimeField) -> Solutions:
-        """Solve a system; for the arguments see :func:`solve`."""
+        """Solve polynomials by the exponents of their terms, with coefficients of shape (samples,)."""
         system = [Equation.of(terms, field) for terms in equations if terms]
         samples = system[0].coefficients.shape[0] if system else 0
         points = [np.zeros((0, self._variables), dtype=np.int64) for _ in range(samples)]

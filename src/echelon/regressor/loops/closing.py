@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from math import inf
@@ -166,10 +166,15 @@ def _real(mechanism: Mechanism) -> tuple[Mechanism, _Real | None]:
 def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
     """The mechanism as it is if its loops close exactly and move as in doubles, else with frames that follow."""
     reasons, locked = [], ""
-    attempts = [(_as_it_is, _LITTLE_WORK), (_followed, inf), (_as_it_is, inf), (_in_numbers, inf)]
+    attempts: list[tuple[Callable[[], Mechanism], float]] = [
+        (lambda: mechanism, _LITTLE_WORK),
+        (lambda: _at(mechanism, real.assembly.pose), inf),
+        (lambda: mechanism, inf),
+        (lambda: in_numbers(mechanism), inf),
+    ]
     for attempt, work in attempts[:1] if mechanism.closed_at else attempts:
         try:
-            closed = attempt(mechanism, real)
+            closed = attempt()
             field, jacobian = _jacobian(closed, work)
         except InputError as error:
             reasons.append(str(error))
@@ -181,23 +186,11 @@ def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
     raise InputError(locked or real.singular() or reasons[0])
 
 
-def _as_it_is(mechanism: Mechanism, _: _Real) -> Mechanism:
-    return mechanism
-
-
-def _followed(mechanism: Mechanism, real: _Real) -> Mechanism:
-    return _at(mechanism, real.assembly.pose)
-
-
 def _at(mechanism: Mechanism, pose: Floats) -> Mechanism:
     try:
         return closed_exactly(mechanism, pose)
     except ValueError as error:
         raise InputError(unsolved(mechanism, str(error))) from None
-
-
-def _in_numbers(mechanism: Mechanism, _: _Real) -> Mechanism:
-    return in_numbers(mechanism)
 
 
 def _jacobian(mechanism: Mechanism, work: float = inf) -> tuple[PrimeField, Residues]:

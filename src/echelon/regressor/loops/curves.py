@@ -17,18 +17,19 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import ShakyPoseError, SingularPoseError, UnknownRelationsError
 from echelon.exact.field import PrimeField, Residues
 from echelon.program.canonical import Turn
 from echelon.program.generator_values import GeneratorValues
 from echelon.program.operations import Op
-from echelon.program.region import RegionReport
-from echelon.program.region_search import COMPLETE
+from echelon.program.region import SAMPLED, RegionReport, one_sided
+from echelon.program.region_search import COMPLETE, IndependentRegions
 from echelon.program.sampling import FieldSampler, generators_of
-from echelon.program.schedule import Schedule
+from echelon.program.schedule import FloatArithmetic, Schedule
+from echelon.program.surfaces import find_surfaces, monomials
 from echelon.program.tape import Program
 from echelon.regressor.loops.closed_curve import ClosedCurve
-from echelon.regressor.loops.closed_regions import REAL_STATES, closed_regions
 from echelon.regressor.loops.closures import Loops
 from echelon.regressor.loops.exponentials import Exponentials
 from echelon.regressor.loops.moving import Layout, Pose
@@ -40,6 +41,9 @@ _LOST = 2  # coefficients that are not known of accelerations
 _PRODUCT, _LIFTS = 0.25, 3  # what a product of series costs, of order², and how often closures are evaluated
 _SURPLUS = 3  # halves: that many more coefficients are taken than states, because some are not independent
 
+_REAL_STATES = 256
+_SPEEDS = 10 ** np.linspace(-6, 6, 25)
+_MOST_PRODUCTS, _MOST_REGIONS = 512, 64
 
 T = TypeVar("T")
 
@@ -198,8 +202,8 @@ class CurveSampler(FieldSampler):
             return np.ones((1, 0), dtype=np.int64), RegionReport(1, COMPLETE)
         if self.loops.real is None:
             raise UnknownRelationsError("signs of what moves in a mechanism with loops")
-        states = self.loops.real(random_generator(DEFAULT_SEED), REAL_STATES)
-        return closed_regions(self.program, self._main_outputs, self._sign_leaves, states)
+        states = self.loops.real(random_generator(DEFAULT_SEED), _REAL_STATES)
+        return _regions_at(self.program, self._main_outputs, self._sign_leaves, states)
 
     def _signs(self, field: PrimeField, rng: np.random.Generator, samples: int) -> dict[int, Residues]:
         """Values of the nodes that are signs: regions take turns, in random order."""
@@ -257,3 +261,36 @@ def _mixed(values: Residues, states: int, field: PrimeField, rng: np.random.Gene
     for k, weights in enumerate(field.draw(rng, (values.shape[2], states))):
         result += values[:, :, k, None] * weights % field.p
     return result % field.p
+
+
+def _regions_at(
+    program: Program, outputs: Sequence[int], signs: Sequence[int], states: Mapping[str, Floats]
+) -> tuple[npt.NDArray[np.int64], RegionReport]:
+    """Signs that occur together in closed states, and what is said of them.
+
+    Closed states cannot be moved at will, but a motion can be run at any speed: q̇ times s and q̈ times s² keep loops
+    closed.  So random states, each at speeds of all orders of magnitude, show which signs occur together, however
+    narrow a dead zone of a speed is.  Of these regions those are kept that add something.
+    """
+    arguments = [program.lhs[node] for node in signs]
+    schedule = Schedule(program, arguments)
+    inputs = {node: _at_all_speeds(program.inputs[node].name, states) for node in schedule.leaves}
+    count = len(next(iter(states.values()))) * len(_SPEEDS)
+    table = np.sign(schedule.run(FloatArithmetic(), inputs, count)).astype(np.int8)
+    found = np.unique(table[:, (table != 0).all(axis=0)], axis=1)
+    row = {node: k for k, node in enumerate(arguments)}
+    surfaces = find_surfaces(program, outputs)
+    products = monomials(surfaces, {n: 0 for n in surfaces.nodes if n not in row}, _MOST_PRODUCTS)
+    rows = None if products is None else [tuple((row[n], e) for n, e in p) for p in products]
+    independent = IndependentRegions(rows)
+    kept = independent.include(found, lambda _: True)[:_MOST_REGIONS]
+    ended = COMPLETE if independent.complete and len(kept) == independent.rank else SAMPLED
+    seen = [(node, set(found[k].tolist())) for k, node in enumerate(arguments)]
+    remarks = tuple(one_sided(program, node, side.pop()) for node, side in seen if len(side) == 1)
+    return found[:, kept].T.astype(np.int64), RegionReport(len(kept), ended, remarks)
+
+
+def _at_all_speeds(name: str, states: Mapping[str, Floats]) -> Floats:
+    power = {"qd": 1, "qdd": 2}.get(name.partition("[")[0], 0)
+    scaled: Floats = (states[name][:, None] * _SPEEDS**power).ravel()
+    return scaled
