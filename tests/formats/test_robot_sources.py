@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+import sys
 from pathlib import Path
 
 import mujoco
@@ -101,3 +102,10 @@ def test_what_is_no_robot_is_refused() -> None:
 
 def test_a_mechanism_has_a_short_repr() -> None:
     assert repr(ec.load(EXAMPLES / "panda.yaml")) == "Mechanism(panda: 7 bodies, 7 degrees of freedom)"
+
+
+@pytest.mark.parametrize("name", ["double_pendulum.yaml", "so101.urdf"])
+def test_robots_without_loops_load_without_the_room_of_loops(name: str) -> None:
+    script = "import sys, echelon; echelon.load(sys.argv[1]); print([m for m in sys.modules if 'loops' in m])"
+    done = subprocess.run([sys.executable, "-c", script, EXAMPLES / name], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

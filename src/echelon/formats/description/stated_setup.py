@@ -26,8 +26,6 @@ from echelon.mechanism.joint import Joint, Motion, MotionKind, Placement, X, Y, 
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import ActuatorForce, Channel, Cut, JointForce, Output, plain
 from echelon.mechanism.transmission import Actuator
-from echelon.regressor.loops.closing import close
-from echelon.regressor.loops.exact_pose import check_pose
 
 if TYPE_CHECKING:
     from echelon.formats.schema.robot_schema import RobotDescription
@@ -254,6 +252,8 @@ class _Additions:
         opened = replace(self.mechanism, closures=closures, independent=(), assembly=assembly, symbols=symbols)
         if self.robot.closed_at:
             opened = self._followed(opened)
+        from echelon.regressor.loops.closing import close  # robots without loops load without it
+
         return close(opened, self._independent(), prefer=prefer)
 
     def _closures(self) -> Iterator[Closure]:
@@ -336,6 +336,8 @@ class _Additions:
             name: tuple(self.expressions.polynomial(text, f"closed_at.{name}[{k}]") for k, text in enumerate(position))
             for name, position in self.robot.closed_at.items()
         }
+        from echelon.regressor.loops.exact_pose import check_pose
+
         try:
             check_pose(mechanism, pose)
             return follow(mechanism, pose)
