@@ -22,7 +22,7 @@ _DIGITS = 1e-9
 @pytest.fixture(autouse=True)
 def unclosed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Constraints are read; whether the program finds its own way to close them is not asked."""
-    monkeypatch.setattr("echelon.formats.builder.close", lambda mechanism, *_, **__: mechanism)
+    monkeypatch.setattr("echelon.regressor.loops.closing.close", lambda mechanism, *_, **__: mechanism)
 
 
 def read(text: str) -> Mechanism:
