@@ -65,6 +65,7 @@ async function update({ fresh = false, keep = false } = {}) {
 async function deriveOnce() {
   const answer = byId("answer");
   answer.setAttribute("aria-busy", "true");
+  if (ready) byId("status").textContent = "Deriving …";
   const started = performance.now();
   const request = await requested();
   const reply = request.error ? request : await ask(request);

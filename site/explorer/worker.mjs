@@ -17,6 +17,7 @@ async function start() {
 }
 
 const started = start();
+started.catch(() => {}); // the reply to the first request says it
 
 self.onmessage = async ({ data: { id, request } }) => {
   let reply;
