@@ -19,11 +19,6 @@ from echelon.models.linear_model import LinearModel
 from echelon.program.sympy_bridge import to_sympy
 
 
-def json_schema() -> dict[str, Any]:
-    """The JSON schema of a linear-model document."""
-    return LinearDocument.model_json_schema()
-
-
 def load_linear(path: str | os.PathLike[str]) -> LinearModel:
     """Read a linear model from a YAML or JSON document.
 

@@ -60,3 +60,8 @@ def _twice(pairs: list[tuple[str, Any]]) -> str:
             return key
         seen.add(key)
     raise AssertionError
+
+
+def published_schema(name: str, schema: dict[str, Any]) -> dict[str, Any]:
+    """A schema that says its dialect, and a name that is no address, with the version of the format."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": f"urn:echelon:schema:{name}:1", **schema}

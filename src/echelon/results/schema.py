@@ -15,6 +15,7 @@ from echelon.base.own import SpecialValues
 from echelon.base.reading_report import ReadingReport
 from echelon.choices import Values
 from echelon.errors import InputError
+from echelon.inputs.json_text import published_schema
 
 SCHEMA_NAME: Literal["echelon.base-model/1"] = "echelon.base-model/1"
 
@@ -53,7 +54,8 @@ def made(kind: type[Made], record: Schema) -> Made:
 
 def json_schema(kind: type[Schema]) -> dict[str, Any]:
     """The JSON schema of a record."""
-    return kind.model_json_schema(by_alias=True)
+    name = "identified" if kind is IdentifiedRecord else "base-model"
+    return published_schema(name, kind.model_json_schema(by_alias=True))
 
 
 class _Strict(Schema):

@@ -22,6 +22,7 @@ from echelon.arrays import Floats
 from echelon.errors import InputError, one_line
 from echelon.excite.problem.trajectory import DURATIONS, Basis, Combined, Fourier, Splines, Trajectory
 from echelon.hints import nearest_of
+from echelon.inputs.json_text import published_schema
 
 VERSION = 1
 """Version of the format."""
@@ -104,7 +105,7 @@ class TrajectoryRecord(_Strict):
 
 def trajectory_schema() -> dict[str, Any]:
     """The JSON schema of the file."""
-    return TrajectoryRecord.model_json_schema()
+    return published_schema("trajectory", TrajectoryRecord.model_json_schema())
 
 
 _KEY = "echelon_trajectory"

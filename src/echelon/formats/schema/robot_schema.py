@@ -38,12 +38,12 @@ from echelon.formats.schema.schema_types import (
     refusal,
     required,
 )
+from echelon.inputs.json_text import published_schema
 
 FORMS = ("modified_dh", "standard_dh", "bodies", "robot")
 """The ways to describe the geometry; a document uses exactly one."""
 
 Kind = Literal["XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M"]
-_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 class SymbolDetails(Model):
@@ -164,7 +164,7 @@ class RobotDescription(Model):
 
     model_config = ConfigDict(
         title="Echelon robot description",
-        json_schema_extra={"$schema": _DIALECT, "oneOf": [{"required": [form]} for form in FORMS]},
+        json_schema_extra={"oneOf": [{"required": [form]} for form in FORMS]},
     )
 
     echelon: Version = required("Version of this format.", 1)
@@ -290,4 +290,4 @@ def json_schema() -> dict[str, Any]:
 
     ``schemas/robot.schema.json`` of the repository holds it; ``echelon schema description`` prints it.
     """
-    return RobotDescription.model_json_schema()
+    return published_schema("robot", RobotDescription.model_json_schema())
