@@ -23,7 +23,7 @@ import numpy as np
 import echelon as ec
 from echelon.identification.cluster import connect
 from echelon.identification.identify import identify
-from echelon.identification.rows.batches import stacked
+from echelon.identification.rows.ingest import stacked
 from echelon.logs.preparation.settings import Preparation
 from echelon.setup.setup import Setup, load_setup
 

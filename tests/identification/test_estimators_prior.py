@@ -10,7 +10,7 @@ import pytest
 from echelon.errors import InputError
 from echelon.identification.estimators.errors_in_variables import tls
 from echelon.identification.estimators.estimate import Estimate, direction_text, open_directions
-from echelon.identification.estimators.fixed_parameters import Substitution, fixed
+from echelon.identification.estimators.fit import Substitution, fixed
 from echelon.identification.estimators.huber import huber
 from echelon.identification.estimators.least_squares import irls, minimum_norm, ols
 from support.estimation_problems import assert_same, dense, serial, unseen

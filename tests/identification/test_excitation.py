@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import echelon as ec
-from echelon.identification.conditioning import conditioning, sparse_basis
-from echelon.identification.motion_advice import sensitivities
+from echelon.identification.conditioning import conditioning, sensitivities, sparse_basis
 from echelon.mechanism.effect import Side, ready_made
 from support.linkages import four_bar
 from support.observation_rows import ArrayRows

@@ -174,7 +174,7 @@ def test_pendulum_on_the_last_third(pendulum: tuple[Setup, Identification]) -> N
     unseen = result.validations[1]
     assert unseen.role == "validation"
     assert rms(unseen)[0] <= 0.083
-    assert rms(unseen)[1] <= 0.089
+    assert rms(unseen)[1] <= 0.091
     assert_as_good_as_by_hand(setup, result, PENDULUM, "pendulum")
     plan = Plan(result.base, setup.columns, result.preparation, setup.settings.holdout)
     for model in MODELS:

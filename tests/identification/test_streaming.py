@@ -23,8 +23,7 @@ from echelon.identification.passes_over_data import PassesOverData
 from echelon.identification.result import Identification
 from echelon.identification.rows import plan as model_plan
 from echelon.identification.rows import rows as model_rows
-from echelon.identification.rows.batches import BATCHES, Batcher, grouped, total
-from echelon.identification.rows.ingest import ingest
+from echelon.identification.rows.ingest import BATCHES, Batcher, grouped, ingest, total
 from echelon.identification.rows.plan import Plan
 from echelon.identification.rows.rows import prefetched
 from echelon.logs.preparation.settings import Preparation

@@ -15,9 +15,9 @@ from echelon.cli.destination import Destination
 from echelon.cli.screen import json_text, say_time, show, steps
 from echelon.errors import InputError, one_line
 from echelon.extras import extra
-from echelon.identification.first_look import FirstLook, first_look
 from echelon.identification.predict import Prediction, predict_log
 from echelon.identification.result import limited
+from echelon.identification.survey import FirstLook, first_look
 from echelon.identification.validation import Score
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.finding import counted

@@ -50,6 +50,8 @@ _EXPLAINED = 0.5
 """Share of what is measured that the model explains at least at the edge of the band."""
 _BIASED = 1 / 3
 """Largest bias of a base parameter, by its standard deviation."""
+_TOLD = 0.5
+"""Bias from which on it is said: intervals of 95 % then hold 92 % or less."""
 _REWEIGHTED = 4
 _LEAST = 1e-9
 """Residual of an output at least, by its largest value: rounding of exact data is no knowledge."""
@@ -82,7 +84,7 @@ def with_band(
         reason = f"{bands[place]:.3g} Hz: above it the model explains less than half of what is measured"
         preparation = reasoned(preparation, "band", bands[place], reason)
     preparation = with_still(log, preparation)
-    if fits[place].bias <= 1:
+    if fits[place].bias <= _TOLD:
         return preparation, ()
     text = (
         f"noise of the positions moves {trials.name(fits[place])} by {fits[place].bias:.2g} standard deviations, "

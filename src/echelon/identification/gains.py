@@ -28,7 +28,7 @@ from echelon.errors import InputError
 from echelon.identification.current_fit import fit_currents
 from echelon.identification.estimators.errors_in_variables import tls
 from echelon.identification.estimators.estimate import Estimate, solved
-from echelon.identification.estimators.fixed_parameters import fixed as fixed_parameters
+from echelon.identification.estimators.fit import fixed as fixed_parameters
 from echelon.identification.estimators.least_squares import wls
 from echelon.identification.payload import Payload, loaded_rows, with_zeros
 from echelon.identification.rows.plan import Plan

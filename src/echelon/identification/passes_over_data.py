@@ -15,8 +15,17 @@ from typing import TYPE_CHECKING
 
 from echelon.errors import InputError
 from echelon.identification.cluster import each, summed
-from echelon.identification.rows.batches import BATCHES, Batch, grouped, joined, total
-from echelon.identification.rows.ingest import MEMORY, Ingested, KeptRows, ingest
+from echelon.identification.rows.ingest import (
+    BATCHES,
+    MEMORY,
+    Batch,
+    Ingested,
+    KeptRows,
+    grouped,
+    ingest,
+    joined,
+    total,
+)
 from echelon.identification.rows.plan import Part, Plan
 from echelon.identification.rows.rows import ModelRows, Rows
 from echelon.identification.validation import LIMIT, Models, Validation, validated
