@@ -53,7 +53,7 @@ lint: $(DEV)
 test: lint
 	$(BIN)/pytest -n auto --dist worksteal -m "not slow"
 
-slow: $(DEV)
+slow: $(DEV) $(DOCS)
 	$(BIN)/pytest -n auto -m "slow or hypothesis" --hypothesis-profile thorough
 
 faults: $(DEV)

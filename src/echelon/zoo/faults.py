@@ -24,7 +24,7 @@ from echelon.mechanism.stated import characteristic_length
 
 _ROUNDED = 1e-6  # relative; decimals of a file cannot help smaller violations
 _WIDE = 3.0  # a radius of gyration of so many lengths of the robot is a placeholder
-_LIGHT = 1e-6  # kg; points of less mass only mark a frame
+_LIGHT = 1e-3  # kg; points of less mass only mark a frame
 _STEPS = 60
 MISSING = "it has a shape, but no inertia is stated"
 POINT = "it has mass, but no rotational inertia: it is a point"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sysconfig
 from collections import Counter
@@ -35,7 +36,7 @@ class Found:
 def usual_folders() -> list[Path]:
     """The folders of the packages ``example-robot-data`` and ``robot_descriptions`` that are there."""
     installed = Path(sysconfig.get_path("purelib")) / "cmeel.prefix" / "share" / "example-robot-data" / "robots"
-    cached = Path.home() / ".cache" / "robot_descriptions"
+    cached = Path(os.environ.get("ROBOT_DESCRIPTIONS_CACHE", "~/.cache/robot_descriptions")).expanduser()
     return [folder for folder in (installed, cached) if folder.is_dir()]
 
 
