@@ -242,6 +242,7 @@ OBJECTS: Mapping[str, Example] = {
     "payload": Example(lambda: ec.Payload("j2", {"M": 0.5})),
     "gains": Example(gains),
     "identification": Example(identification, shown),
+    "what a fit covers": Example(lambda: identification().ranges, repr),
     "identified model": Example(identified, lambda found: (repr(found), found.values)),
     "rows": Example(lambda: identified().plan.rows([file("run.parquet")]), lambda found: found.observation().factors),
     "block of rows": Example(lambda: next(identified().plan.rows([file("run.parquet")]).blocks()), repr),
