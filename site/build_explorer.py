@@ -4,7 +4,7 @@
 
 Everything from elsewhere is named with its hash in ``site/explorer/lock.json`` and fetched through npm and pip, into a
 cache.  NumPy for Pyodide is on no package index; Pyodide's own release has it, under a hash that the npm package
-states.  A folder of wheels (``--wheels``) may have it, too.  Without it the page is built, and says that it cannot
+states.  A folder may hold an own build of it (``--wheels``).  Without it the page is built, and says that it cannot
 answer.
 """
 
@@ -49,7 +49,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Build the explorer into a folder.")
     parser.add_argument("folder", type=Path)
     parser.add_argument("--robots", type=Path, action="append", default=[], help="folder of robots")
-    parser.add_argument("--wheels", type=Path, help="folder of wheels to look in before the network")
+    parser.add_argument("--wheels", type=Path, help="folder with an own wheel of NumPy for Pyodide")
     parser.add_argument("--cache", type=Path, default=ROOT / "build" / "cache")
     given = parser.parse_args()
     missing = build(given.folder, given.robots or [ROOT / "examples"], given.cache, given.wheels)
@@ -187,10 +187,11 @@ def _stripped(wheel: Path) -> Path:
 
 
 def _released(file: str, sha256: str, version: str, cache: Path, wheels: Path | None) -> Path | None:
-    """A wheel of Pyodide's release, from a folder or the network, checked; None if it cannot be had."""
-    for folder in filter(None, (wheels, cache)):
-        if (folder / file).exists() and _sha256(folder / file) == sha256:
-            return folder / file
+    """A wheel of a folder, or else of Pyodide's release, which is checked; None if it cannot be had."""
+    if wheels is not None and (wheels / file).exists():  # who names a folder answers for what is in it
+        return wheels / file
+    if (cache / file).exists() and _sha256(cache / file) == sha256:
+        return cache / file
     found = cache / file
     try:
         with urllib.request.urlopen(RELEASE.format(version=version, file=file), timeout=60) as answer:
