@@ -68,6 +68,22 @@ def test_rounded_angles_that_add_up_to_a_right_angle(tmp_path: Path) -> None:
     ]
 
 
+def test_axes_outside_loops_are_related_as_in_trees() -> None:
+    """65 degrees in radians to six digits and back: the third axis is parallel to the first."""
+    hinge, bar = '<joint name="{}" axis="0 0 1"/>', '<joint name="{}" axis="0 1 0"/>'
+    tree = (
+        f'<body>{hinge.format("j1")}<geom size="1"/><body pos=".1 0 0" euler="65 0 0"><body pos=".1 .2 0" '
+        f'euler="-65.00005 0 0">{hinge.format("j2")}<geom size="1"/><body name="crank" pos=".2 0 0">'
+        f'{bar.format("q1")}<geom size="1"/><body name="coupler" pos="0 0 .15">{bar.format("q2")}<geom size="1"/>'
+        f'</body></body><body name="rocker" pos=".6 0 0">{bar.format("q3")}<geom size="1"/></body></body></body></body>'
+    )
+    loop = '<equality><connect body1="coupler" body2="rocker" anchor="0.35 0 0.03"/></equality>'
+    text = f"<mujoco><worldbody>{tree}</worldbody>{loop}</mujoco>"
+    base = ec.base_parameters(ec.load(text))
+    assert base.rank < (base.reading.literal_rank or 0)
+    assert base.rank == ec.base_structure(ec.load(text.replace("-65.00005", "-65"))).rank
+
+
 @pytest.mark.parametrize("axis", ["2 4 6", "0.26726124 0.53452248 0.80178373", "-0.1 -0.2 -0.3"])
 def test_one_direction_in_several_spellings(tmp_path: Path, axis: str) -> None:
     rows = [("revolute", "0.2 0 0.1", "0 0 0", a) for a in ("1 2 3", axis, "1 2 3")]

@@ -17,6 +17,7 @@ from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.exact_pose import unit_quaternion
 from echelon.regressor.virtual_power import virtual_power_form
 from support.selection import one_in
+from support.zoo.linkages import sarrus
 
 
 def turning(name: str, parent: str, xyz: str = "0, 0, 0", rpy: str = "0, 0, 0") -> str:
@@ -151,6 +152,11 @@ def test_the_mode_is_right_at_many_poses(name: str) -> None:
     check(name, 20, 5)
 
 
+def test_an_angle_that_is_twice_another_stays_so() -> None:
+    pose = read(f"echelon: 1\n{sarrus(raised=True)}").closed_at
+    assert len({symbol for name in ("a1", "a2", "a3") for x in pose[name] for symbol in x.symbols()}) == 1
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_exact_quaternions_are_those_that_were_found(seed: int) -> None:
     parts = np.random.default_rng(seed).normal(size=4)
@@ -158,6 +164,13 @@ def test_exact_quaternions_are_those_that_were_found(seed: int) -> None:
     exact = unit_quaternion(parts.tolist())
     assert sum(x * x for x in exact) == 1
     np.testing.assert_allclose(np.array(exact, dtype=float), parts, atol=1e-14)
+
+
+def test_what_is_in_no_loop_stays_at_its_stated_pose() -> None:
+    arm = turning("arm", "base") + turning("crank", "arm", "0.1, 0, 0") + turning("coupler", "crank", "0.15, 0, 0")
+    arm += turning("rocker", "arm", "0.5, 0, 0")
+    text = robot("", arm, pin("coupler", "rocker", "0.35, 0, 0", "0.3, 0, 0"))
+    assert Assembly(read(f"{text}assembly: {{arm: 0.4}}\n")).pose[0] == 0.4
 
 
 def test_a_coordinate_that_stands_still_is_not_drawn() -> None:

@@ -58,10 +58,12 @@ def test_the_rank_of_some_measurements(name: str, output: str, rank: int) -> Non
 
 
 @pytest.mark.slow
-def test_directions_without_exact_values_are_doubted() -> None:
+def test_directions_without_exact_values_are_refused_where_they_matter() -> None:
     """Arms along (1, 2, 0): rods that are stated beside them are not parallel to them exactly."""
     mechanism = read(delta("universal, axis: x, axis2: y", ROOTS))
-    assert "do not confirm 67: rank 34" in doubt_of_directions(mechanism, ec.base_structure(mechanism).rank)
+    assert "do not confirm 67: rank 34" in doubt_of_directions(mechanism, 67)
+    with pytest.raises(ec.InputError, match=r"67 base parameters would show, but fewer do.*count as generic \(bodies"):
+        ec.base_structure(mechanism)
     assert not doubt_of_directions(read(delta("universal, axis: x, axis2: y")), 34)
 
 

@@ -223,10 +223,11 @@ def in_mode(forms: LinearForms, accepted: InMode | None) -> LinearForms:
     if accepted is None or forms.loops is None:
         return forms
     if accepted.mode.marks is None:
+        names = ", ".join(f"'{name}'" for name in dict.fromkeys(forms.loops.equations.owners))
         raise InputError(
-            "the loops can be assembled in several ways in which the same parameters combine differently, such as "
-            "q2 = q1 and q2 = -q1, and no simple coefficient tells which is meant.  Give all symbols values, and an "
-            "assembly pose that closes the loops exactly and at which these ways do not meet",
+            f"the loops closed by {names} can be assembled in several ways in which the same parameters combine "
+            "differently, such as q2 = q1 and q2 = -q1, and no simple coefficient tells which is meant.  Give all "
+            "symbols values, and an assembly pose that closes the loops exactly and at which these ways do not meet",
             element="assembly",
         )
     return replace(forms, loops=replace(forms.loops, accepts=accepted))

@@ -37,6 +37,7 @@ _DETERMINED, _MORE = (
 _SMALLEST = 1e-4  # of columns, about the largest one: rounding keeps those that vanish far below
 _HOLDS, _FAILS = 1e-8, 1e-4  # what relations miss by in doubles where they surely hold, and where they surely do not
 _INDEPENDENT = 1e-7  # smallest singular value of columns that surely are
+_NOISE, _CLEAR_FALL = 1e-14, 1e8  # of singular values: what counts as nothing, and how far they fall to it
 _SAME_MARK = 1e-3  # coefficients that are simple rational numbers lie farther apart
 # precisions of balls until one tells: rounded geometry leaves true coefficients as small as the square of its
 # rounding, and states near one pose of many loops in series are hardly independent
@@ -76,6 +77,12 @@ class OwnPose:
     def free_velocities(self) -> Floats:
         """Orthonormal velocities that keep the loops closed in a state near the pose, (velocities, freedoms)."""
         return self._assembly.free_velocities(self._real[0][0])
+
+    def shows_less(self, rank: int) -> bool:
+        """Whether doubles clearly show a lower rank, as where rounding has broken what is special about a geometry."""
+        singular = np.linalg.svd(self._table[0], compute_uv=False)
+        falls = singular[:rank] / np.maximum(np.append(singular[1:], 0.0)[:rank], _NOISE * singular[0])
+        return bool(falls.max() > _CLEAR_FALL and falls.argmax() + 1 < rank)
 
     @cached_property
     def rank(self) -> int | None:
@@ -167,8 +174,8 @@ class OwnPose:
         """
         for bits in _BITS:
             table = self._balls(bits, most)
-            if table is None:
-                return self._moved  # then doubles do not say otherwise, and there is no exact pose of the stated frames
+            if table is None:  # there is no exact pose of the stated frames
+                return self._moved and not self.shows_less(len(self._columns) - len(mode.dependence))
             with precision(bits):
                 verdict = self._holds_in_balls(mode, table, bits)
             if verdict is not None:

@@ -19,7 +19,7 @@ from echelon.exact.elimination import rank as rank_modulo
 from echelon.exact.field import ARRAY_BITS, PrimeField
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.reading import Reading, Snap
-from echelon.mechanism.stated import StatedValues, stated_values
+from echelon.mechanism.stated import StatedValues, inexact_symbols, stated_values
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.assembly import Assembled
 from echelon.regressor.loops.closing import assembled, closing_notes
@@ -115,9 +115,8 @@ def doubt_of_directions(mechanism: Mechanism, rank: int) -> str:
 
     Points that are stated along such a direction are not on it exactly.
     """
-    oblique = any(s.exact is None and s.stands_for is None and s.value is not None for s in mechanism.symbols.values())
     coarse = mechanism.reading is not None and any(snap.difference > ROUNDING for snap in mechanism.reading.snaps)
-    if not mechanism.closures or not oblique or coarse:
+    if not mechanism.closures or not inexact_symbols(mechanism) or coarse:
         return ""
     return _doubt(mechanism, None, rank, rank, None)
 

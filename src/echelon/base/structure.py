@@ -19,7 +19,7 @@ import numpy as np
 from echelon.base.modes import Dependence, InMode, Mode, dependence, find_modes, in_mode
 from echelon.base.own_mode import OwnPose
 from echelon.base.rows import Rows, rows_of
-from echelon.errors import DegenerateSampleError, EchelonError, OtherModeError, SingularPoseError
+from echelon.errors import DegenerateSampleError, EchelonError, InputError, OtherModeError, SingularPoseError
 from echelon.exact.elimination import rank
 from echelon.exact.field import PrimeField
 from echelon.mechanism.body import ALL, GROUND, Body
@@ -27,12 +27,12 @@ from echelon.mechanism.closed_pose import shown_loops
 from echelon.mechanism.joint import Joint, Motion, Placement, Step, floating_motions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut
-from echelon.mechanism.stated import UNITS, has_values
+from echelon.mechanism.stated import UNITS, has_values, inexact_symbols
 from echelon.program.sampling import FieldSampler
 from echelon.regressor.blocks import FEW_COLUMNS
 from echelon.regressor.energy import energy_changes, energy_form
 from echelon.regressor.linear import LinearForms
-from echelon.regressor.loops.closing import check_independent, closable_as_stated, unsolved
+from echelon.regressor.loops.closing import check_independent, closable_as_stated, generic_directions, unsolved
 from echelon.regressor.loops.curves import CurveSampler
 
 _SURPLUS_ROWS = 8
@@ -154,12 +154,17 @@ def _modes(
         if pose.is_singular:  # modes meet there
             return _lowest(found)
         # what is special about the stated values is in no mode of general ones
-        return pose.mode(found) if set(sampler.symbols) <= set(UNITS) else pose.likely(found)
+        general = not set(sampler.symbols) <= {*UNITS, *inexact_symbols(mechanism)}
+        return pose.likely(found) if general else pose.mode(found)
 
     modes, own = find_modes(rows, rng, wanted)
     if own is None:
         ranks = [len(columns) - len(mode.dependence) for mode in modes]
         raise OtherModeError(shown_loops(mechanism), pose.rank, ranks, bool(mechanism.closed_at))
+    directions, count = generic_directions(mechanism), len(columns) - len(own.dependence)
+    if directions and pose.shows_less(count):
+        problem = f"{shown_loops(mechanism)}: {count} base parameters would show, but fewer do in floating point"
+        raise InputError(f"{problem}.  {directions}")
     return modes, own
 
 

@@ -55,15 +55,19 @@ def with_relations(
     snapping: Snapping,
     sources: Mapping[str, Collection[str]],
     declared: Collection[str] = (),
+    looped: Collection[Body] = (),
 ) -> tuple[list[Body], Vector | None]:
-    """Bodies and gravity, with axes that are related exactly where the numbers of the file mean it."""
+    """Bodies and gravity, with axes that are related exactly where the numbers of the file mean it.
+
+    Bodies in loops stay where they are: loops close at the numbers of the file, not at any others.
+    """
     found: list[Body] = []
     literal = {label for label, own in sources.items() if any(e.startswith(tuple(own)) for e in snapping.literal)}
     named = set(snapping.symbols)
     scale, down = _scale(bodies, snapping), _down(gravity, snapping)
     for body in bodies:
         pair = _pair(found, body, down)
-        if pair is None or pair.symbols() & set(declared):
+        if pair is None or body in looped or pair.symbols() & set(declared):
             found.append(body)
             continue
         parent = None if body.parent == GROUND else bodies[body.parent].label

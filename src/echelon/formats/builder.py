@@ -38,6 +38,7 @@ from echelon.formats.literal import (
 from echelon.formats.reading_options import ReadingOptions, gravity_vector
 from echelon.formats.snapping import Snapping, symbol_stem
 from echelon.mechanism.body import ALL, GROUND, Symbol
+from echelon.mechanism.closed_pose import parted
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.joint import Motion, MotionKind, Placement, Step, merge
 from echelon.mechanism.mechanism import Mechanism, setup_placements
@@ -79,10 +80,11 @@ class _Builder:
             self._add(index, link)
         self._attach_inertials()
         gravity = gravity_vector(self.options.gravity, self.snapping.gravity())
-        if not self.tree.closures:  # loops close at the numbers of the file, not at any others
-            self.bodies, gravity = with_relations(self.bodies, gravity, self.snapping, self.lumped.sources)
-        couplings = tuple(c.coupling for c in self.couplings.values())
         closures = tuple(self._closure(closure) for closure in self._moving_closures())
+        ways = [parted(c.first, c.second, lambda k: self.bodies[k].parent) for c in closures]
+        looped = [self.bodies[k] for way in ways for chain in way for k in chain]
+        self.bodies, gravity = with_relations(self.bodies, gravity, self.snapping, self.lumped.sources, looped=looped)
+        couplings = tuple(c.coupling for c in self.couplings.values())
         mechanism = Mechanism(self.tree.name, tuple(self.bodies), gravity, couplings, closures=closures)
         mechanism = replace(mechanism, measured=self._measured(mechanism))
         used = {s for b in self.bodies for s in b.joint.symbols()}

@@ -74,6 +74,12 @@ def known_values(mechanism: Mechanism) -> dict[str, float]:
     return {name: s.value for name, s in mechanism.symbols.items() if s.value is not None}
 
 
+def inexact_symbols(mechanism: Mechanism) -> list[str]:
+    """Symbols whose values are floats only, such as angles of the direction (1, 2, 0): they count as generic."""
+    symbols = mechanism.symbols.items()
+    return [n for n, s in symbols if s.exact is None and s.stands_for is None and s.value is not None]
+
+
 def has_values(mechanism: Mechanism) -> bool:
     """Whether all symbols that a mechanism lists or uses have one."""
     return all_symbols(mechanism) <= known_values(mechanism).keys()

@@ -113,6 +113,30 @@ def spherical(joints: int) -> str:
     return robot.text
 
 
+def sarrus(raised: bool) -> str:
+    """Two legs of parallel axes, one of them along (2, 1, 0); raised a little, one angle is twice another."""
+    robot = Drawn()
+    y, oblique = turn("y"), turn("[2, 1, 0]")
+    top = robot.chain("a", "base", ((2, 0, 0), y), ((3, 0, 2), y), ((2, 0, 4), y))
+    robot.loop(robot.chain("b", "base", ((0, 2, 0), oblique), ((0, 3, 2), oblique)), top, (0, 2, 4), oblique)
+    pose = "a1: -0.000939188, a2: 0.001878375, a3: -0.000939188, b1: 0.001050291, b2: -0.002100582"
+    return f"{robot.text}assembly: {{{pose}}}\n" if raised else robot.text
+
+
+def excavator() -> str:
+    """Two cylinders between pins, their rods sliding in oblique directions."""
+    robot = Drawn()
+    robot.body("swing", "base", ZERO, turn("y"))
+    robot.body("boom", "swing", (1, 1))
+    robot.chain("lift", "swing", ((2, 0), turn("z")), ((3, 2), slide("[1, 2, 0]")))
+    robot.loop("lift2", "boom", (4, 4))
+    robot.body("stick", "boom", (7, 5))
+    robot.chain("crowd", "boom", ((4, 5), turn("z")), ((5, 8), slide("[1, 3, 0]")))
+    robot.loop("crowd2", "stick", (7, 14))
+    robot.body("bucket", "stick", (9, 1))
+    return robot.text
+
+
 def agile_eye() -> str:
     """Three legs of three revolute joints, all axes through one point and those of neighbours perpendicular."""
     robot = Drawn()
@@ -263,6 +287,9 @@ LINKAGES = {
     "parallelograms in series": Case(4, 12, parallelograms(4)),
     "sliding coupler": Case(1, 8, sliding_coupler()),
     "spherical five bar": Case(2, 18, spherical(5)),
+    "Sarrus, oblique": Case(1, 8, sarrus(raised=False)),
+    "Sarrus, oblique and raised": Case(1, 8, sarrus(raised=True), slow=True),
+    "excavator with oblique cylinders": Case(4, 42, excavator()),
     "agile eye": Case(3, 33, agile_eye()),
     "universal joints in series": Case(3, 24, universal_chain()),
     "3-UPU": Case(3, 43, three_upu(parallel=True), slow=True),

@@ -45,7 +45,8 @@ def read_sdf(root: Any, source: str, *, mimics: bool = True) -> LiteralTree:
     models = [m for place in (root, *worlds) for m in place.findall("model") if m.find("joint") is not None]
     if len(models) != 1:
         names = ", ".join(f"'{m.get('name')}'" for m in models) or "none"
-        raise InputError(f"needs one model with joints, found {names}", source=source)
+        problem = f"needs one model with joints, found {names}: keep one, with its joints, in the file"
+        raise InputError(problem, source=source)
     gravity = worlds[0].find("gravity") if worlds else None
     return _Reader(root, models[0], source).read(None if gravity is None else gravity.text, mimics)
 
@@ -119,7 +120,7 @@ class _Reader:
     def _end(self, joint: Any, tag: str, where: str) -> str:
         text = joint.findtext(tag)
         if not text or not text.strip():
-            raise self.frames.error(f"needs <{tag}>", where)
+            raise self.frames.error(f"needs <{tag}>, the name of a link or frame", where)
         return str(text).strip()
 
     def _joint(self, name: str, joint: Any) -> SdfJoint:
@@ -129,7 +130,7 @@ class _Reader:
             raise self.frames.error(f"unknown or unsupported joint type '{kind}' (valid: {valid})", where)
         parent, child = (self.frames.link(self._end(joint, tag, where), where) for tag in ("parent", "child"))
         if parent == child:
-            raise self.frames.error(f"connects link '{parent}' with itself", where)
+            raise self.frames.error(f"connects link '{parent}' with itself: name another <parent>", where)
         return SdfJoint(where, name, kind, parent, child, joint)
 
     # -- tree ------------------------------------------------------------------------------------------------------
@@ -153,7 +154,10 @@ class _Reader:
             pending += [joint.other(link) for joint in reversed(next_ones)]
         lost = [name for name in self.links if name not in order]
         if lost:
-            raise self.frames.error("no joint connects it with the others", f"link '{lost[0]}'")
+            raise self.frames.error(
+                "no joint connects it with the others: add one, such as a fixed joint, or take the link out",
+                f"link '{lost[0]}'",
+            )
         return order, carried
 
     def _spanning(self) -> list[SdfJoint]:
@@ -265,7 +269,7 @@ class SdfJoints:
         where = f"{joint.element} {tag}"
         element = joint.data.find(tag)
         if element is None:
-            raise self.frames.error(f"needs <{tag}>", joint.element)
+            raise self.frames.error(f"needs <{tag}> with <xyz>, such as 0 0 1", joint.element)
         direction = element.find("xyz")
         axis = self.frames.triple(None if direction is None else direction.text, _UP, f"{where} xyz")
         if not any(axis):
@@ -281,7 +285,10 @@ class SdfJoints:
         """A joint that closes a loop: its frame on both links, with z along its axis."""
         if joint.kind not in CLOSURES:
             kinds = ", ".join(CLOSURES)
-            raise self.frames.error(f"a {joint.kind} joint cannot close a loop (these can: {kinds})", joint.element)
+            problem = (
+                f"it closes a loop, which a {joint.kind} joint cannot (these can: {kinds}): give that loop one of these"
+            )
+            raise self.frames.error(problem, joint.element)
         aim: tuple[LiteralPlacement, ...] = ()
         if joint.kind in _AXES:
             turned, axis = self._axis(joint, "axis")
@@ -304,7 +311,10 @@ class SdfJoints:
             led = next((other for other in joints if other.name == leader), None)
             for role in (joint, led):
                 if role is None or len(_AXES.get(role.kind, ())) != 1:
-                    raise self.frames.error(f"joint '{role.name if role else leader}' has not one axis", where)
+                    raise self.frames.error(
+                        f"joint '{role.name if role else leader}' has not one axis, as both joints of a mimic need",
+                        where,
+                    )
             ratio, offset, reference = (
                 self.frames.number(mimic.findtext(key, usual), f"{where} {key}")
                 for key, usual in (("multiplier", "1"), ("offset", "0"), ("reference", "0"))

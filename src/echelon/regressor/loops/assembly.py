@@ -16,6 +16,7 @@ import numpy as np
 
 from echelon.arrays import Flags, Floats
 from echelon.errors import AssemblyWarning, InputError
+from echelon.mechanism.closed_pose import loop_motions
 from echelon.mechanism.joint import MotionKind
 from echelon.regressor.loops.closed_motion import (
     RANK_TOLERANCE,
@@ -131,9 +132,8 @@ class Assembly(ClosedMotion):
         q, done = self.closed(self._stated[None])
         if not done[0] or self._distances(q)[0].max(initial=0.0) > _FAR:
             # a pose in which the links are in line leads nowhere or far, so disturbances of it are tried, too
-            disturbed = random_generator(DEFAULT_SEED).uniform(-1.0, 1.0, (_TRIES, len(self.mechanism.velocities)))
-            disturbed *= np.linspace(0.0, _NEAR if self.mechanism.assembly else np.pi, _TRIES)[:, None]
-            q, done = self.closed(self._moved(np.repeat(self._stated[None], _TRIES, axis=0), disturbed))
+            sizes = np.linspace(0.0, _NEAR if self.mechanism.assembly else np.pi, _TRIES)
+            q, done = self.closed(self._disturbed(sizes[:, None]))
         if not done.any():
             values = self.closures.at(q)[0]
             best = int(largest(values).argmin())
@@ -149,8 +149,7 @@ class Assembly(ClosedMotion):
 
     def moving_pose(self) -> Floats | None:
         """The nearest of some closed configurations, found at random, that can move; None if none can."""
-        disturbed = random_generator(DEFAULT_SEED).uniform(-np.pi, np.pi, (_TRIES, len(self.mechanism.velocities)))
-        q, done = self.closed(self._moved(np.repeat(self._stated[None], _TRIES, axis=0), disturbed))
+        q, done = self.closed(self._disturbed(np.pi))
         if not done.any():
             return None
         q, rng = q[done], random_generator(DEFAULT_SEED)
@@ -161,6 +160,14 @@ class Assembly(ClosedMotion):
             return None
         nearest: Floats = q[np.linalg.norm(self._distances(q), axis=1).argmin()]
         return nearest
+
+    def _disturbed(self, size: Floats | float) -> Floats:
+        """The stated pose with random turns and slides of what is in loops, shape (tries, positions)."""
+        change = size * random_generator(DEFAULT_SEED).uniform(-1.0, 1.0, (_TRIES, len(self.mechanism.velocities)))
+        looped = loop_motions(self.mechanism)
+        for motion, _, place in places(self.mechanism):
+            change[:, place] *= motion.name in looped
+        return self._moved(np.repeat(self._stated[None], _TRIES, axis=0), change)
 
     def easiest(self, q: Floats) -> Resisted:
         """Of the motions that a closed configuration does not allow, the one that closures resist least."""

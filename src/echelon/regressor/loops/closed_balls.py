@@ -32,7 +32,6 @@ Values = dict[str, Any]
 _ITERATIONS = 16
 _RANK = 1e-6  # what counts as nothing among the pivots of a Jacobian in doubles
 _STEPS = 256
-_OPEN = "the loops are not proved to close at the stated values in ball arithmetic"
 _SPARE = 32  # bits between the last step and the box
 
 
@@ -83,7 +82,7 @@ class ClosedBalls:
         try:
             q = self._pose(real)
         except ZeroDivisionError:
-            raise InputError(_OPEN) from None
+            raise InputError(self._open("their equations are singular there")) from None
         inputs = {*schedule.leaves, *self._speeds.leaves}
         names = {n: self.program.inputs[n].name for n in inputs}
         jacobian = self._jacobian(q, self.layout.names)
@@ -153,9 +152,20 @@ class ClosedBalls:
         found = {jacobian.names[c]: image[k, 0] for k, c in enumerate(columns)}
         closed = self._moved(q, found)
         left = self._closure(closed, jacobian.names)[0]
-        if not all(abs(x) < size for x in found.values()) or not all(x.contains(0) for x in left):
-            raise InputError(_OPEN)
+        if not all(x.contains(0) for x in left):
+            owners = self.loops.equations.owners
+            most, owner = max((float(abs(x).mid()), owner) for x, owner in zip(left, owners, strict=True))
+            raise InputError(self._open(f"with all others closed, '{owner}' is open by {most:.1g} (m or rad)"))
+        if not all(abs(x) < size for x in found.values()):
+            raise InputError(self._open("no box around the pose is shown to hold a solution"))
         return closed
+
+    def _open(self, reason: str) -> str:
+        names = ", ".join(f"'{name}'" for name in dict.fromkeys(self.loops.equations.owners))
+        return (
+            f"the loops closed by {names} are not proved to close at the stated values in ball arithmetic: {reason}.  "
+            "Write lengths and angles exactly, such as pi/3, or leave  on_second  out, so that the frame there follows"
+        )
 
     def _moved(self, q: Values, change: Mapping[str, Any]) -> Values:
         """Positions after small turns and slides; quaternions of unit length."""

@@ -63,7 +63,9 @@ def lift(equations: OfSeries, slopes: OfSeries, choice: Choice, free: Residues, 
         local[:, independent, :target] = free[..., :target]
         values = equations(local[..., :target])
         if values[..., :known].any():
-            raise SingularPoseError("the loops do not stay closed")
+            raise SingularPoseError(
+                "they do not stay closed along a curve: redundant constraints contradict each other near the pose"
+            )
         # half the coefficients of the derivatives do, for what is added begins with the power t^known
         residual = values[:, list(choice.rows), None, known:target]
         change, inverses = series.solve(slopes(local[..., :known])[square], residual, field, inverses)

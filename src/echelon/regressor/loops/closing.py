@@ -16,7 +16,7 @@ from echelon.exact.field import PrimeField, Residues
 from echelon.exact.zero_dimensional import UnsolvedSystemError
 from echelon.mechanism.closed_pose import as_stated, shown_loops
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import has_values, in_numbers
+from echelon.mechanism.stated import has_values, in_numbers, inexact_symbols
 from echelon.mechanism.substitute import with_numeric_ratios
 from echelon.program.tape import Program
 from echelon.regressor.loops.assembly import Assembled, Assembly, OpenLoopsError
@@ -112,11 +112,11 @@ class _Real:
             self.assembly.assembled.check()
         if self.assembly.mobility(pose[None])[0] == 0:
             raise InputError(_rigid(mechanism, self.assembly))
-        self._states, _, _ = self.assembly.random_closed_states(random_generator(DEFAULT_SEED), _STATES, _NEAR)
-        if np.ptp(self._states, axis=0).max() < _STANDS_STILL:
+        self.states, _, _ = self.assembly.random_closed_states(random_generator(DEFAULT_SEED), _STATES, _NEAR)
+        if np.ptp(self.states, axis=0).max() < _STANDS_STILL:
             raise InputError(_shaky(mechanism))
-        self.mobility = int(self.assembly.mobility(self._states).min())
-        self.velocities = self.assembly.free_velocities(self._states[0])
+        self.mobility = int(self.assembly.mobility(self.states).min())
+        self.velocities = self.assembly.free_velocities(self.states[0])
 
     def singular(self) -> str:
         """That more motions are possible at the pose than near it; empty if not."""
@@ -126,7 +126,7 @@ class _Real:
         return (
             f"no exact closed pose was found for {shown_loops(self.mechanism)}: the assembly pose is singular, with "
             f"{here} possible motions, and {self.mobility} nearby.  State a pose away from it, such as  "
-            f"{self.assembly.written(self._states[-1])}"
+            f"{self.assembly.written(self.states[-1])}"
         )
 
     def independent(self, first: Sequence[str]) -> tuple[str, ...]:
@@ -182,7 +182,7 @@ def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
         freedom = jacobian.shape[1] - rank(jacobian, field)
         if freedom >= real.mobility:
             return closed
-        locked = _locked(mechanism, freedom, real.mobility)
+        locked = _locked(mechanism, freedom, real)
     raise InputError(locked or real.singular() or reasons[0])
 
 
@@ -278,10 +278,25 @@ def _independent(count: int) -> str:
     return "1 coordinate is independent" if count == 1 else f"{count} coordinates are independent"
 
 
-def _locked(mechanism: Mechanism, freedom: int, mobility: int) -> str:
+def _locked(mechanism: Mechanism, freedom: int, real: _Real) -> str:
+    sizes = _singular(real.assembly, real.states)
+    size = sizes[sizes <= RANK_TOLERANCE].max(initial=0.0)
     return (
-        f"rounding has locked {shown_loops(mechanism)}: to six digits the mechanism has {mobility} "
-        f"degrees of freedom, with the numbers as they are {freedom}.  {_EXACTLY}"
+        f"rounding has locked {shown_loops(mechanism)}: a mobility of {real.mobility} is meant, which their equations "
+        f"resist by no more than {size:.1g} (singular value), and to the letter it is {freedom}.  "
+        + (generic_directions(mechanism) or _EXACTLY)
+    )
+
+
+def generic_directions(mechanism: Mechanism) -> str:
+    """What directions without exact values do to points that are stated along them; empty if there are none."""
+    names = ", ".join(dict.fromkeys(mechanism.symbols[name].meaning for name in inexact_symbols(mechanism)))
+    if not names:
+        return ""
+    return (
+        f"Directions of irrational length, such as (1, 2, 0), count as generic ({names}), so points that are stated "
+        "along them lie beside them: put the origins of these joints where axes meet, or take directions such as "
+        "(3, 4, 0)"
     )
 
 

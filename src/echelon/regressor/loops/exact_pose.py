@@ -4,7 +4,7 @@ The numbers of a file close its loops up to rounding only, and where constraints
 pose that is nearest to closing is solved for, its coordinates are written as decimals, and each second frame is put
 where the first one is then.  Nothing else moves, and the frames do by the rounding.  A decimal angle is a generic point
 of the circle (Lindemann), so angles that are equal, opposite, add up to another, or differ by multiples of 15° are
-recognised first, and share their symbols: the sides of a parallelogram stay parallel.
+recognised first, and share their symbols: the sides of a parallelogram stay parallel.  So are doubles.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def closed_exactly(mechanism: Mechanism, pose: Floats) -> Mechanism:
     parts = angle_parts(mechanism)
     exact = {}
     involved = loop_motions(mechanism)
-    for motion in mechanism.motions:
+    for motion in sorted(mechanism.motions, key=lambda m: abs(values.get(m.name, 0.0))):  # halves before their doubles
         if motion.name in involved:
             exact[motion.name] = _exact(motion, values, parts.get(motion.name, 1), angles)
     named = replace(mechanism, symbols={**mechanism.symbols, **angles.symbols})
@@ -103,6 +103,9 @@ class _Angles:
 
     def _sums(self) -> Iterator[_Known]:
         yield from self._known
+        for known in self._known[1:]:
+            (symbol, count), *_ = known.angle.parts
+            yield _Known(Angle(parts=((symbol, 2 * count),)), 2 * known.value)
         for a, b in combinations(self._known[1:], 2):
             if a.angle.parts[0][0] != b.angle.parts[0][0]:
                 yield _Known(Angle(parts=(*a.angle.parts, *b.angle.parts)), a.value + b.value)

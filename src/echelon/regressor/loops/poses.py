@@ -69,7 +69,7 @@ class PoseFinder:
             # frames that follow instead would part centres that coincide, so no work is too much there
             coincide = any(len(wrist.freedoms) > len(wrist.centre) for wrist in recorded.wrists)
             if not coincide and sum(block.points for block in self._blocks) * operations > self._work:
-                raise SingularPoseError("too many coordinates would have to be solved for")
+                raise SingularPoseError("so many coordinates would have to be solved for at once that no search ends")
         found = self._solved(positions, rng, samples, self._blocks)
         self._spent = 0.0
         return found
@@ -180,7 +180,7 @@ class PoseFinder:
             if not pending.size:
                 return found
             tries *= 2
-        raise DegenerateSampleError("the loops do not close at random points")
+        raise DegenerateSampleError("they do not close at random points")
 
     def _spend(self, work: float) -> None:
         """Go on while the budget lasts: loops that do not close could be tried at random points for ever."""
