@@ -131,6 +131,16 @@ def test_parameters_become_constants(tmp_path: Path) -> None:
     assert f"= {float(base.values(list(standard.values()))[0])!r}" in files["double_pendulum.h"]
 
 
+def test_no_mass_matrix_where_friction_follows_the_load() -> None:
+    """The other functions are written by default, and their head says what is missing; asked for, it is refused."""
+    base = ec.base_parameters(ec.load_setup(ROOT / "examples" / "logs" / "double_pendulum.yaml").mechanism)
+    source = generate_source(base, "c", None)
+    assert [function.name for function in source.functions] == ["regressor", "inverse_dynamics", "gravity"]
+    assert all("mass_matrix is left out: effect 'Fl1' is not linear" in text for text in source.files.values())
+    with pytest.raises(ec.InputError, match="effect 'Fl1' is not linear"):
+        generate(base, "c", ["mass_matrix"])
+
+
 def test_symbols_without_value_are_an_argument() -> None:
     robot = arms.double_pendulum()
     unknown = replace(robot, symbols={n: replace(s, value=None, exact=None) for n, s in robot.symbols.items()})

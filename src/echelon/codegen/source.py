@@ -57,7 +57,8 @@ def generate(
     functions : sequence of str, optional
         Of ``"regressor"``, ``"inverse_dynamics"``, ``"mass_matrix"``, ``"gravity"``, ``"coriolis"``, ``"effects"``,
         ``"inverse_dynamics_derivatives"``, and with loops ``"closed_positions"``, ``"closed_velocities"``,
-        ``"closed_accelerations"``, ``"closure_pivots"``, ``"constraint_forces"``; :data:`DEFAULT_FUNCTIONS` if omitted.
+        ``"closed_accelerations"``, ``"closure_pivots"``, ``"constraint_forces"``; :data:`DEFAULT_FUNCTIONS` if omitted,
+        without the mass matrix where effects leave none.
     name : str, optional
         Stands before the functions' names and names the files; made from the robot's name if omitted.
     precision : str
@@ -122,7 +123,8 @@ def generate_source(
     """As :func:`generate`, with the functions that were printed."""
     language = TARGETS[_valid("target", target, list(TARGETS))]
     if functions is None:
-        functions = (*DEFAULT_FUNCTIONS, *["closed_positions"] * bool(base.mechanism.closures))
+        functions, left_out = _default_functions(base)
+        remarks = (*remarks, *left_out)
     chosen = [_valid("function", function, list(ALL_FUNCTIONS)) for function in dict.fromkeys(functions)]
     if not chosen:
         raise InputError(f"no function is asked for (valid: {', '.join(ALL_FUNCTIONS)})")
@@ -139,6 +141,17 @@ def generate_source(
     made = [specialised(function, known, layout) for function in made]
     subject = Subject(base.mechanism.name, base.expressions, constants.texts, values.values, constants.stated, remarks)
     return Source(printed(made, language, mode, robot, subject), tuple(made))
+
+
+def _default_functions(base: BaseModel) -> tuple[list[str], list[str]]:
+    """The functions that are written by default; why there is no mass matrix, where effects leave none."""
+    names = [*DEFAULT_FUNCTIONS, *["closed_positions"] * bool(base.mechanism.closures)]
+    try:
+        base.function("mass_matrix")
+    except InputError as error:
+        names.remove("mass_matrix")
+        return names, [f"mass_matrix is left out: {error}"]
+    return names, []
 
 
 def printed(
