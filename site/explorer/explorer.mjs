@@ -72,7 +72,7 @@ async function deriveOnce() {
   if (pending) return;
   answer.removeAttribute("aria-busy");
   if (reply.error) return showError(reply.error);
-  const seconds = (performance.now() - started) / 1000;
+  const seconds = performance.now() / 1000 - Math.max(started / 1000, ready ?? 0);
   byId("error").hidden = true;
   byId("result").hidden = false;
   byId("status").textContent = `Answered in ${seconds.toFixed(2)} s; ready ${ready?.toFixed(1)} s after the visit began.`;
