@@ -81,7 +81,9 @@ FAULTS = (
     ),
     Fault("regressor/steps.py", "(xy + wz,", "(xy - wz,", "rotation of a ball", JOINTS),
     Fault("regressor/steps.py", "= c, -s, s, c", "= c, s, -s, c", "rotation of a hinge", JOINTS),
-    Fault(LIFTING, "= -change % field.p", "= change % field.p", "Newton's steps along curves", TRUTHS),
+    Fault(
+        LIFTING, "= -change[:, :, 0] % field.p", "= change[:, :, 0] % field.p", "Newton's steps along curves", TRUTHS
+    ),
     Fault(
         LIFTING,
         "-solved[:, :, 0]",
