@@ -136,7 +136,7 @@ def test_no_mass_matrix_where_friction_follows_the_load() -> None:
     base = ec.base_parameters(ec.load_setup(ROOT / "examples" / "logs" / "double_pendulum.yaml").mechanism)
     source = generate_source(base, "c", None)
     assert [function.name for function in source.functions] == ["regressor", "inverse_dynamics", "gravity"]
-    assert all("mass_matrix is left out: effect 'Fl1' is not linear" in text for text in source.files.values())
+    assert "mass_matrix is left out: effect 'Fl1' is not linear" in source.files["double_pendulum.h"]
     with pytest.raises(ec.InputError, match="effect 'Fl1' is not linear"):
         generate(base, "c", ["mass_matrix"])
 
