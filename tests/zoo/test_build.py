@@ -108,6 +108,17 @@ def test_a_robot_that_takes_too_long_is_given_up(robots: Path, tmp_path: Path) -
     assert rows[0]["failed"] == "not done within 0.001 s"
 
 
+def test_a_build_that_was_stopped_goes_on(robots: Path, tmp_path: Path) -> None:
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    zoo = tmp_path / "zoo"
+    with pytest.raises(KeyboardInterrupt):
+        build_zoo(zoo, [robots], only="arm", progress=stop)
+    done = run("zoo", "build", str(zoo), "--from", str(robots), "--only", "arm", "--seconds", "1", "--json")
+    assert done.returncode == 0, done.stderr
+
+
 def test_the_command_says_what_was_built(robots: Path, tmp_path: Path) -> None:
     done = run("zoo", "build", str(tmp_path / "zoo"), "--from", str(robots), "--only", "arm*", "--jobs", "1")
     assert done.returncode == 0, done.stderr

@@ -47,6 +47,7 @@ def build_zoo(
         raise InputError(f"no robot file matches '{only}' in {', '.join(map(str, searched))}")
     rows = {task.slug: task.finished() for task in tasks}
     waiting = [task for task in tasks if task.slug in chosen and rows[task.slug] is None]
+    write_index(folder, [row for row in rows.values() if row is not None])  # a build that is stopped can go on
     progress(0, len(waiting), None)
     for done, (task, row) in enumerate(_built(waiting, jobs, seconds), 1):
         rows[task.slug] = row
