@@ -53,15 +53,14 @@ class OwnPose:
 
     def __init__(self, mechanism: Mechanism, rows: Rows, columns: Sequence[int], moved: bool = False) -> None:
         self.mechanism, self._rows, self._columns, self._moved = mechanism, rows, list(columns), moved
-        self._tables = dict[int, tuple[int, npt.NDArray[Any] | None]]()  # states, and their rows in balls, by precision
+        self._tables = dict[int, npt.NDArray[Any] | None]()  # rows in balls, by their precision
 
     def mode(self, modes: Sequence[Mode]) -> Mode | None:
         """The one of some modes that the pose is in; None if it is in none of them, as far as can be told."""
         verdicts = [self._clear(mode) for mode in modes]
         if verdicts.count(True) == 1 and None not in verdicts:
             return modes[verdicts.index(True)]
-        most = len(self._columns) - min(len(mode.dependence) for mode in modes)
-        return next((m for m, v in zip(modes, verdicts, strict=True) if v is not False and self._holds(m, most)), None)
+        return next((m for m, v in zip(modes, verdicts, strict=True) if v is not False and self._holds(m)), None)
 
     def likely(self, modes: Sequence[Mode]) -> Mode | None:
         """The first of some modes whose relations hold there, perhaps beside others."""
@@ -88,7 +87,7 @@ class OwnPose:
     def rank(self) -> int | None:
         """Rank of the columns there; None if balls do not tell."""
         for bits in _BITS:
-            table = self._balls(bits, len(self._columns))
+            table = self._balls(bits)
             if table is None:
                 return None
             with precision(bits):
@@ -146,17 +145,17 @@ class OwnPose:
 
     # -- balls -----------------------------------------------------------------------------------------------------
 
-    def _balls(self, bits: int, columns: int) -> npt.NDArray[Any] | None:
-        """Rows in ball arithmetic, auxiliary columns first, enough for some columns to be independent.
+    def _balls(self, bits: int) -> npt.NDArray[Any] | None:
+        """Rows in ball arithmetic, auxiliary columns first, enough for all columns to be independent.
 
         None if the loops are not proved to close; redundant constraints that miss by rounding are not.
         """
         forms = self._rows.forms
         assert forms.loops is not None
         motions = max(2, len(self.mechanism.independent_velocities))  # energies show at least as much at one pose
-        rows = self._rows.auxiliary + columns + _STATES
+        rows = forms.shape[1] + _STATES  # with as many as the rank needs, relations are not told from rounding
         states = int(_SURPLUS * -(-rows // forms.shape[0])) + 2 * motions
-        if self._tables.get(bits, (0, None))[0] < states:
+        if bits not in self._tables:
             near = replace(forms, loops=replace(forms.loops, real=partial(real_inputs, self.mechanism, reach=_NEAR)))
             texts = value_texts(self.mechanism, all_symbols(self.mechanism))
             try:
@@ -164,16 +163,13 @@ class OwnPose:
                     found = ball_rows(near, texts, states, random_generator(DEFAULT_SEED), motions)
             except InputError:
                 found = None
-            self._tables[bits] = states, found
-        return self._tables[bits][1]
+            self._tables[bits] = found
+        return self._tables[bits]
 
-    def _holds(self, mode: Mode, most: int) -> bool:
-        """Whether the representatives of a mode are independent there, and its relations and no others hold.
-
-        ``most`` is the largest rank of all modes.
-        """
+    def _holds(self, mode: Mode) -> bool:
+        """Whether the representatives of a mode are independent there, and its relations and no others hold."""
         for bits in _BITS:
-            table = self._balls(bits, most)
+            table = self._balls(bits)
             if table is None:  # there is no exact pose of the stated frames
                 return self._moved and not self.shows_less(len(self._columns) - len(mode.dependence))
             with precision(bits):
