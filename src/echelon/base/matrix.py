@@ -112,7 +112,7 @@ class BaseMatrix:
         """B, or some of its columns in the given order, modulo a prime at one geometry."""
         chosen = range(len(self.parameters)) if columns is None else columns
         place = {column: k for k, column in enumerate(chosen)}
-        dense: Residues = np.zeros((self.rank, len(place)), dtype=np.int64)
+        dense: Residues = np.zeros((len(self.rows), len(place)), dtype=np.int64)
         for row, coefficients in zip(dense, self.modulo(symbols, field), strict=True):
             for column in coefficients.keys() & place.keys():
                 row[place[column]] = coefficients[column]
