@@ -11,7 +11,7 @@ Order = Literal["base-to-tip", "tip-to-base"]
 """Which parameters become representatives: order of the columns."""
 Measured = Literal["drives", "file"]
 """Outputs: forces of all drives, or the sensors of an MJCF file."""
-Estimator = Literal["ols", "wls", "irls", "huber", "tls", "iv"]
+Estimator = Literal["ols", "wls", "irls", "huber", "tls", "ridge", "iv"]
 """Estimators of base parameters."""
 Criterion = Literal["bic", "f-test", "relative_std"]
 """Criteria of the elimination of base parameters that the data do not need."""

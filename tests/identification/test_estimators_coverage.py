@@ -14,6 +14,7 @@ from echelon.identification.estimators.errors_in_variables import instrumental, 
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.huber import huber
 from echelon.identification.estimators.least_squares import irls, ols, wls
+from echelon.identification.estimators.ridge import ridge
 from support.estimation_problems import NOISE, TRUTH, Floats, serial
 from support.observation_rows import ArrayRows
 
@@ -96,6 +97,17 @@ def _instrumental(seed: int) -> tuple[Estimate, Floats]:
     return instrumental(rows, instruments), truth
 
 
+def _ridge(seed: int) -> tuple[Estimate, Floats]:
+    """The truth is drawn from the prior, and the data leave one direction open."""
+    rng = np.random.default_rng(seed)
+    spread = np.array([0.3, 1.0, 0.1, 2.0])
+    truth = 1.0 + spread * rng.standard_normal(4)
+    W = rng.standard_normal((15, 4)) @ np.diag([1, 1, 1, 0]) + rng.standard_normal((15, 1)) @ np.array([[0, 1, 0, 1]])
+    y = W @ truth + 0.5 * rng.standard_normal(15)
+    rows = ArrayRows([W], [y])
+    return ridge(rows.observation(), rows.units, np.ones(4), spread=spread, weight=1.0, noise=[0.5]), truth
+
+
 TRIALS: dict[str, Trial] = {
     "ols": _ols,
     "ols by output": _ols_by_output,
@@ -104,6 +116,7 @@ TRIALS: dict[str, Trial] = {
     "huber": _huber,
     "tls": _tls,
     "instrumental": _instrumental,
+    "ridge": _ridge,
 }
 
 

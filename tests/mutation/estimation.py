@@ -36,6 +36,20 @@ FAULTS = (
         f"{ROBUST} identification/test_estimators_coverage.py",
     ),
     Fault(
+        "identification/estimators/ridge.py",
+        "self.rows * np.log(2 * np.pi * variance)",
+        "np.log(2 * np.pi * variance)",
+        "evidence",
+        PRIOR,
+    ),
+    Fault(
+        "identification/estimators/ridge.py",
+        "np.log(misfit) - 2 * np.log(free)",
+        "np.log(misfit) - np.log(free)",
+        "cross-validation",
+        PRIOR,
+    ),
+    Fault(
         "identification/estimators/covariance.py",
         "(count - 1) / count if jackknife",
         "1 / count if jackknife",

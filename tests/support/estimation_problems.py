@@ -13,6 +13,7 @@ from echelon.identification.estimators.errors_in_variables import instrumental, 
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.huber import huber
 from echelon.identification.estimators.least_squares import irls, ols, wls
+from echelon.identification.estimators.ridge import ridge
 from support.observation_rows import ArrayRows
 from support.stated_regressors import SERIAL
 
@@ -73,6 +74,7 @@ METHODS: dict[str, Callable[[ArrayRows], Estimate]] = {
     "huber": lambda rows: huber(rows, tolerance=1e-10, limit=500),
     "tls": lambda rows: tls(rows.observation(), rows.units, noise=NOISE),
     "instrumental": lambda rows: instrumental(rows, rows),
+    "ridge": lambda rows: ridge(rows.observation(), rows.units, np.zeros(9), noise=NOISE),
     "clustered": lambda rows: clustered(rows, irls(rows.observation(), rows.units), seconds=0.01),
 }
 

@@ -141,7 +141,7 @@ def _fitted(
 
         step("estimating")
         conditions = conditioning(observation, 1 / noise_estimate(observation), base)
-        estimate = _estimate(settings, data, observation, conditions)
+        estimate = _estimate(settings, data, observation, conditions, prior_base)
         noise = usable_noise(observation, estimate)
         reduced = _essential(settings, observation, estimate, conditions, noise)
 
@@ -242,14 +242,16 @@ def _estimate(
     data: PassesOverData,
     observation: Observation,
     conditions: Conditioning,
+    prior: Floats | None,
 ) -> Estimate:
-    if not conditions.is_complete and not settings.known:
+    if not conditions.is_complete and settings.estimator != "ridge" and not settings.known:
         return minimum_norm(observation, data.plan.base.units)
     along_reference = settings.estimator == "iv"
     return fitted(
         settings,
         data.rows(),
         data.observation,
+        prior=prior,
         instruments=data.plan.rows(data.paths, "first", reference=True) if along_reference else None,
         batches=data.batches,
     )

@@ -122,7 +122,7 @@ def _core(plain: Solution, scale: Floats) -> _Core:
         raise InputError(
             f"total least squares has no solution here: columns with errors ({', '.join(names)}, …) are as close to "
             f"dependence without y as with it (smallest singular value {smallest:.3g}); name exact columns by "
-            "errors of 0"
+            "errors of 0, or use ridge() towards a prior"
         )
     values = np.zeros(n)
     values[noisy] = -vectors[-1, :-1] / vectors[-1, -1] / scale[noisy]

@@ -218,7 +218,7 @@ def undetermined(triangle: Triangle) -> str:
     more = f"; and {len(directions) - _SHOWN} more" if len(directions) > _SHOWN else ""
     return (
         f"{start}; nothing changes along {shown}{more}: excite these directions, fix parameters with known values, "
-        "or use minimum_norm()"
+        "or use ridge() towards a prior or minimum_norm()"
     )
 
 

@@ -21,6 +21,7 @@ from echelon.identification.estimators.errors_in_variables import instrumental, 
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.huber import huber
 from echelon.identification.estimators.least_squares import irls, noise_estimate, noise_floor, ols, wls
+from echelon.identification.estimators.ridge import ridge
 from echelon.identification.rows.ingest import Batch
 from echelon.identification.rows.rows import RowBlock, Rows
 from echelon.observe.observation import Layout, Observation
@@ -143,6 +144,7 @@ def fitted(
     rows: Rows,
     observation: Observation,
     *,
+    prior: Floats | None = None,
     instruments: Rows | None = None,
     batches: Sequence[Batch] = (),
 ) -> Estimate:
@@ -151,8 +153,9 @@ def fitted(
     if rest is not None:
         rows, observation = rest.rows(rows), rest.observation(observation)
         batches = [replace(batch, observation=rest.observation(batch.observation)) for batch in batches]
+        prior = None if prior is None else prior[rest.matrix.any(axis=1)]
         instruments = None if instruments is None else rest.rows(instruments)
-    estimate = _estimated(settings, rows, observation, instruments)
+    estimate = _estimated(settings, rows, observation, prior, instruments)
     if settings.intervals == "clustered" and estimate.method in BATCHED:
         by_factors = len(batches) > 1 and estimate.method != "huber"
         estimate = clustered_by(batches, rows.units, estimate) if by_factors else clustered(rows, estimate)
@@ -167,7 +170,7 @@ def usable_noise(observation: Observation, estimate: Estimate) -> Floats:
 
 
 def _estimated(
-    settings: IdentificationEntry, rows: Rows, observation: Observation, instruments: Rows | None
+    settings: IdentificationEntry, rows: Rows, observation: Observation, prior: Floats | None, instruments: Rows | None
 ) -> Estimate:
     units = rows.units
     match settings.estimator:
@@ -181,6 +184,12 @@ def _estimated(
             return huber(rows)
         case "tls":
             return tls(observation, units)
+        case "ridge":
+            if prior is None:
+                raise InputError(
+                    "ridge draws towards prior values, and there are none: give a prior, such as a URDF file"
+                )
+            return ridge(observation, units, prior, weight=settings.prior.weight or "evidence")
         case "iv":
             if instruments is None:
                 problem = "instruments are made from reference positions, which the logs lack: give 'reference' columns"
