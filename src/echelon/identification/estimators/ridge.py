@@ -19,6 +19,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
+from echelon.extras import extra
 from echelon.identification.estimators.estimate import Estimate, Solution, check, estimate_of
 from echelon.identification.estimators.least_squares import checked_noise
 from echelon.observe.observation import Observation
@@ -140,7 +141,8 @@ def _ratio(spectrum: _Spectrum, weight: float | str, known: bool) -> tuple[float
 
 def _minimised(score: Callable[[float], float], low: float, high: float) -> tuple[float, bool]:
     """Minimum over a range of orders of magnitude, and whether it is at an end of it."""
-    from scipy.optimize import minimize_scalar
+    with extra("identify"):
+        from scipy.optimize import minimize_scalar
 
     exponents = np.linspace(np.log(low), np.log(high), _GRID)
     scores = np.array([score(float(np.exp(e))) for e in exponents])
