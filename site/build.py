@@ -33,6 +33,8 @@ os.environ["PYTHONPATH"] = str(ROOT / "src")
 import build_explorer  # noqa: E402  needs the path above
 import pictures  # noqa: E402
 
+from echelon.zoo.build import build_zoo  # noqa: E402
+
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 VALUE = re.compile(r"\{\{ (.+?) \}\}")
 FORMULA = re.compile(r"(\$\$.+?\$\$|(?<![\\$\w])\$[^$\n]+?\$)", re.DOTALL)
@@ -54,7 +56,8 @@ def main() -> None:
     parser.add_argument("--wheels", type=Path, help="a folder with NumPy for the explorer")
     given = parser.parse_args()
     if not given.only_pages:
-        run("zoo", "build", str(ZOO), "--only", given.zoo, "--jobs", str(given.jobs), "--force")
+        rows = build_zoo(ZOO, only=given.zoo, jobs=given.jobs, progress=told, site="../")
+        print(f"zoo: {sum('failed' not in row for row in rows)} of {len(rows)} readings of robots have an answer")
     write_docs()
     configuration = str(ROOT / "site" / "mkdocs.yml")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "-f", configuration]
@@ -69,11 +72,11 @@ def main() -> None:
     print(f"built {SITE}")
 
 
-def run(*arguments: str, cwd: Path = ROOT) -> str:
-    """What a command of Echelon prints."""
-    command = [sys.executable, "-c", "from echelon.cli import main; main()", *arguments]
-    done = subprocess.run(command, cwd=cwd, check=True, stdout=subprocess.PIPE, text=True)
-    return done.stdout
+def told(done: int, total: int, row: dict[str, Any] | None) -> None:
+    """Say which robot of the zoo is done."""
+    print(
+        f"zoo: {done} of {total}{'' if row is None else ', ' + row['slug'] + ' failed' * ('failed' in row)}", flush=True
+    )
 
 
 # -- sources of pages --------------------------------------------------------------------------------------------------

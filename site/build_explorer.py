@@ -15,7 +15,6 @@ import base64
 import hashlib
 import json
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -30,7 +29,7 @@ from typing import Any
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "src"))
 
-from echelon.zoo.find import robot_files, usual_folders  # noqa: E402  needs the path above
+from echelon.zoo.find import robot_files, stands_alone, usual_folders  # noqa: E402  needs the path above
 
 PAGE = ROOT / "site" / "explorer"
 LOCK = json.loads((PAGE / "lock.json").read_text())
@@ -60,12 +59,15 @@ def main() -> None:
 
 def build(folder: Path, robots: Sequence[Path], cache: Path, wheels: Path | None = None) -> list[str]:
     """Everything into a folder, the installed packages of robots included; returns the wheels that could not be had."""
-    build_page(folder, [*robots, *usual_folders()], cache)
+    build_page(folder, robots, cache, usual_folders())
     return _python(folder / "vendor", cache, wheels)
 
 
-def build_page(folder: Path, robots: Sequence[Path], cache: Path) -> None:
-    """All but Python: the page, what it draws and typesets with, Pyodide without packages, robots."""
+def build_page(folder: Path, robots: Sequence[Path], cache: Path, public: Sequence[Path] = ()) -> None:
+    """All but Python: the page, what it draws and typesets with, Pyodide without packages, robots.
+
+    Robots of ``public`` folders, as the zoo has them, are shown with links to their pages in a zoo beside the explorer.
+    """
     shutil.rmtree(folder, ignore_errors=True)
     vendor = folder / "vendor"
     vendor.mkdir(parents=True)
@@ -74,7 +76,7 @@ def build_page(folder: Path, robots: Sequence[Path], cache: Path) -> None:
         if file.suffix in (".html", ".css", ".mjs"):
             shutil.copy(file, folder)
     shutil.copy(ROOT / "schemas" / "robot.schema.json", folder)
-    _copy_robots(robots, folder / "robots")
+    _copy_robots(robots, public, folder)
     for name, (version, integrity) in LOCK["npm"].items():
         _unpack(_packed(name, version, integrity, cache), VENDORED[name], vendor)
     controls = vendor / "OrbitControls.js"
@@ -84,21 +86,18 @@ def build_page(folder: Path, robots: Sequence[Path], cache: Path) -> None:
 # -- robots ------------------------------------------------------------------------------------------------------------
 
 
-def _copy_robots(sources: Sequence[Path], folder: Path) -> None:
-    """Robots under the names that the zoo gives them."""
-    folder.mkdir()
-    found = {f"{robot.slug}{robot.path.suffix}": robot.path for source in sources for robot in robot_files([source])}
-    names = sorted(filter(lambda name: _stands_alone(found[name]), found), key=lambda name: (name != FIRST, name))
-    for name in names:
-        shutil.copy(found[name], folder / name)
-    (folder / "robots.json").write_text(json.dumps(names))
-
-
-def _stands_alone(file: Path) -> bool:
-    """Whether a file needs neither MuJoCo, which is not there in a browser, nor another file."""
-    if file.suffix not in (".urdf", ".yaml"):
-        return False
-    return not re.search(r"^(robot|model):", file.read_text(errors="replace"), re.MULTILINE)
+def _copy_robots(robots: Sequence[Path], public: Sequence[Path], folder: Path) -> None:
+    """Robots under the names that the zoo gives them, and a list of them, each with its pages in a zoo beside."""
+    own, known = [robot for source in robots for robot in robot_files([source])], robot_files(public)
+    found = {f"{robot.slug}{robot.path.suffix}": robot for robot in [*own, *known] if stands_alone(robot.path)}
+    (folder / "robots").mkdir()
+    pages = {}
+    for name in sorted(found, key=lambda name: (name != FIRST, name)):
+        robot = found[name]
+        shutil.copy(robot.path, folder / "robots" / name)
+        slugs = (robot.slug, f"{robot.slug}-floating") if robot in known else ()
+        pages[name] = [slug for slug in slugs if (folder.parent / "zoo" / slug / "index.html").exists()]
+    (folder / "robots" / "robots.json").write_text(json.dumps(pages))
 
 
 # -- from npm ----------------------------------------------------------------------------------------------------------

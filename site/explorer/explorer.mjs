@@ -12,7 +12,7 @@ const LARGEST = 4e6; // bytes of a file
 
 let state; // robot (of the list) or name and text (own), and changes
 let texts = {}; // of robots of the list, by name
-let robots = [];
+let robots = {}; // of the list, each with its pages in the zoo
 let shown = null; // the answer on the page
 let answers = 0; // on the page, errors among them
 let arm = null;
@@ -86,7 +86,7 @@ async function deriveOnce() {
 async function requested() {
   const { robot, changes } = state;
   if (!robot) return { name: state.name, text: state.text, changes };
-  if (!robots.includes(robot)) return { error: `echelon: there is no robot '${robot}' here` };
+  if (!Object.hasOwn(robots, robot)) return { error: `echelon: there is no robot '${robot}' here` };
   texts[robot] ??= await (await fetch(`robots/${encodeURIComponent(robot)}`)).text();
   if (state.robot === robot && !editor.touched) editor.text = texts[robot];
   return { name: robot, text: texts[robot], changes };
@@ -138,6 +138,10 @@ const prefer = (name) => set({ prefer: switched(state.changes.prefer, name) });
 function showChoices() {
   const { changes } = state;
   byId("choice").value = state.robot ?? "";
+  const pages = robots[state.robot] ?? [];
+  const page = pages.find((slug) => slug.endsWith("-floating") === changes.floating) ?? pages[0];
+  byId("page").hidden = !page;
+  if (page) byId("page").firstChild.href = `../zoo/${page}/index.html`;
   byId("floating").checked = changes.floating;
   const stated = [...byId("gravity").options].some((o) => o.value === changes.gravity && o.value !== "own");
   byId("gravity").value = stated ? changes.gravity : "own";
@@ -249,7 +253,7 @@ async function download(file) {
 
 async function visit() {
   state = await understood(location.hash);
-  if (!state.robot && state.text === null) state.robot = robots[0];
+  if (!state.robot && state.text === null) state.robot = Object.keys(robots)[0];
   if (state.text !== null) editor.text = state.text;
   await update({ fresh: true, keep: true });
 }
@@ -257,7 +261,7 @@ async function visit() {
 async function begin() {
   editor = new Editor(byId("editor"), byId("words"), await (await fetch("robot.schema.json")).json());
   robots = await (await fetch("robots/robots.json")).json();
-  fill(byId("choice"), [option("", "own file"), ...robots.map((name) => option(name))]);
+  fill(byId("choice"), [option("", "own file"), ...Object.keys(robots).map((name) => option(name))]);
   labelled("marks", [["●", "alone"], ["◐", "in combination"], ["·", "not at all"]]);
   wire();
   addEventListener("popstate", visit);

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
-from functools import cache
+from collections.abc import Callable, Iterator
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
+from echelon.zoo.build import build_zoo
 from support.command_line import run
-from support.explorer import Explorer, Step, answers, module
+from support.devtools import DevTools
+from support.explorer import Explorer, Step, answers, module, serving
+from support.hostile_robot import HOSTILE
 from support.paths import EXAMPLES, ROOT
+from support.site_audit import DARK, LIGHT, PHONE, audit, complaints
 from support.system_tools import tool
 
 PANDA, ARM = EXAMPLES / "panda.yaml", EXAMPLES / "so101.urdf"
@@ -128,6 +132,12 @@ def test_bad_files_give_the_line_of_the_command(name: str, text: str, tmp_path: 
     assert asked(tmp_path / name)["error"] == run("derive", name, cwd=tmp_path).stderr.rstrip("\n")
 
 
+def test_models_of_mujoco_are_refused_in_one_line() -> None:
+    """No browser has MuJoCo, which reads them."""
+    line = "MJCF is read by MuJoCo, which no browser has: echelon derive two_link.xml does so on a computer"
+    assert asked(EXAMPLES / "two_link.xml")["error"] == f"echelon: two_link.xml: {line}"
+
+
 def test_downloads_are_what_the_commands_write(tmp_path: Path) -> None:
     def written(kind: str) -> dict[str, str]:
         request = {"name": "panda.yaml", "text": PANDA.read_text(), "changes": {}, "file": kind}
@@ -143,26 +153,33 @@ def test_downloads_are_what_the_commands_write(tmp_path: Path) -> None:
 
 # -- visits ------------------------------------------------------------------------------------------------------------
 
+Visit = Callable[..., list[Answer]]
+
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The built page, without Python."""
+    """The built page, without Python, and a zoo that knows one robot of it."""
     tool("npm")
     folder = tmp_path_factory.mktemp("site")
-    module("build_explorer", "build_explorer.py").build_page(folder / "explorer", [EXAMPLES], ROOT / "build" / "cache")
+    public = tmp_path_factory.mktemp("public")
+    (public / "arm.urdf").write_text(ARM.read_text())
+    build_zoo(folder / "zoo", [public], site="../")
+    builder = module("build_explorer", "build_explorer.py")
+    builder.build_page(folder / "explorer", [EXAMPLES], ROOT / "build" / "cache", [public])
     return folder
 
 
+@pytest.fixture(scope="module")
+def explorer(page: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Explorer]:
+    """One browser for all visits."""
+    with serving(page, pyodide=False) as port, DevTools(tmp_path_factory.mktemp("profile")) as browser:
+        yield Explorer(browser, port)
+
+
 @pytest.fixture
-def visit(page: Path, tmp_path: Path) -> Callable[..., list[Answer]]:
+def visit(explorer: Explorer) -> Visit:
     """A visit: what the page says at first and after every step."""
-
-    def visited(*steps: Step, **options: Any) -> list[Answer]:
-        explorer = Explorer(page)
-        found: list[Answer] = explorer.visit(tmp_path / "profile", *steps, **options)
-        return found
-
-    return visited
+    return explorer.visit
 
 
 @cache
@@ -178,16 +195,15 @@ def seen(state: Answer) -> Answer:
 
 
 @pytest.mark.slow
-def test_a_first_visit(visit: Callable[..., list[Answer]]) -> None:
+def test_a_first_visit(visit: Visit) -> None:
     (first,) = visit()
     assert seen(first) == told(PANDA)
     assert first["picture"] == "drawn"
-    assert (first["unlabelled"], first["nameless"]) == (0, 0)
     assert len(first["classes"]) == 70
 
 
 @pytest.mark.slow
-def test_gravity_and_a_floating_base(visit: Callable[..., list[Answer]]) -> None:
+def test_gravity_and_a_floating_base(visit: Visit) -> None:
     _, still, floating, tilted = visit(
         ("choose", "#gravity", "none"), ("click", "#floating"), ("choose", "#gravity", "0,-9.81,0")
     )
@@ -202,8 +218,8 @@ CLICKS: dict[str, list[Step]] = {
     "a joint is held": [("click", "#joints [data-name=j3]")],
     "a length is zero": [("click", "#lengths [data-name=a4]")],
     "two lengths are equal": [
-        ("choose", "#first", "d3", True),
-        ("choose", "#second", "d5", True),
+        ("silently", "choose", "#first", "d3"),
+        ("silently", "choose", "#second", "d5"),
         ("click", "#equate"),
     ],
     "a payload": [("choose", "#payload", "j7")],
@@ -227,75 +243,155 @@ def edited(case: str, folder: Path) -> Answer:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CLICKS)
-def test_clicks(case: str, visit: Callable[..., list[Answer]], tmp_path: Path) -> None:
+def test_clicks(case: str, visit: Visit, tmp_path: Path) -> None:
     first, *_, changed, undone = visit(*CLICKS[case], ("click", "#reset"))
     assert seen(changed) == edited(case, tmp_path)
     assert seen(undone) == seen(first)
 
 
 @pytest.mark.slow
-def test_a_parameter_is_preferred(visit: Callable[..., list[Answer]]) -> None:
+def test_a_parameter_is_preferred(visit: Visit) -> None:
     *_, last = visit(("click", "[data-parameter=M7]"))
     assert seen(last) == told(PANDA, "--prefer", "M7")
     assert "M7" in last["hash"]
 
 
 @pytest.mark.slow
-def test_a_link_brings_the_answer_back(visit: Callable[..., list[Answer]]) -> None:
+def test_a_link_brings_the_answer_back(visit: Visit) -> None:
     *_, last = visit(("click", "#joints [data-name=j2]"), ("choose", "#gravity", "none"))
     (again,) = visit(address=last["hash"])
     assert seen(again) == seen(last)
 
 
 @pytest.mark.slow
-def test_a_description_is_written(visit: Callable[..., list[Answer]], tmp_path: Path) -> None:
+def test_a_robot_of_the_zoo_leads_to_its_page(visit: Visit) -> None:
+    first, floating, other = visit(
+        ("click", "#floating"), ("choose", "#choice", "panda.yaml"), address="#robot=arm.urdf"
+    )
+    assert (first["page"], floating["page"], other["page"]) == (
+        "../zoo/arm/index.html",
+        "../zoo/arm-floating/index.html",
+        "",
+    )
+    assert seen(first) == told(ARM)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("start", "options"), [("index.html", []), ("arm-floating/index.html", ["--floating"])])
+def test_the_zoo_leads_to_the_explorer_and_back(start: str, options: list[str], explorer: Explorer) -> None:
+    explorer.browser.open(f"http://127.0.0.1:{explorer.port}/zoo/{start}")
+    explorer.browser.follow("a.explore")
+    assert seen(explorer.answered()) == told(ARM, *options)
+    explorer.browser.follow("#page a")
+    title = "floating" if options else "fixed"
+    assert explorer.browser.evaluate("document.title") == f"so101, {title} base"
+    explorer.check()
+
+
+WRITE: Step = ("silently", "click", "#write summary")
+
+
+@pytest.mark.slow
+def test_a_description_is_written(visit: Visit, tmp_path: Path) -> None:
     text = "echelon: 1\nname: own\nmodified_dh:\n- {joint: revolute}\n- {joint: revolute, a: 1/2}\n"
     (tmp_path / "robot.yaml").write_text(text)
-    *_, last = visit(
-        ("type", "#editor", "echelon: 1\nmod", True),
-        ("press", "#editor", {"key": "Enter"}, True),
-        ("type", "#editor", text, True),
-        ("press", "#editor", {"key": "Enter", "ctrlKey": True}),
+    *_, offered, accepted, _, last = visit(
+        WRITE,
+        ("silently", "type", "#editor", "echelon: 1\nmod"),
+        ("silently", "press", "Enter"),
+        ("silently", "type", "#editor", text),
+        ("press", "Enter", "ctrl"),
     )
-    assert _[1]["words"] == ["modified_dh"]
-    assert _[2]["editor"] == "echelon: 1\nmodified_dh: "
+    assert offered["words"] == ["modified_dh"]
+    assert accepted["editor"] == "echelon: 1\nmodified_dh: "
     assert seen(last) == derived(tmp_path / "robot.yaml")
     (again,) = visit(address=last["hash"])
     assert seen(again) == seen(last)
 
 
 @pytest.mark.slow
-def test_a_bad_file_gives_the_line_of_the_command(visit: Callable[..., list[Answer]], tmp_path: Path) -> None:
+def test_a_bad_file_gives_the_line_of_the_command(visit: Visit, tmp_path: Path) -> None:
     text = "echelon: 1\nname: x\nmodified_dh:\n- {joint: revolut}\n"
     (tmp_path / "robot.yaml").write_text(text)
-    _, _, last = visit(("type", "#editor", text, True), ("click", "#robot [type=submit]"))
+    *_, last = visit(WRITE, ("silently", "type", "#editor", text), ("click", "#robot [type=submit]"))
     assert last["error"] == run("derive", "robot.yaml", cwd=tmp_path).stderr.rstrip("\n")
 
 
 @pytest.mark.slow
-def test_a_hostile_file_is_only_text(visit: Callable[..., list[Answer]]) -> None:
+def test_files_are_dropped(visit: Visit, tmp_path: Path) -> None:
+    hostile = tmp_path / "hostile.urdf"
+    hostile.write_text(HOSTILE)
+    dropped, bad = visit(("drop", "#drop", ARM), ("drop", "#table", hostile))[1:]
+    assert seen(dropped) == told(ARM)
+    assert bad["strange"] == 0
+    assert seen(bad) == derived(hostile)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["json", "latex", "c"])
+def test_downloads_are_files(kind: str, visit: Visit, explorer: Explorer, tmp_path: Path) -> None:
+    visit(("click", "#joints [data-name=j3]"))
+    request = {"name": PANDA.name, "text": PANDA.read_text(), "changes": {"locked": ["j3"]}, "file": kind}
+    files = json.loads(answers().answer(json.dumps(request)))["files"]
+    act = partial(explorer.browser.click, f"[data-file={kind}]")
+    assert explorer.browser.downloads(tmp_path, len(files), act) == files
+    explorer.check()
+
+
+@pytest.mark.slow
+def test_a_hostile_file_is_only_text(visit: Visit) -> None:
     bad = "<img src=x onerror=alert(1)><script>alert(1)</script>"
     robot = {"echelon": 1, "name": bad, "symbols": {"l": 1}, "modified_dh": [{"joint": "revolute"}] * 2}
     robot["modified_dh"] = [
         {"joint": "revolute"},
         {"joint": "revolute", "a": "l", "name": bad, "label": "</td>$\\href{x}{y}"},
     ]
-    *_, last = visit(("type", "#editor", json.dumps(robot), True), ("click", "#robot [type=submit]"))
+    *_, last = visit(WRITE, ("silently", "type", "#editor", json.dumps(robot)), ("click", "#robot [type=submit]"))
     assert last["strange"] == 0
     assert bad in last["headline"] or bad in last["error"]
 
 
 @pytest.mark.slow
-def test_a_phone(visit: Callable[..., list[Answer]]) -> None:
-    (first,) = visit(address="#robot=so101.urdf", window="400,800")
-    assert seen(first) == told(ARM)
-    assert first["wide"] <= first["room"]
+def test_unknown_robots_in_links(visit: Visit) -> None:
+    (first,) = visit(address="#robot=..%2F..%2Fsecret.yaml")
+    assert first["error"] == "echelon: there is no robot '../../secret.yaml' here"
 
 
 @pytest.mark.slow
-def test_unknown_robots_in_links(visit: Callable[..., list[Answer]]) -> None:
-    (first,) = visit(address="#robot=..%2F..%2Fsecret.yaml")
-    assert first["error"] == "echelon: there is no robot '../../secret.yaml' here"
+@pytest.mark.parametrize("screen", [LIGHT, DARK, PHONE])
+def test_the_page_can_be_read(screen: Any, visit: Visit, explorer: Explorer) -> None:
+    """Contrast, labels and width, with an answer, with changes made, and with an error."""
+    width, height, dark = screen
+    explorer.browser.size(width, height)
+    explorer.browser.colours(dark=dark)
+    try:
+        visit(WRITE, ("click", "#joints [data-name=j3]"), ("click", "[data-parameter=M7]"))
+        assert complaints({"answer": audit(explorer.browser)}) == {}
+        visit(address="#robot=none")
+        assert complaints({"error": audit(explorer.browser)}) == {}
+    finally:
+        explorer.browser.size(1400, 900)
+        explorer.browser.colours(dark=False)
+
+
+@pytest.mark.slow
+def test_everything_is_reached_by_keyboard(visit: Visit, explorer: Explorer) -> None:
+    visit(address="#robot=arm.urdf")
+    controls = """[...document.querySelectorAll("a[href], button, input, select, textarea, summary, [tabindex='0']")]
+      .filter((e) => e.checkVisibility({ visibilityProperty: true }) && e.tabIndex >= 0)"""
+    count = explorer.browser.evaluate(f"{controls}.length")
+    order = f"{controls}.indexOf(document.activeElement)"
+    found = []
+    for _ in range(count):
+        explorer.browser.press("Tab")
+        found.append(explorer.browser.evaluate(order))
+    assert found == list(range(count))
+    explorer.browser.evaluate("document.querySelector('#joints button').focus()")
+    locked = explorer.act("press", " ")
+    first = json.loads(answers().answer(json.dumps({"name": ARM.name, "text": ARM.read_text(), "changes": {}})))
+    assert f"locked={first['joints'][0]}" in locked["hash"]
+    assert explorer.browser.evaluate("document.activeElement.dataset.name") == first["joints"][0]
+    explorer.check()
 
 
 @pytest.mark.slow
@@ -308,9 +404,9 @@ def test_echelon_in_pyodide(tmp_path: Path) -> None:
     )
     if missing:
         (pytest.fail if os.environ.get("CI") else pytest.skip)(f"{', '.join(missing)} for Pyodide cannot be had")
-    explorer = Explorer(tmp_path / "site", pyodide=True)
-    steps = [step for clicks in CLICKS.values() for step in (*clicks, ("click", "#reset"))]
-    found = explorer.visit(tmp_path / "profile", *steps, limit=400)
+    steps: list[Step] = [step for clicks in CLICKS.values() for step in (*clicks, ("click", "#reset"))]
+    with serving(tmp_path / "site") as port, DevTools(tmp_path / "profile") as browser:
+        found = Explorer(browser, port, limit=400).visit(*steps)
     assert seen(found[0]) == told(PANDA)
     place = 0
     for case, clicks in CLICKS.items():

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from support.paths import ROOT
-from support.site_audit import audited, complaints
+from support.site_audit import DARK, LIGHT, PHONE, audited, complaints
 
 pytestmark = pytest.mark.slow
 
@@ -39,10 +39,10 @@ def _in(page: Path, site: Path, parts: tuple[str, ...]) -> bool:
     return page.relative_to(site).parts[0] in parts
 
 
-@pytest.mark.parametrize("window", ["400,800", "1400,900"])
-def test_pages_can_be_read(site: Path, tmp_path: Path, window: str) -> None:
+@pytest.mark.parametrize("screen", [LIGHT, DARK, PHONE])
+def test_pages_can_be_read(site: Path, tmp_path: Path, screen: tuple[int, int, bool]) -> None:
     pages = pages_of(site)
-    found, asked = audited(site, tmp_path / "profile", pages, window)
+    found, asked = audited(site, tmp_path / "profile", pages, screen)
     assert complaints(found) == {}
     assert len(pages) > 40
     inside = {link.lstrip("/").partition("#")[0] for page in found.values() for link in page["links"]}

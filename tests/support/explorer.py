@@ -1,19 +1,16 @@
 """The explorer in a browser: its built page from a local server, and visits that act as a visitor does.
 
 Unless a test asks for Pyodide, the page's worker is replaced by one that sends its messages to this process, where the
-same Python answers.  A visit runs in a frame, so that the page keeps its own content security policy.
+same Python answers.
 """
 
 from __future__ import annotations
 
 import importlib.util
-import json
-import queue
-import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -21,14 +18,9 @@ from threading import Thread
 from types import ModuleType
 from typing import Any
 
-from support.system_tools import CHROMIUM, tool
+from support.devtools import DevTools
 
 SITE = Path(__file__).parents[2] / "site"
-FLAGS = (
-    "--headless", "--no-sandbox", "--no-first-run", "--disable-background-networking", "--disable-component-update",
-    "--disable-sync", "--hide-scrollbars", "--enable-logging=stderr", "--v=0", "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
-)  # fmt: skip
 _DOUBLE = """
 self.postMessage({ ready: 1 });
 self.onmessage = async ({ data: { id, request } }) => {
@@ -36,60 +28,31 @@ self.onmessage = async ({ data: { id, request } }) => {
   self.postMessage({ id, reply: await answer.json() });
 };
 """
-_VISIT = """<!doctype html><title>visit</title><iframe style="border:0;width:100vw;height:100vh"></iframe><script>
-const steps = STEPS, frame = document.querySelector("iframe"), found = [];
-const page = () => frame.contentDocument;
-const at = (selector) => page().querySelector(selector);
-const rest = () => new Promise((resolve) => setTimeout(resolve, 30));
-const answered = () => Number(at("#answer")?.dataset.answered ?? 0);
-async function until(condition) {
-  for (let k = 0; k < 4000 && !condition(); k++) await rest();
-}
-const acts = {
-  click: (element) => element.click(),
-  check: (element) => element.click(),
-  choose: (element, value) => { element.value = value; element.dispatchEvent(new Event("change", { bubbles: true })); },
-  type: (element, value) => {
-    element.focus();
-    element.value = value;
-    element.dispatchEvent(new InputEvent("input", { bubbles: true }));
-  },
-  press: (element, value) => {
-    element.focus();
-    element.dispatchEvent(new KeyboardEvent("keydown", { ...value, bubbles: true, cancelable: true }));
-  },
-};
-const state = () => ({
-  headline: at("#headline").textContent, error: at("#error").hidden ? "" : at("#error").textContent,
-  forms: [...page().querySelectorAll("#forms li")].sort((a, b) => a.value - b.value).map((item) => item.dataset.text),
-  differences: [...page().querySelectorAll("#differences li")].map((item) => item.textContent),
-  facts: [...page().querySelectorAll("#facts dd")].map((item) => item.textContent),
-  classes: [...page().querySelectorAll("#table td button")].map((b) => b.getAttribute("aria-label").split(";")[0]),
-  status: at("#status").textContent, hash: frame.contentWindow.location.hash,
-  words: [...page().querySelectorAll("#words:not([hidden]) li")].map((item) => item.firstChild.textContent),
-  editor: at("#editor").value, wide: page().documentElement.scrollWidth, room: frame.contentWindow.innerWidth,
-  strange: page().querySelectorAll("img, iframe, script:not([src])").length,
-  unlabelled: [...page().querySelectorAll("input, select, textarea")].filter((e) => !e.labels.length).length,
-  nameless: [...page().querySelectorAll("button")].filter((b) => !b.textContent.trim()).length,
-  picture: at("#canvas").hidden ? "none" : at("#canvas").width > 0 ? "drawn" : "empty",
-});
-async function visit() {
-  frame.src = "/explorer/index.html" + HASH;
-  await until(() => page()?.readyState === "complete" && at("#answer") && answered() > 0);
-  found.push(state());
-  for (const [act, selector, value, silent] of steps) {
-    const before = answered();
-    acts[act](at(selector), value);
-    if (silent) await rest();
-    else await until(() => answered() > before && !at("#answer").hasAttribute("aria-busy"));
-    await rest();
-    found.push(state());
-  }
-}
-visit().catch((error) => found.push({ failed: String(error) })).finally(async () => {
-  await fetch("/found", { method: "POST", body: JSON.stringify(found) });
-});
-</script>"""
+_ANSWERED = """(async () => {
+  const at = (selector) => document.querySelector(selector);
+  const busy = () => Number(at("#answer").dataset.answered ?? 0) <= BEFORE || at("#answer").hasAttribute("aria-busy");
+  for (let k = 0; k < LIMIT * 40 && busy(); k++) await new Promise((done) => setTimeout(done, 25));
+  await new Promise((done) => setTimeout(done, 30));
+  return !busy();
+})()"""
+_COUNT = "Number(document.querySelector('#answer').dataset.answered ?? 0)"
+_STATE = """(() => {
+  const at = (selector) => document.querySelector(selector);
+  const all = (selector) => [...document.querySelectorAll(selector)];
+  return {
+    headline: at("#headline").textContent, error: at("#error").hidden ? "" : at("#error").textContent,
+    forms: all("#forms li").sort((a, b) => a.value - b.value).map((item) => item.dataset.text),
+    differences: all("#differences li").map((item) => item.textContent),
+    facts: all("#facts dd").map((item) => item.textContent),
+    classes: all("#table td button").map((b) => b.getAttribute("aria-label").split(";")[0]),
+    status: at("#status").textContent, hash: location.hash,
+    page: at("#page").hidden ? "" : at("#page a").getAttribute("href"),
+    words: all("#words:not([hidden]) li").map((item) => item.firstChild.textContent),
+    editor: at("#editor").value,
+    strange: all("img, iframe, script:not([src])").length,
+    picture: at("#canvas").hidden ? "none" : at("#canvas").width > 0 ? "drawn" : "empty",
+  };
+})()"""
 
 
 def module(name: str, path: str) -> ModuleType:
@@ -110,80 +73,74 @@ def answers() -> ModuleType:
 
 
 Step = tuple[Any, ...]
-"""What a visitor does: an act, a selector, a value, and whether no answer follows."""
+"""What a visitor does: a method of :class:`DevTools` with its arguments; "silently" first where no answer follows."""
 
 
 @dataclass
 class Explorer:
-    """The built page behind a server."""
+    """The explorer's page in a browser."""
 
-    folder: Path  # with the folder ``explorer``
-    pyodide: bool = False  # whether the page's own worker answers
-    asked: list[str] = field(default_factory=list)  # paths that were asked for
-    page: str = ""
-    found: queue.Queue[Any] = field(default_factory=queue.Queue)
+    browser: DevTools
+    port: int
+    limit: float = 90.0  # s, for an answer
 
-    def visit(self, profile: Path, *steps: Step, address: str = "", window: str = "1400,900", limit: int = 90) -> Any:
-        """What the page says at first and after every step; the console must stay silent."""
-        said = json.dumps(steps).replace("<", "\\u003c")  # the page has it in a script
-        return self.told(_VISIT.replace("STEPS", said).replace("HASH", json.dumps(address)), profile, window, limit)
-
-    def told(self, page: str, profile: Path, window: str = "1400,900", limit: int = 90) -> Any:
-        """What a page of a test sends to ``/found``; the console must stay silent."""
-        self.page = page
-        with self._serving() as port:
-            command = [tool(*CHROMIUM), *FLAGS, f"--user-data-dir={profile}", f"--window-size={window}"]
-            command += ["--remote-debugging-port=0", f"http://127.0.0.1:{port}/visit.html"]
-            browser = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-            lines: list[str] = []
-            assert browser.stderr
-            reader = Thread(target=lines.extend, args=(browser.stderr,), daemon=True)
-            reader.start()
-            try:
-                found = self.found.get(timeout=limit)
-            finally:
-                browser.terminate()
-                browser.wait()
-                reader.join(5)
-                browser.stderr.close()
-        assert [line for line in lines if "CONSOLE" in line and "GL Driver Message" not in line] == []
-        assert not [state for state in found if "failed" in state], found
+    def visit(self, *steps: Step, address: str = "") -> list[Any]:
+        """What the page says at first and after every step; the console stays silent, and no request goes elsewhere."""
+        self.browser.open(f"http://127.0.0.1:{self.port}/explorer/index.html{address}")
+        found = [self.answered(), *(self.act(*step) for step in steps)]
+        self.check()
         return found
 
-    @contextmanager
-    def _serving(self) -> Iterator[int]:
-        server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Handler, self, directory=str(self.folder)))
-        Thread(target=server.serve_forever, daemon=True).start()
-        try:
-            yield server.server_address[1]
-        finally:
-            server.shutdown()
-            server.server_close()
+    def act(self, *step: Any) -> Any:
+        """What the page says after a step."""
+        silently, before = step[0] == "silently", self.browser.evaluate(_COUNT)
+        act, *given = step[silently:]
+        getattr(self.browser, act)(*given)
+        return self.browser.evaluate(_STATE) if silently else self.answered(before)
+
+    def answered(self, before: int = 0) -> Any:
+        """What the page says when its answer has come."""
+        assert self.browser.evaluate(_ANSWERED, BEFORE=before, LIMIT=self.limit), "no answer"
+        return self.browser.evaluate(_STATE)
+
+    def check(self) -> None:
+        """Nothing was said, and nothing was asked of others."""
+        assert self.browser.said == []
+        own = (f"http://127.0.0.1:{self.port}/", "data:", "blob:", "about:")
+        assert [url for url in self.browser.urls if not url.startswith(own)] == []
+
+
+@contextmanager
+def serving(folder: Path, *, pyodide: bool = True) -> Iterator[int]:
+    """The port of a server of a folder; without Pyodide this process answers the explorer."""
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Handler, pyodide, directory=str(folder)))
+    Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        yield server.server_address[1]
+    finally:
+        server.shutdown()
+        server.server_close()
 
 
 class _Handler(SimpleHTTPRequestHandler):
     extensions_map = SimpleHTTPRequestHandler.extensions_map | {".mjs": "text/javascript", ".wasm": "application/wasm"}
 
-    def __init__(self, explorer: Explorer, *given: Any, **options: Any) -> None:
-        self.explorer = explorer
+    def __init__(self, pyodide: bool, *given: Any, **options: Any) -> None:
+        self.pyodide = pyodide
         super().__init__(*given, **options)
 
     def do_GET(self) -> None:
-        self.explorer.asked.append(self.path)
-        if self.path == "/visit.html":
-            self._send(self.explorer.page, "text/html")
-        elif self.path == "/explorer/worker.mjs" and not self.explorer.pyodide:
+        if self.path == "/explorer/worker.mjs" and not self.pyodide:
             self._send(_DOUBLE, "text/javascript")
+        elif self.path == "/favicon.ico":
+            self.send_response(204)
+            self.end_headers()
         else:
             super().do_GET()
 
     def do_POST(self) -> None:
         body = self.rfile.read(int(self.headers["Content-Length"])).decode()
-        if self.path == "/answer":
-            self._send(answers().answer(body), "application/json")
-        else:
-            self._send("{}", "application/json")
-            self.explorer.found.put(json.loads(body))
+        self._send(answers().answer(body), "application/json")
 
     def _send(self, text: str, kind: str) -> None:
         data = text.encode()

@@ -2,29 +2,36 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
-from support.explorer import Explorer
+from support.devtools import DevTools
+from support.explorer import serving
 
-_AUDIT = Path(__file__).with_name("site_audit.html")
+_AUDIT = Path(__file__).with_name("site_audit.js").read_text(encoding="utf-8")
+NOTHING_MORE = "async () => ({})"
+LIGHT, DARK, PHONE = (1400, 900, False), (1400, 900, True), (400, 800, False)
+"""Screens: width and height, px, and whether their colours are dark."""
 
 
 def audited(
-    folder: Path,
-    profile: Path,
-    pages: list[str],
-    window: str = "1400,900",
-    act: str = "async () => ({})",
-    limit: int = 240,
+    folder: Path, profile: Path, pages: list[str], screen: tuple[int, int, bool] = LIGHT, act: str = NOTHING_MORE
 ) -> tuple[dict[str, dict[str, Any]], list[str]]:
     """What is wrong with each page, with what a function of the test adds, and all paths that were asked for."""
-    site = Explorer(folder, pyodide=True)
-    page = _AUDIT.read_text(encoding="utf-8").replace("PAGES", json.dumps(pages)).replace("ACT", act)
-    found: dict[str, dict[str, Any]] = site.told(page, profile, window, limit)
-    assert "failed" not in found, found
-    return found, site.asked
+    found = {}
+    with serving(folder) as port, DevTools(profile, *screen) as browser:
+        for page in pages:
+            browser.open(f"http://127.0.0.1:{port}{page}")
+            found[page] = audit(browser, act)
+        assert browser.said == []
+        own = f"http://127.0.0.1:{port}"
+        return found, [url.removeprefix(own) for url in browser.urls if not url.startswith(("about:", "data:"))]
+
+
+def audit(browser: DevTools, act: str = NOTHING_MORE) -> dict[str, Any]:
+    """What a reader of the page that is open would stumble over, and more of a test."""
+    found: dict[str, Any] = browser.evaluate(_AUDIT.replace("ACT", act))
+    return found
 
 
 def complaints(found: dict[str, dict[str, Any]]) -> dict[str, Any]:

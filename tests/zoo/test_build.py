@@ -119,10 +119,38 @@ def test_a_build_that_was_stopped_goes_on(robots: Path, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+def test_equal_files_give_equal_bytes(robots: Path, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        build_zoo(tmp_path / name, [robots], only="arm")
+    first, second = (
+        {file.relative_to(tmp_path / name): file.read_bytes() for file in (tmp_path / name).rglob("*.*")}
+        for name in ("a", "b")
+    )
+    assert first == second
+
+
+def test_pages_of_a_site_lead_to_its_explorer(robots: Path, tmp_path: Path) -> None:
+    pages = {}
+    for path, floating in ((robots / "arm.yaml", False), (robots / "one_description/urdf/arm.urdf", True)):
+        task = Task(Found(path, path.name, path.stem), floating, tmp_path, "../")
+        row = build_exhibit(task)
+        assert row is not None
+        write_index(tmp_path, [row], "../")
+        pages[path.name] = [
+            (tmp_path / name).read_text(encoding="utf-8") for name in (f"{task.slug}/index.html", "index.html")
+        ]
+    address = "../explorer/index.html#robot=arm."
+    assert f'href="../{address}yaml"' in pages["arm.yaml"][0]
+    assert f'href="{address}urdf&amp;floating=yes"' in pages["arm.urdf"][1]
+    assert 'href="../../index.html"' in pages["arm.yaml"][0]
+
+
 def test_the_command_says_what_was_built(robots: Path, tmp_path: Path) -> None:
     done = run("zoo", "build", str(tmp_path / "zoo"), "--from", str(robots), "--only", "arm*", "--jobs", "1")
     assert done.returncode == 0, done.stderr
     assert done.stdout.endswith("index.html, 0 without an answer\n")
+    failed = run("zoo", "build", str(tmp_path / "zoo"), "--from", str(robots), "--only", "broken", "--json")
+    assert (failed.returncode, json.loads(failed.stdout)["robots"][0]["slug"]) == (1, "broken")
     assert run("zoo", "build", str(robots), "--from", str(robots)).returncode == 2
     missing = run("zoo", "build", str(tmp_path / "other"), "--from", str(robots), "--only", "nothing")
     assert (missing.returncode, "no robot file matches" in missing.stderr) == (2, True)

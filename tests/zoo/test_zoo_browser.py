@@ -12,7 +12,7 @@ from echelon.zoo.exhibit import Task, build_exhibit
 from echelon.zoo.find import Found
 from support.hostile_robot import HOSTILE, NAME
 from support.paths import EXAMPLES
-from support.site_audit import audited, complaints
+from support.site_audit import DARK, LIGHT, PHONE, audited, complaints
 
 pytestmark = pytest.mark.slow
 ROBOTS = {"arm": EXAMPLES / "so101.urdf", "puma": EXAMPLES / "puma560.yaml"}
@@ -52,10 +52,10 @@ def zoo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("window", ["400,800", "1400,900"])
-def test_pages_can_be_read(zoo: Path, tmp_path: Path, window: str) -> None:
+@pytest.mark.parametrize("screen", [LIGHT, DARK, PHONE])
+def test_pages_can_be_read(zoo: Path, tmp_path: Path, screen: tuple[int, int, bool]) -> None:
     pages = ["/index.html", *(f"/{slug}/index.html" for slug in (*ROBOTS, "hostile"))]
-    found, asked = audited(zoo, tmp_path / "profile", pages, window, NUMBERS)
+    found, asked = audited(zoo, tmp_path / "profile", pages, screen, NUMBERS)
     assert complaints(found) == {}
     assert {path for path in asked if path not in pages} <= {"/visit.html", "/favicon.ico"}
     for slug, file in ROBOTS.items():

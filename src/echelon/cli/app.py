@@ -70,7 +70,8 @@ def application(name: str, text: str, **more: Any) -> typer.Typer:
 app = application(
     "echelon",
     "Exact base inertial parameters of robots, in closed form, with a certificate.",
-    epilog="Exit codes: 0 success, 1 a claim was refuted or a model failed its check, 2 bad input or usage.",
+    epilog="Exit codes: 0 success, 1 a claim was refuted, a check failed or a robot of a zoo got no answer, "
+    "2 bad input or usage.",
 )
 
 

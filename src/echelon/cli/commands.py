@@ -339,11 +339,12 @@ def build(
 ) -> None:
     """Derive every robot of some folders, and write a page for each with an index.
 
-    What is there already, of the same file and by the same program, is left as it is.
+    What is there already, of the same file and by the same program, is left as it is. A robot without an answer is
+    listed with its reason and does not stop the others; the exit code is then 1.
     """
     from echelon.cli.zoo import run_zoo
 
-    run_zoo(folder, sources or (), only, jobs, seconds, force=force, as_json=as_json)
+    raise typer.Exit(run_zoo(folder, sources or (), only, jobs, seconds, force=force, as_json=as_json))
 
 
 from echelon.cli import excite_commands  # noqa: E402  its commands stand last in the help

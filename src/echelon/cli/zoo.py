@@ -11,12 +11,14 @@ from echelon.errors import InputError
 from echelon.zoo.build import build_zoo
 
 _MARK = "zoo.json"
+UNANSWERED = 1
+"""Exit code where a robot got no answer; the others have their pages."""
 
 
 def run_zoo(
     folder: Path, sources: Sequence[Path], only: str, jobs: int, seconds: float, *, force: bool, as_json: bool
-) -> None:
-    """Build, telling the robots that are done, and say what was built and what failed."""
+) -> int:
+    """Build, telling the robots that are done, and say what was built and what failed; returns the exit code."""
     if (
         folder.exists()
         and not force
@@ -35,7 +37,8 @@ def run_zoo(
     failed = [row for row in rows if "failed" in row]
     if as_json:
         show(json_text({"schema": "echelon.zoo/1", "folder": str(folder), "robots": rows}))
-        return
-    for row in failed:
-        show(f"{row['place']}{' (floating)' if row['floating'] else ''}: {row['failed']}")
-    show(f"{len(rows) - len(failed)} robots in {folder / 'index.html'}, {len(failed)} without an answer")
+    else:
+        for row in failed:
+            show(f"{row['place']}{' (floating)' if row['floating'] else ''}: {row['failed']}")
+        show(f"{len(rows) - len(failed)} robots in {folder / 'index.html'}, {len(failed)} without an answer")
+    return UNANSWERED if failed else 0

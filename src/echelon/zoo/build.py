@@ -33,33 +33,35 @@ def build_zoo(
     jobs: int = 1,
     seconds: float = 300.0,
     progress: Progress = lambda *_: None,
+    site: str = "",
 ) -> list[Row]:
     """Build or complete a zoo, and return the rows of the robots that were asked for, also of those that failed.
 
     ``only`` is a pattern of names or paths; a robot gets ``seconds`` at most.  The index also has what was there.
+    ``site`` leads from the folder to documentation and explorer, such as "../"; without it no page leads there.
     """
     searched = list(sources) or usual_folders()
     if not searched:
         raise InputError("no robots are installed: pip install example-robot-data, or name folders with --from")
-    tasks = [task for found in robot_files(searched) for task in _tasks(found, folder)]
+    tasks = [task for found in robot_files(searched) for task in _tasks(found, folder, site)]
     chosen = {t.slug for t in tasks if fnmatch(t.found.slug, only) or fnmatch(t.found.place, only)}
     if not chosen:
         raise InputError(f"no robot file matches '{only}' in {', '.join(map(str, searched))}")
     rows = {task.slug: task.finished() for task in tasks}
     waiting = [task for task in tasks if task.slug in chosen and rows[task.slug] is None]
-    write_index(folder, [row for row in rows.values() if row is not None])  # a build that is stopped can go on
+    write_index(folder, [row for row in rows.values() if row is not None], site)  # a build that is stopped can go on
     progress(0, len(waiting), None)
     for done, (task, row) in enumerate(_built(waiting, jobs, seconds), 1):
         rows[task.slug] = row
         progress(done, len(waiting), row)
-    write_index(folder, [row for row in rows.values() if row is not None])
+    write_index(folder, [row for row in rows.values() if row is not None], site)
     return [row for slug, row in rows.items() if row is not None and slug in chosen]
 
 
-def _tasks(found: Found, folder: Path) -> list[Task]:
+def _tasks(found: Found, folder: Path, site: str) -> list[Task]:
     """A description states its base itself; other files are read with a fixed and with a floating one."""
     stated = found.path.suffix.lower() in _DESCRIPTIONS
-    return [Task(found, floating, folder) for floating in ((False,) if stated else (False, True))]
+    return [Task(found, floating, folder, site) for floating in ((False,) if stated else (False, True))]
 
 
 # -- processes ---------------------------------------------------------------------------------------------------------
@@ -133,11 +135,11 @@ def _failed(task: Task, reason: str) -> Row:
 # -- the index ---------------------------------------------------------------------------------------------------------
 
 
-def write_index(folder: Path, rows: Sequence[Row]) -> None:
+def write_index(folder: Path, rows: Sequence[Row], site: str = "") -> None:
     """The page that leads to all others, and its rows as ``zoo.json``."""
     good = [row for row in rows if "failed" not in row]
     failed = [row for row in rows if "failed" in row]
-    shown = {"rows": good, "failed": failed, "plot": _plot(good), "version": __version__}
+    shown = {"rows": good, "failed": failed, "plot": _plot(good), "version": __version__, "site": site}
     folder.mkdir(parents=True, exist_ok=True)
     write_atomically(folder / "zoo.json", script_safe({"version": __version__, "robots": list(rows)}) + "\n")
     write_atomically(folder / "index.html", render("index.html.j2", shown, TEMPLATES) + "\n")

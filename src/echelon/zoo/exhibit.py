@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass
 from functools import cache
 from itertools import groupby
 from pathlib import Path
-from time import process_time
 from typing import Any
+from urllib.parse import urlencode
 
 import echelon
 from echelon.base.derive import base_parameters
@@ -33,7 +33,7 @@ from echelon.report.page import render as render_page
 from echelon.results.saved import to_json
 from echelon.version import __version__
 from echelon.zoo.faults import faults
-from echelon.zoo.find import Found
+from echelon.zoo.find import Found, stands_alone
 
 TEMPLATES = Path(__file__).with_name("templates")
 ROW = "row.json"
@@ -51,6 +51,7 @@ class Task:
     found: Found
     floating: bool
     folder: Path  # of the zoo
+    site: str = ""  # where documentation and explorer are, seen from that folder; nothing if there is only the zoo
 
     @property
     def slug(self) -> str:
@@ -60,7 +61,7 @@ class Task:
     @property
     def key(self) -> str:
         """Digest of the file's content and of the program: what is there for the same key is not built again."""
-        return hashlib.sha256(_program() + self.found.path.read_bytes()).hexdigest()
+        return hashlib.sha256(_program() + self.site.encode() + self.found.path.read_bytes()).hexdigest()
 
     @property
     def start(self) -> Row:
@@ -87,7 +88,6 @@ def _program() -> bytes:
 
 def build_exhibit(task: Task) -> Row | None:
     """Derive one robot and write its folder; None for a floating base where the base floats anyway."""
-    started = process_time()
     robot = load(task.found.path)
     if task.floating:
         if _floats(robot):
@@ -100,6 +100,7 @@ def build_exhibit(task: Task) -> Row | None:
     row: Row = {
         **task.start,
         "key": task.key,
+        "explorer": _in_explorer(task),
         "name": one_line(robot.name) or task.found.slug,
         "bodies": len(robot.bodies),
         "freedoms": robot.degrees_of_freedom,
@@ -109,14 +110,21 @@ def build_exhibit(task: Task) -> Row | None:
         "standard": len(base.parameters),
         "literal": reading.literal_rank if reading.literal_rank != base.rank else None,
         "faults": wrong,
-        "seconds": round(process_time() - started, 2),
     }
-    shown = _page(base, row, sensors, sources, missing)
+    shown = {**_page(base, row, sensors, sources, missing), "site": task.site}
     files = {"set.json": to_json(base), "base.tex": to_latex(base), **sources}
     files["index.html"] = render_page("robot.html.j2", shown, TEMPLATES) + "\n"
     written_into(task.folder / task.slug, files)
     write_atomically(task.folder / task.slug / ROW, json.dumps(row, indent=1, ensure_ascii=False) + "\n")
     return row
+
+
+def _in_explorer(task: Task) -> str:
+    """The address of the robot in the explorer, seen from the zoo's folder; empty if it is not there."""
+    if not task.site or not stands_alone(task.found.path):
+        return ""
+    chosen = {"robot": task.found.slug + task.found.path.suffix} | ({"floating": "yes"} if task.floating else {})
+    return f"{task.site}explorer/index.html#{urlencode(chosen)}"
 
 
 def _floats(robot: Mechanism) -> bool:

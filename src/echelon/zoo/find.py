@@ -71,6 +71,13 @@ def _slug(text: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-") or "robot"
 
 
+def stands_alone(path: Path) -> bool:
+    """Whether a robot file needs no other file and no MuJoCo, so that the explorer can read it in a browser."""
+    if path.suffix not in (".urdf", ".yaml"):
+        return False
+    return not re.search(r"^(robot|model):", path.read_text(encoding="utf-8", errors="replace"), re.MULTILINE)
+
+
 def _is_robot(path: Path) -> bool:
     pattern = _ROOTS[path.suffix.lower()]
     if not pattern:
