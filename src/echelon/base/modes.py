@@ -22,8 +22,8 @@ from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.interpolation import rational
 from echelon.exact.numbers import Rational
-from echelon.exact.zero_dimensional import UnsolvedSystemError
 from echelon.mechanism.mechanism import Mechanism
+from echelon.program.zero_dimensional import UnsolvedSystemError
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.curves import CurveSampler
 from echelon.regressor.loops.moving import Pose

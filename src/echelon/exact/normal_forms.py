@@ -13,9 +13,9 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
+from echelon.arrays import Integers
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.series import matrix_product
-from echelon.exact.straight_line import Indices
 
 Exponents = tuple[int, ...]
 
@@ -40,7 +40,7 @@ class Equation:
         present = np.flatnonzero(coefficients.any(axis=0))
         return Equation([exponents[term] for term in present], coefficients[:, present])
 
-    def at(self, samples: Indices) -> Equation:
+    def at(self, samples: Integers) -> Equation:
         """The equation of some samples."""
         return Equation(self.exponents, self.coefficients[samples])
 
@@ -67,7 +67,7 @@ class Monomials:
         self.exponents: list[Exponents] = [(0,) * variables]
         self.number: dict[Exponents, int] = {self.exponents[0]: 0}
         self.start = [0, 1]
-        self.times: Indices = np.zeros((variables, 0), dtype=np.int64)
+        self.times: Integers = np.zeros((variables, 0), dtype=np.int64)
 
     def raise_degree(self) -> None:
         """Append the monomials of the next degree."""
@@ -100,7 +100,7 @@ class NormalForms:
 
     def __init__(self, monomials: Monomials, field: PrimeField) -> None:
         self.monomials, self.field = monomials, field
-        self.free: Indices = np.zeros(1, dtype=np.int64)
+        self.free: Integers = np.zeros(1, dtype=np.int64)
         self.table: Residues = np.ones((1, 1), dtype=np.int64)
 
     def grow(self, count: int, free: Sequence[int]) -> None:

@@ -9,9 +9,8 @@ from __future__ import annotations
 import flint
 import numpy as np
 
-from echelon.arrays import Flags
+from echelon.arrays import Flags, Integers
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.straight_line import Indices
 
 
 def commute(matrices: Residues, field: PrimeField) -> Flags:
@@ -27,7 +26,7 @@ def commute(matrices: Residues, field: PrimeField) -> Flags:
     return np.asarray(~difference.any(axis=(0, 1)))
 
 
-def quotient_points(matrices: Residues, field: PrimeField) -> tuple[Indices, Residues]:
+def quotient_points(matrices: Residues, field: PrimeField) -> tuple[Integers, Residues]:
     """Points with coordinates in GF(p).
 
     Let m be the characteristic polynomial of a combination M of the multiplications that tells the points apart, and q
@@ -79,7 +78,7 @@ def _characteristic(traces: Residues, field: PrimeField) -> Residues:
     return result
 
 
-def _roots(polynomials: Residues, field: PrimeField) -> tuple[Indices, Residues]:
+def _roots(polynomials: Residues, field: PrimeField) -> tuple[Integers, Residues]:
     """Distinct roots in GF(p) of monic polynomials of shape (degree + 1, samples), and whose they are."""
     owners, roots, x = [], [], flint.nmod_poly([0, 1], field.p)
     for sample, coefficients in enumerate(polynomials.T.tolist()):

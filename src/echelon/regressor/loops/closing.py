@@ -13,12 +13,12 @@ from echelon.arrays import Floats
 from echelon.errors import DegenerateSampleError, InputError, ShakyPoseError, SingularPoseError
 from echelon.exact.elimination import null_vectors, rank
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.zero_dimensional import UnsolvedSystemError
 from echelon.mechanism.closed_pose import as_stated, shown_loops
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import has_values, in_numbers, inexact_symbols
 from echelon.mechanism.substitute import with_numeric_ratios
 from echelon.program.tape import Program
+from echelon.program.zero_dimensional import UnsolvedSystemError
 from echelon.regressor.loops.assembly import Assembled, Assembly, OpenLoopsError
 from echelon.regressor.loops.closed_motion import RANK_TOLERANCE
 from echelon.regressor.loops.coordinates import independent_coordinates

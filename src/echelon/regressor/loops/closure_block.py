@@ -20,7 +20,7 @@ import numpy as np
 
 from echelon.arrays import Integers
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.zero_dimensional import Solutions, Solver
+from echelon.program.zero_dimensional import Solutions
 from echelon.regressor.loops.moving import Pose
 from echelon.regressor.loops.positions import Positions, Recorded
 
@@ -41,7 +41,6 @@ class ClosureBlock:
         self._offsets = [sum(widths[:k]) for k in range(len(widths))]
         self._variables = sum(widths)
         self.points = prod(len(_points(part.width, part.degree)) for part in self._parts)
-        self._solver = Solver(self._variables)
         self.equations = recorded.schedule(nodes)
 
     def fewer(self) -> ClosureBlock:
@@ -50,7 +49,7 @@ class ClosureBlock:
 
     def solve(self, positions: Positions, pose: Pose) -> Solutions:
         """Values of the unknown coordinates at which the equations hold."""
-        return self._solver.solve(self._polynomials(positions, pose), positions.field)
+        return self.recorded.solver.solve(self._polynomials(positions, pose), positions.field)
 
     def put(self, pose: Pose, points: Residues, field: PrimeField) -> None:
         """Write solutions (samples, variables) into poses, those that they were found from."""

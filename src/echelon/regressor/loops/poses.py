@@ -15,7 +15,7 @@ import numpy.typing as npt
 from echelon.errors import DegenerateSampleError, SingularPoseError
 from echelon.exact.elimination import rank
 from echelon.exact.field import Residues
-from echelon.exact.zero_dimensional import UnsolvedSystemError
+from echelon.program.zero_dimensional import UnsolvedSystemError
 from echelon.regressor.loops.closed_curve import choose
 from echelon.regressor.loops.closure_block import ClosureBlock
 from echelon.regressor.loops.closures import Accepts, Wrist

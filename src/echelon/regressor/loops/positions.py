@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import reduce
 
 import numpy as np
@@ -16,6 +16,7 @@ from echelon.program.canonical import Turn
 from echelon.program.operations import Op
 from echelon.program.schedule import Schedule, SeriesArithmetic
 from echelon.program.tape import Program
+from echelon.program.zero_dimensional import Solver
 from echelon.regressor.loops.closures import Wrist
 from echelon.regressor.loops.moving import Layout, MovingCoordinates, Pose
 
@@ -40,6 +41,7 @@ class Recorded:
     # generators that are parts of angles of coordinates, with their place among those that turn
     turning: Mapping[str, int]
     units: Residues  # (turning coordinates,): the number of parts
+    solver: Solver = field(default_factory=Solver)  # of loops, which may be alike
 
     @property
     def threaded(self) -> list[int]:

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.zero_dimensional import Solutions, Solver, UnsolvedSystemError
+from echelon.program.zero_dimensional import Solutions, Solver, UnsolvedSystemError
 from support.strategies import SMALL_FIELD
 
 PRIMES = (SMALL_FIELD, PrimeField.random(np.random.default_rng(3)), PrimeField.of(1000151))
@@ -25,8 +25,8 @@ Poly: TypeAlias = dict[tuple[int, ...], Residues]
 System: TypeAlias = list[Poly]
 
 
-def solve(equations: Sequence[Poly], variables: int, field: PrimeField, monomial_limit: int = 1500) -> Solutions:
-    return Solver(variables, monomial_limit).solve(equations, field)
+def solve(equations: Sequence[Poly], field: PrimeField, monomial_limit: int = 1500) -> Solutions:
+    return Solver(monomial_limit).solve(equations, field)
 
 
 class Ring:
@@ -181,7 +181,7 @@ def as_set(points: Residues) -> set[tuple[int, ...]]:
 def test_planted_solutions_are_found_and_all_are_solutions(field, variables, build):
     ring = Ring(field, variables, SAMPLES)
     system, point = build(ring)
-    solutions = solve(system, variables, field)
+    solutions = solve(system, field)
     assert set(solutions.counts.tolist()) <= COUNTS.get(build, {1, 2, 3, 4})
     assert [len(points) for points in solutions.points] == solutions.counts.tolist()
     for k, points in enumerate(solutions.points):
@@ -195,9 +195,9 @@ def test_planted_solutions_are_found_and_all_are_solutions(field, variables, bui
 @every_case
 def test_samples_do_not_influence_each_other(variables, build):
     system, _ = build(Ring(SMALL_FIELD, variables, SAMPLES))
-    together = solve(system, variables, SMALL_FIELD)
+    together = solve(system, SMALL_FIELD)
     for k in range(3):
-        single = solve([{key: c[k : k + 1] for key, c in terms.items()} for terms in system], variables, SMALL_FIELD)
+        single = solve([{key: c[k : k + 1] for key, c in terms.items()} for terms in system], SMALL_FIELD)
         assert single.counts[0] == together.counts[k]
         assert as_set(single.points[0]) == as_set(together.points[k])
 
@@ -214,7 +214,7 @@ def test_a_target_is_within_reach_of_a_dyad_or_not(field):
         square = x * x + y * y
         discriminant = (4 * a * a * square - (square + a * a - b * b) ** 2) % field.p
         counts.append(2 if pow(discriminant, (field.p - 1) // 2, field.p) == 1 else 0)
-    assert solve(system, 4, field).counts.tolist() == counts
+    assert solve(system, field).counts.tolist() == counts
     assert 60 < sum(counts) / 2 < 140
 
 
@@ -232,7 +232,7 @@ def test_grids_of_points_are_found_in_full(seed, variables, sizes):
         ring.times(*(ring.add(form, ring.constant(-int(value))) for value in values))
         for form, values in zip(forms, offsets, strict=True)
     ]
-    solutions = solve(system, variables, SMALL_FIELD)
+    solutions = solve(system, SMALL_FIELD)
     expected = set(product(*({int(v) for v in values} for values in offsets)))
     for points in solutions.points:
         images = [tuple(int(x) for x in (directions.astype(object) @ point) % SMALL_FIELD.p) for point in points]
@@ -243,7 +243,7 @@ def test_grids_of_points_are_found_in_full(seed, variables, sizes):
 def test_a_multiple_point_with_many_tangents():
     ring = Ring(SMALL_FIELD, 2, 2)
     x, y = (ring.add(ring.variable(i), ring.constant(-value)) for i, value in enumerate((5, 7)))
-    solutions = solve([ring.times(x, x), ring.times(x, y), ring.times(y, y, y)], 2, SMALL_FIELD)
+    solutions = solve([ring.times(x, x), ring.times(x, y), ring.times(y, y, y)], SMALL_FIELD)
     assert [points.tolist() for points in solutions.points] == [[[5, 7]], [[5, 7]]]
 
 
@@ -253,7 +253,7 @@ def test_redundant_equations_change_nothing(variables, build):
     system, _ = build(ring)
     mixture = ring.add(*(ring.scaled(ring.random(), equation) for equation in system))
     surplus = [system[0], {}, ring.scaled(0, system[0]), mixture, ring.times(mixture, ring.variable(0))]
-    plain, redundant = (solve(equations, variables, SMALL_FIELD) for equations in (system, surplus + system))
+    plain, redundant = (solve(equations, SMALL_FIELD) for equations in (system, surplus + system))
     assert list(map(as_set, plain.points)) == list(map(as_set, redundant.points))
 
 
@@ -262,7 +262,7 @@ def test_a_contradiction_has_no_solutions(variables, build):
     ring = Ring(SMALL_FIELD, variables, 3)
     system, _ = build(ring)
     for extra in (ring.linear(range(variables)), ring.constant(1), ring.add(system[0], ring.constant(1))):
-        solutions = solve([*system, extra], variables, SMALL_FIELD)
+        solutions = solve([*system, extra], SMALL_FIELD)
         assert solutions.counts.tolist() == [0, 0, 0]
         assert [points.shape for points in solutions.points] == [(0, variables)] * 3
 
@@ -273,13 +273,13 @@ def test_infinitely_many_solutions_are_an_error(variables):
     circles = ring.circles(variables // 2)
     for system in (circles, [ring.scaled(0, circles[0])]):
         with pytest.raises(UnsolvedSystemError, match="infinitely many"):
-            solve(system, variables, SMALL_FIELD, monomial_limit=300)
+            solve(system, SMALL_FIELD, monomial_limit=300)
 
 
 def test_too_small_a_limit_is_an_error():
     system, _ = dyad(Ring(SMALL_FIELD, 4, 1))
     with pytest.raises(UnsolvedSystemError, match="more than 10 monomials"):
-        solve(system, 4, SMALL_FIELD, monomial_limit=10)
+        solve(system, SMALL_FIELD, monomial_limit=10)
 
 
 def altered(system: System, sample: int, changes: dict[tuple[int, tuple[int, ...]], int]) -> System:
@@ -298,7 +298,7 @@ def test_special_samples_are_solved_by_themselves(sample):
     """One sample has its target on the first axis, straight ahead: two solutions coincide."""
     system, _ = dyad(Ring(SMALL_FIELD, 4, SAMPLES))
     changes = {(0, C1): 2, (1, S1): 2, (0, C2): 3, (1, S2): 3, (0, ONE): -5, (1, ONE): 0}
-    solutions = solve(altered(system, sample, changes), 4, SMALL_FIELD)
+    solutions = solve(altered(system, sample, changes), SMALL_FIELD)
     assert solutions.points[sample].tolist() == [[1, 0, 1, 0]]
     assert np.delete(solutions.counts, sample).tolist() == [2] * (SAMPLES - 1)
 
@@ -307,11 +307,11 @@ def test_a_special_sample_that_cannot_be_solved_is_marked():
     """The second link of one sample has no length, so that its angle does not matter."""
     system, _ = dyad(Ring(SMALL_FIELD, 4, SAMPLES))
     changes = {(0, C1): 2, (1, S1): 2, (0, C2): 0, (1, S2): 0, (0, ONE): -2, (1, ONE): 0}
-    solutions = solve(altered(system, 4, changes), 4, SMALL_FIELD)
+    solutions = solve(altered(system, 4, changes), SMALL_FIELD)
     assert solutions.counts.tolist() == [2] * 4 + [-1] + [2] * (SAMPLES - 5)
     assert solutions.points[4].shape == (0, 4)
     with pytest.raises(UnsolvedSystemError):
-        solve(altered(system, 0, changes), 4, SMALL_FIELD)
+        solve(altered(system, 0, changes), SMALL_FIELD)
 
 
 def test_samples_of_different_kinds():
@@ -319,7 +319,7 @@ def test_samples_of_different_kinds():
     ones = np.ones(4, dtype=np.int64)
     circle = {(2, 0): ones, (0, 2): ones, (0, 0): -ones}
     line = {(1, 0): np.array([0, 1, 0, 3]), (0, 1): np.array([0, 0, 1, 0]), (0, 0): np.array([1, 0, -1, 0])}
-    solutions = solve([circle, line], 2, SMALL_FIELD)
+    solutions = solve([circle, line], SMALL_FIELD)
     last = SMALL_FIELD.p - 1
     assert [as_set(points) for points in solutions.points] == [
         set(),
@@ -331,11 +331,11 @@ def test_samples_of_different_kinds():
 
 @every_case
 def test_a_solver_repeats_itself_with_other_coefficients_and_primes(variables, build, monkeypatch):
-    solver = Solver(variables)
+    solver = Solver()
     solver.solve(build(Ring(SMALL_FIELD, variables, 2))[0], SMALL_FIELD)
     systems = [(build(Ring(field, variables, SAMPLES, 5))[0], field) for field in PRIMES]
-    expected = [solve(system, variables, field) for system, field in systems]
-    monkeypatch.setattr("echelon.exact.zero_dimensional._explore", None)
+    expected = [solve(system, field) for system, field in systems]
+    monkeypatch.setattr("echelon.program.zero_dimensional._explore", None)
     for (system, field), solutions in zip(systems, expected, strict=True):
         assert list(map(as_set, solver.solve(system, field).points)) == list(map(as_set, solutions.points))
 
@@ -344,7 +344,7 @@ def test_a_solver_explores_again_where_needed():
     """What it remembers is that of most samples, also if it has met a special one first."""
     system, _ = dyad(Ring(SMALL_FIELD, 4, SAMPLES))
     changes = {(0, C1): 2, (1, S1): 2, (0, C2): 3, (1, S2): 3, (0, ONE): -5, (1, ONE): 0}
-    solver = Solver(4)
+    solver = Solver()
     for sample in (0, 0, 4):
         solutions = solver.solve(altered(system, sample, changes), SMALL_FIELD)
         assert solutions.points[sample].tolist() == [[1, 0, 1, 0]]
@@ -360,7 +360,7 @@ def conic_with_line(slope: Residues) -> System:
 
 
 def test_a_solver_does_not_take_special_samples_for_regular_ones():
-    solver = Solver(2)
+    solver = Solver()
     solver.solve(conic_with_line(np.array([3, 5])), SMALL_FIELD)
     solutions = solver.solve(conic_with_line(np.array([4, 0, 7, 0])), SMALL_FIELD)
     assert list(map(as_set, solutions.points)) == [{(0, 0), (4, 16)}, {(0, 0)}, {(0, 0), (7, 49)}, {(0, 0)}]
@@ -375,20 +375,20 @@ def test_roots_of_one_polynomial(roots, irreducible, field):
     factors = [ring.add(ring.variable(0), ring.constant(-root)) for root in roots]
     factors += [ring.add({(2,): np.ones(2, dtype=np.int64)}, ring.constant(k * k)) for k in range(1, irreducible + 1)]
     if factors:
-        solutions = solve([ring.times(ring.constant(3), *factors)], 1, field)
+        solutions = solve([ring.times(ring.constant(3), *factors)], field)
         assert [sorted(points[:, 0].tolist()) for points in solutions.points] == [sorted(set(roots))] * 2
 
 
 def test_large_batches_are_solved_in_parts(monkeypatch):
     system, _ = dyad(Ring(SMALL_FIELD, 4, SAMPLES))
-    whole = solve(system, 4, SMALL_FIELD)
-    monkeypatch.setattr("echelon.exact.zero_dimensional._ENTRIES", 1000)
-    parts = solve(system, 4, SMALL_FIELD)
+    whole = solve(system, SMALL_FIELD)
+    monkeypatch.setattr("echelon.program.zero_dimensional._ENTRIES", 1000)
+    parts = solve(system, SMALL_FIELD)
     assert list(map(as_set, whole.points)) == list(map(as_set, parts.points))
 
 
 def test_no_samples():
     nothing = np.zeros(0, dtype=np.int64)
-    solutions = solve([{(1,): nothing}], 1, SMALL_FIELD)
+    solutions = solve([{(1,): nothing}], SMALL_FIELD)
     assert solutions.counts.shape == (0,)
     assert solutions.points == []

@@ -16,16 +16,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from echelon.arrays import Integers
 from echelon.errors import EchelonError
 from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.normal_forms import Equation, Exponents, Monomials, NormalForms, Product
 from echelon.exact.quotient_points import commute, quotient_points
-from echelon.exact.recorded_forms import RecordedForms
-from echelon.exact.straight_line import Indices, Program, Recorder
+from echelon.program.recorded_forms import RecordedForms, Recorder, Recording
 
 _MONOMIALS = 1500  # default bound on the number of monomials
-_ENTRIES = 1 << 24  # in powers of multiplications; more samples are treated in parts
+_ENTRIES = 1 << 24  # recorded numbers, or powers of multiplications; more samples are treated in parts
 
 
 class UnsolvedSystemError(EchelonError):
@@ -46,59 +46,58 @@ class Solver:
     >>> x, y = (1, 0), (0, 1)
     >>> line = {x: np.array([1, 1]), y: np.array([-1, -1])}
     >>> circle = {(2, 0): np.array([1, 1]), (0, 2): np.array([1, 1]), (0, 0): np.array([-2, -8])}
-    >>> [sorted(points.tolist()) for points in Solver(2).solve([line, circle], PrimeField.of(47)).points]
+    >>> [sorted(points.tolist()) for points in Solver().solve([line, circle], PrimeField.of(47)).points]
     [[[1, 1], [46, 46]], [[2, 2], [45, 45]]]
     """
 
-    def __init__(self, variables: int, monomial_limit: int = _MONOMIALS) -> None:
-        self._variables, self._limit = variables, monomial_limit
-        self._recordings: dict[tuple[tuple[Exponents, ...], ...], _Recording] = {}
+    def __init__(self, monomial_limit: int = _MONOMIALS) -> None:
+        self._limit = monomial_limit
+        self._rings: dict[tuple[tuple[Exponents, ...], ...], _Ring] = {}
 
     def solve(self, equations: Sequence[Mapping[Exponents, Residues]], field: PrimeField) -> Solutions:
         """Solve polynomials by the exponents of their terms, with coefficients of shape (samples,)."""
         system = [Equation.of(terms, field) for terms in equations if terms]
-        samples = system[0].coefficients.shape[0] if system else 0
-        points = [np.zeros((0, self._variables), dtype=np.int64) for _ in range(samples)]
+        if not system:
+            return Solutions(np.zeros(0, dtype=np.int64), [])
+        samples = len(system[0].coefficients)
+        variables = len(next(e for terms in equations for e in terms))
+        points = [np.zeros((0, variables), dtype=np.int64) for _ in range(samples)]
         solutions, left, most = Solutions(np.full(samples, -1), points), np.arange(samples), 0
         key = tuple(tuple(equation.exponents) for equation in system)
-        recording = self._recordings.get(key)
+        ring = self._rings.get(key)
         while left.size:
-            if recording is None:
+            if ring is None:
                 try:
-                    recording = self._explored([equation.at(left[:1]) for equation in system], field)
+                    sample = [equation.at(left[:1]) for equation in system]
+                    ring = _recorded(*_explore(sample, variables, field, self._limit), sample)
                 except UnsolvedSystemError:
                     if left[0] == 0:
                         raise
                     left = left[1:]
                     continue
-            rest = recording.solve(system, left, field, solutions)
+            rest = ring.solve(system, left, field, solutions)
             if len(left) - len(rest) > most:
-                self._recordings[key], most = recording, len(left) - len(rest)
-            left, recording = rest, None
+                self._rings[key], most = ring, len(left) - len(rest)
+            left, ring = rest, None
         return solutions
-
-    def _explored(self, sample: list[Equation], field: PrimeField) -> _Recording:
-        """What solves one sample."""
-        steps, forms = _explore(sample, self._variables, field, self._limit)
-        return _recorded(steps, forms, sample)
 
 
 @dataclass(frozen=True)
-class _Recording:
-    """Program from the coefficients to the multiplications by the variables, in a ring of some dimension."""
+class _Ring:
+    """Multiplications by the variables in the quotient ring, recorded from the coefficients."""
 
-    program: Program
+    recording: Recording
     variables: int
     dimension: int
 
-    def solve(self, system: list[Equation], samples: Indices, field: PrimeField, solutions: Solutions) -> Indices:
+    def solve(self, system: list[Equation], samples: Integers, field: PrimeField, solutions: Solutions) -> Integers:
         """Solve those of some samples that follow; returns the others."""
         shape, others = (self.variables, self.dimension, self.dimension), []
-        entries = self.dimension**2 * (self.dimension + self.variables)
+        entries = max(self.recording.size, self.dimension**2 * (self.dimension + self.variables))
         for part in np.array_split(samples, len(samples) * entries // _ENTRIES + 1):
             selected = [equation.at(part) for equation in system]
             coefficients = np.concatenate([equation.coefficients.T for equation in selected])
-            follows, outputs = self.program.run(coefficients, field)
+            follows, outputs = self.recording.run(coefficients, field)
             matrices = outputs.reshape(*shape, len(part))
             follows &= commute(matrices, field)
             others.append(part[~follows])
@@ -137,7 +136,7 @@ class _Elimination:
 _Step = _Extension | _Elimination
 
 
-def _recorded(steps: list[_Step], forms: NormalForms, sample: list[Equation]) -> _Recording:
+def _recorded(steps: list[_Step], forms: NormalForms, sample: list[Equation]) -> _Ring:
     """The steps, done once more at the sample where they were found."""
     recorder = Recorder(forms.field, [c for equation in sample for c in equation.coefficients[0].tolist()])
     inputs = iter(recorder.inputs)
@@ -152,8 +151,8 @@ def _recorded(steps: list[_Step], forms: NormalForms, sample: list[Equation]) ->
             rows = [row for product in step.products for row in recorded.defects(product)]
             rows += [recorded.reduce(polynomials[k]) for k in step.equations]
             recorded.eliminate(rows, step.pivots)
-    program = recorder.program(recorded.multiplications(forms.free.tolist()))
-    return _Recording(program, forms.monomials.variables, len(forms.free))
+    recording = recorder.recording(recorded.multiplications(forms.free.tolist()))
+    return _Ring(recording, forms.monomials.variables, len(forms.free))
 
 
 def _explore(
