@@ -52,7 +52,7 @@ def inverse(a: Residues, field: PrimeField) -> Residues:
     result = field.invert_array(a[..., :1])
     while known < order:
         known = min(2 * known, order)
-        guess = _padded(result, known)
+        guess = padded(result, known)
         error = product(a[..., :known], guess, field)
         error[..., 0] -= 2
         result = product(guess, -error % field.p, field)
@@ -149,7 +149,7 @@ def _inverted(a: Residues, field: PrimeField, start: Residues | None) -> Residue
     result, known = start, start.shape[-1]
     while known < order:
         known = min(2 * known, order)
-        guess = _padded(result, known)
+        guess = padded(result, known)
         error = -matrix_product(a[..., :known], guess, field)
         for k in range(size):
             error[..., k, k, 0] += 2
@@ -157,7 +157,8 @@ def _inverted(a: Residues, field: PrimeField, start: Residues | None) -> Residue
     return result
 
 
-def _padded(a: Residues, order: int) -> Residues:
+def padded(a: Residues, order: int) -> Residues:
+    """Series with zeros for more coefficients."""
     result = np.zeros((*a.shape[:-1], order), dtype=np.int64)
     result[..., : a.shape[-1]] = a
     return result

@@ -5,7 +5,7 @@ From a closed pose, random series of some coordinates are continued to closed se
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,10 +19,6 @@ from echelon.program.schedule import Schedule, SeriesArithmetic
 from echelon.regressor.loops.exponentials import Exponentials
 from echelon.regressor.loops.moving import MovingCoordinates, Pose
 from echelon.regressor.loops.positions import Positions
-
-OfSeries = Callable[[Residues], Residues]
-"""From local coordinates (samples, coordinates, order) to the equations (samples, equations, order), or to their
-derivatives by local coordinates (samples, equations, coordinates, order)."""
 
 
 @dataclass(frozen=True)
@@ -47,31 +43,33 @@ def choose(jacobian: Residues, field: PrimeField, preferred: Sequence[int] = ())
     return Choice(tuple(rows), dependent, independent)
 
 
-def lift(equations: OfSeries, slopes: OfSeries, choice: Choice, free: Residues, field: PrimeField) -> Residues:
-    """Continue series of independent local coordinates, zero at t = 0, to closed ones of all, by Newton's iteration.
+def lift(positions: Positions, pose: Pose, order: int, rng: np.random.Generator) -> MovingCoordinates:
+    """Random closed curves from poses, by Newton's iteration: new coefficients of some coordinates are drawn.
 
-    DegenerateSampleError if the Jacobian of a sample is singular where that of the choice is not; SingularPoseError if
-    an equation that was left out does not hold along the curves: the pose is singular, or it is isolated.
+    DegenerateSampleError if the Jacobian of a sample is singular where that of the first one is not; SingularPoseError
+    if an equation that was left out does not hold along the curves: the pose is singular, or it is isolated.
     """
-    samples, _, order = free.shape
+    field, moving = positions.field, positions.resting(pose)
+    choice = choose(positions.jacobian(pose)[0], field)
     dependent, independent = list(choice.dependent), list(choice.independent)
-    square = np.ix_(range(samples), choice.rows, dependent)
-    local = np.zeros((samples, len(dependent) + len(independent), order), dtype=np.int64)
+    square = np.ix_(range(positions.samples), choice.rows, dependent)
     known, inverses = 1, None
     while known < order:
-        target = min(2 * known, order)
-        local[:, independent, :target] = free[..., :target]
-        values = equations(local[..., :target])
+        target, before = min(2 * known, order), moving
+        change = np.zeros((positions.samples, len(dependent) + len(independent), target), dtype=np.int64)
+        change[:, independent, known:] = field.draw(rng, (positions.samples, len(independent), target - known))
+        moving = moving.extended(target).moved(change)
+        values = positions.along(moving)
         if values[..., :known].any():
             raise SingularPoseError(
                 "they do not stay closed along a curve: redundant constraints contradict each other near the pose"
             )
         # half the coefficients of the derivatives do, for what is added begins with the power t^known
-        residual = values[:, list(choice.rows), None, known:target]
-        change, inverses = series.solve(slopes(local[..., :known])[square], residual, field, inverses)
-        local[:, dependent, known:target] = -change[:, :, 0] % field.p
-        known = target
-    return local
+        residual, change = values[:, list(choice.rows), None, known:], np.zeros_like(change)
+        solved, inverses = series.solve(positions.slopes(before)[square], residual, field, inverses)
+        change[:, dependent, known:] = -solved[:, :, 0] % field.p
+        moving, known = moving.moved(change), target
+    return moving
 
 
 def tangent(jacobian: Residues, choice: Choice, free: Residues, field: PrimeField) -> Residues:
@@ -107,25 +105,11 @@ class ClosedCurve:
         self._given, self._speeds, self._signs, self._exponentials = given, speeds, signs, exponentials
         self.arithmetic = SeriesArithmetic(self.field, order)
         self._drawn: dict[str, Residues] = {}
-        self.moving = self._lifted()
+        self.moving = lift(positions, pose, order, rng)
 
     def leaves(self, schedule: Schedule) -> dict[int, Residues]:
         """Values of a schedule's leaves along the curves."""
         return {node: self._leaf(node) for node in schedule.leaves}
-
-    def _lifted(self) -> MovingCoordinates:
-        choice = choose(self.positions.jacobian(self.pose)[0], self.field)
-        free = self.field.draw(self.rng, (self.positions.samples, len(choice.independent), self.order))
-        free[..., 0] = 0
-
-        def equations(local: Residues) -> Residues:
-            return self.positions.along(self.positions.moving(self.pose, local))
-
-        def slopes(local: Residues) -> Residues:
-            moving = self.positions.moving(self.pose, local)
-            return moving.pulled_back(self.positions.slopes(moving))
-
-        return self.positions.moving(self.pose, lift(equations, slopes, choice, free, self.field))
 
     # -- values of leaves ------------------------------------------------------------------------------------------
 

@@ -1,14 +1,14 @@
 """Coordinates of poses modulo p, and along curves that start at a pose.
 
-Curves are power series over GF(p) that start at a pose.  From there, a rotation goes on by τ = tan(δ/2), a translation
-by its displacement, a ball by the Cayley vector of the rotation from the pose on.  With these local coordinates z,
-everything is rational in z, its derivative and, for a ball, one square root of a series that begins with 1.
+Curves are power series over GF(p) that start at a pose.  A rotation is a complex number of size one, a ball a unit
+quaternion.  Small turns multiply them by 1 + δ with an imaginary δ, which keeps their size but for δ², and Newton's
+step for 1/√ mends the rest.  So all is rational, and there are no local coordinates but velocities.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import pi
 
@@ -61,7 +61,7 @@ class Layout:
         self.inputs: dict[str, tuple[str | int, ...]] = {
             **{f"q[{m.name}]": ("angles", k) for k, m in enumerate(self.turning)},
             **{f"q[{m.name}]": ("slides", k) for k, m in enumerate(self.sliding)},
-            **{f"q[{n}]": ("quaternions", k, i) for k, m in enumerate(self.balls) for i, n in enumerate(m.positions)},
+            **{f"q[{n}]": ("balls", k, i) for k, m in enumerate(self.balls) for i, n in enumerate(m.positions)},
         }
         place = {name: k for k, name in enumerate(self.names)}
         self.turn_places = np.array([place[m.name] for m in self.turning], dtype=np.intp)
@@ -99,128 +99,101 @@ class Layout:
         return Pose(turns, slides, balls, angles)
 
 
+@dataclass(frozen=True)
 class MovingCoordinates:
-    """All coordinates as series, from local coordinates."""
+    """All coordinates along curves, as series."""
 
-    def __init__(self, layout: Layout, field: PrimeField, units: Residues, pose: Pose, local: Residues) -> None:
-        self.layout, self.field, self.units, self.pose, self.local = layout, field, units, pose, local
+    layout: Layout
+    units: Residues  # (turning coordinates,): in how many parts their angles count
+    field: PrimeField
+    turns: Residues  # (samples, turning coordinates, 2, order)
+    slides: Residues  # (samples, sliding coordinates, order)
+    balls: Residues  # (samples, balls, 4, order)
+    start: Residues  # (samples, turning coordinates): angles as such at t = 0
 
-    @cached_property
-    def _half_turns(self) -> tuple[Residues, Residues]:
-        """τ and 1/(1 + τ²)."""
-        tau = self.local[:, self.layout.turn_places]
-        square = series.product(tau, tau, self.field)
-        square[..., 0] += 1
-        return tau, series.inverse(square, self.field)
+    @staticmethod
+    def resting(layout: Layout, units: Residues, field: PrimeField, pose: Pose) -> MovingCoordinates:
+        """Coordinates at poses, as series of one coefficient."""
+        turns, slides, balls = (part[..., None] for part in pose.parts[:3])
+        return MovingCoordinates(layout, units, field, turns, slides, balls, pose.angles)
 
-    @cached_property
-    def turns(self) -> tuple[Residues, Residues]:
-        """Cosines and sines of the turning coordinates' parts, (samples, turning coordinates, order)."""
-        p, (tau, scale) = self.field.p, self._half_turns
-        cosine, sine = 2 * scale % p, 2 * series.product(tau, scale, self.field) % p
-        cosine[..., 0] = (cosine[..., 0] - 1) % p  # (1 − τ²)/(1 + τ²) = 2/(1 + τ²) − 1
-        c, s = self.pose.turns[..., 0, None], self.pose.turns[..., 1, None]
-        return (c * cosine % p - s * sine % p) % p, (s * cosine % p + c * sine % p) % p
+    @property
+    def samples(self) -> int:
+        """Number of curves."""
+        return len(self.start)
 
-    @cached_property
-    def slides(self) -> Residues:
-        """Sliding coordinates, (samples, sliding coordinates, order)."""
-        result = self.local[:, self.layout.slide_places].copy()
-        result[..., 0] += self.pose.slides
-        return result % self.field.p
+    @property
+    def order(self) -> int:
+        """Number of coefficients."""
+        return int(self.turns.shape[-1])
 
-    @cached_property
-    def quaternions(self) -> Residues:
-        """Quaternions, (samples, balls, 4, order)."""
-        field, p = self.field, self.field.p
-        vector = self.local[:, self.layout.ball_places]
-        scale = _inverse_root(self._ball_sizes, field)
-        x, y, z = (series.product(vector[:, :, k], scale, field) for k in range(3))
-        w0, x0, y0, z0 = (self.pose.balls[:, :, k, None] for k in range(4))
-        parts = (
-            ((w0, scale, 1), (x0, x, -1), (y0, y, -1), (z0, z, -1)),
-            ((w0, x, 1), (x0, scale, 1), (y0, z, 1), (z0, y, -1)),
-            ((w0, y, 1), (x0, z, -1), (y0, scale, 1), (z0, x, 1)),
-            ((w0, z, 1), (x0, y, 1), (y0, x, -1), (z0, scale, 1)),
+    def extended(self, order: int) -> MovingCoordinates:
+        """With more coefficients, at most twice as many; the new ones are zero but for what keeps unit sizes."""
+        turns, slides, balls = (series.padded(x, order) for x in (self.turns, self.slides, self.balls))
+        return replace(self, turns=_unit(turns, self.field), slides=slides, balls=_unit(balls, self.field))
+
+    def moved(self, change: Residues) -> MovingCoordinates:
+        """Moved on by small turns and slides (samples, velocities, order), of which products vanish to this order."""
+        layout, field = self.layout, self.field
+        turned = change[:, layout.turn_places] * field.invert_array(self.units)[:, None]
+        halves = change[:, layout.ball_places] * field.invert(2)
+        return replace(
+            self,
+            turns=_moved(self.turns, turned[:, :, None] % field.p, field),
+            slides=(self.slides + change[:, layout.slide_places]) % field.p,
+            balls=_moved(self.balls, halves % field.p, field),
         )
-        components = [np.sum([sign * (a * b % p) for a, b, sign in part], axis=0) % p for part in parts]
-        return np.stack(components, axis=2)
-
-    @cached_property
-    def _ball_sizes(self) -> Residues:
-        """1 + |z|² of every ball."""
-        vector = self.local[:, self.layout.ball_places]
-        square: Residues = series.product(vector, vector, self.field).sum(axis=2) % self.field.p
-        square[..., 0] += 1
-        return square
 
     def rates(self) -> Residues:
         """Velocity coordinates, (samples, velocities, order); the last coefficient is not known."""
-        return self.moved(series.derivative(self.local, self.field))
-
-    def moved(self, change: Residues) -> Residues:
-        """Velocities that belong to a change of the local coordinates, of the same shape."""
-        result = change.copy()
         layout, field = self.layout, self.field
-        if len(layout.turning):
-            _, scale = self._half_turns
-            factor = 2 * self.units[:, None] * scale % field.p
-            result[:, layout.turn_places] = series.product(change[:, layout.turn_places], factor, field)
-        if len(layout.balls):
-            vector, speed = self.local[:, layout.ball_places], change[:, layout.ball_places]
-            scale = 2 * series.inverse(self._ball_sizes, field) % field.p
-            turned = (speed - _cross(vector, speed, field)) % field.p
-            result[:, layout.ball_places] = series.product(turned, scale[:, :, None], field)
-        return result
-
-    def pulled_back(self, jacobian: Residues) -> Residues:
-        """Derivatives by velocities as derivatives by local coordinates: (samples, equations, velocities, order)."""
-        # most entries are zero: loops move few coordinates
-        result, used = jacobian.copy(), np.asarray(jacobian.any(axis=(0, -1)))
-        layout, field = self.layout, self.field
-        if len(layout.turning):
-            rows, turns = np.nonzero(used[:, layout.turn_places])
-            entry = (slice(None), rows, layout.turn_places[turns])
-            factor = 2 * self.units[:, None] * self._half_turns[1] % field.p
-            result[entry] = series.product(jacobian[entry], factor[:, turns], field)
-        if len(layout.balls):
-            # the transpose of speed − z × speed is gradient + z × gradient
-            rows, balls = np.nonzero(used[:, layout.ball_places].any(axis=-1))
-            entry = (slice(None), rows[:, None], layout.ball_places[balls])
-            turned = jacobian[entry] + _cross(self.local[:, layout.ball_places[balls]], jacobian[entry], field)
-            scale = 2 * series.inverse(self._ball_sizes, field) % field.p
-            result[entry] = series.product(turned % field.p, scale[:, balls, None], field)
+        result = np.empty((self.samples, len(layout.names), self.order), dtype=np.int64)
+        result[:, layout.turn_places] = self._turning
+        result[:, layout.slide_places] = series.derivative(self.slides, field)
+        result[:, layout.ball_places] = 2 * _rates(self.balls, field) % field.p
         return result
 
     @cached_property
     def angles(self) -> Residues:
         """Angles of the turning coordinates as such, (samples, turning coordinates, order)."""
-        tau, scale = self._half_turns
-        rate = 2 * series.product(series.derivative(tau, self.field), scale, self.field) * self.units[:, None]
-        result = series.integral(rate % self.field.p, self.field)
-        result[..., 0] = self.pose.angles
+        result = series.integral(self._turning, self.field)
+        result[..., 0] = self.start
         return result
 
-
-def _cross(a: Residues, b: Residues, field: PrimeField) -> Residues:
-    """Cross products along the last axis but one."""
-    parts = []
-    for k in range(3):
-        i, j = (k + 1) % 3, (k + 2) % 3
-        first = series.product(a[..., i, :], b[..., j, :], field)
-        parts.append((first - series.product(a[..., j, :], b[..., i, :], field)) % field.p)
-    return np.stack(parts, axis=-2)
+    @property
+    def _turning(self) -> Residues:
+        return _rates(self.turns, self.field)[:, :, 0] * self.units[:, None] % self.field.p
 
 
-def _inverse_root(a: Residues, field: PrimeField) -> Residues:
-    """1/√a for series that begin with 1, by Newton's iteration."""
-    order, known, half = a.shape[-1], 1, field.invert(2)
-    result = np.ones((*a.shape[:-1], 1), dtype=np.int64)
-    while known < order:
-        known = min(2 * known, order)
-        guess = np.zeros((*a.shape[:-1], known), dtype=np.int64)
-        guess[..., : result.shape[-1]] = result
-        error = -series.product(a[..., :known], series.product(guess, guess, field), field)
-        error[..., 0] += 3
-        result = series.product(guess, error % field.p, field) * half % field.p
-    return result
+# signs of a_j b_k in component i of a product of quaternions, where i, j and k are tied by k = i xor j; complex numbers
+# are the quaternions of two components
+_SIGNS = np.array([[1, -1, -1, -1], [1, 1, 1, -1], [1, -1, 1, 1], [1, 1, -1, 1]])
+
+
+def times(a: Residues, b: Residues, field: PrimeField) -> Residues:
+    """Products of complex numbers or quaternions, (..., components, order)."""
+    index = np.arange(a.shape[-2])
+    terms = series.product(a[..., None, :, :], b[..., index[:, None] ^ index, :], field)
+    return np.asarray((terms * _SIGNS[: len(index), : len(index), None]).sum(axis=-2) % field.p)
+
+
+def _moved(numbers: Residues, change: Residues, field: PrimeField) -> Residues:
+    """Unit numbers turned by an imaginary change: their products with 1 + change."""
+    one = np.zeros_like(change[..., :1, :])
+    one[..., 0] = 1
+    return times(numbers, np.concatenate([one, change], axis=-2), field)
+
+
+def _unit(numbers: Residues, field: PrimeField) -> Residues:
+    """Numbers of size one up to half of their order, made so to the whole of it: times 1 − (|n|² − 1)/2."""
+    square = series.product(numbers, numbers, field).sum(axis=-2, keepdims=True)
+    factor = -square * field.invert(2) % field.p
+    factor[..., 0] = 1  # 3/2 - 1/2
+    return series.product(numbers, factor, field)
+
+
+def _rates(numbers: Residues, field: PrimeField) -> Residues:
+    """Imaginary parts of n̄ ṅ."""
+    conjugate = numbers.copy()
+    conjugate[..., 1:, :] = -numbers[..., 1:, :] % field.p
+    return times(conjugate, series.derivative(numbers, field), field)[..., 1:, :]

@@ -18,7 +18,7 @@ from echelon.program.schedule import Schedule, SeriesArithmetic
 from echelon.program.tape import Program
 from echelon.program.zero_dimensional import Solver
 from echelon.regressor.loops.closures import Wrist
-from echelon.regressor.loops.moving import Layout, MovingCoordinates, Pose
+from echelon.regressor.loops.moving import Layout, MovingCoordinates, Pose, times
 
 
 @dataclass(frozen=True)
@@ -93,13 +93,9 @@ class Positions:
         """Positions of the samples with the given indices, which may repeat."""
         return replace(self, constants=self.constants.at(samples), samples=len(samples))
 
-    def moving(self, pose: Pose, local: Residues) -> MovingCoordinates:
-        """Coordinates that move away from a pose; see :class:`MovingCoordinates`."""
-        return MovingCoordinates(self.recorded.layout, self.field, self.recorded.units, pose, local)
-
     def resting(self, pose: Pose) -> MovingCoordinates:
         """Coordinates at a pose, as series of one coefficient."""
-        return self.moving(pose, np.zeros((len(pose.turns), len(self.recorded.layout.names), 1), dtype=np.int64))
+        return MovingCoordinates.resting(self.recorded.layout, self.recorded.units, self.field, pose)
 
     def equations(self, pose: Pose, schedule: Schedule | None = None) -> Residues:
         """Closure equations at poses, all or those of a schedule, (samples, equations)."""
@@ -113,8 +109,7 @@ class Positions:
         """Derivatives of the equations by all or the named velocities, (samples, equations, velocities, order)."""
         recorded = self.recorded
         columns = {name: k for k, name in enumerate(names or recorded.layout.names)}
-        samples, order = moving.local.shape[0], moving.local.shape[-1]
-        jacobian = np.zeros((samples, len(recorded.owners), len(columns), order), dtype=np.int64)
+        jacobian = np.zeros((moving.samples, len(recorded.owners), len(columns), moving.order), dtype=np.int64)
         for (row, name), value in zip(recorded.entries, self._run(recorded.slopes, moving), strict=True):
             if name in columns:
                 jacobian[:, row, columns[name]] = value
@@ -151,9 +146,9 @@ class Positions:
 
     def leaf(self, node: int, moving: MovingCoordinates) -> Residues:
         """Value of a constant, of a function of positions, or of a position, (samples, order)."""
-        recorded, order = self.recorded, moving.local.shape[-1]
+        recorded = self.recorded
         if node in self.constants.leaves:
-            return series.constant(self.constants.leaves[node], order)
+            return series.constant(self.constants.leaves[node], moving.order)
         if node in recorded.turns:
             return self._turned(node, moving)
         name = recorded.program.inputs[node].name
@@ -164,35 +159,29 @@ class Positions:
         return values
 
     def _run(self, schedule: Schedule, moving: MovingCoordinates) -> Residues:
-        samples, order = moving.local.shape[0], moving.local.shape[-1]
         leaves = {node: self.leaf(node, moving) for node in schedule.leaves}
-        return schedule.run(SeriesArithmetic(self.field, order), leaves, samples)
+        return schedule.run(SeriesArithmetic(self.field, moving.order), leaves, moving.samples)
 
     def _turned(self, node: int, moving: MovingCoordinates) -> Residues:
         """Sine or cosine of a sum of angles."""
-        recorded, order = self.recorded, moving.local.shape[-1]
-        points = []
+        recorded, points = self.recorded, []
         for generator, count in recorded.turns[node].multiples.items():
             if generator in recorded.turning:
-                place = recorded.turning[generator]
-                cosine, sine = (part[:, place] for part in moving.turns)
+                point = moving.turns[:, recorded.turning[generator]]
             else:
-                cosine, sine = (series.constant(part, order) for part in self.constants.circles[generator])
-            points.append(_multiplied((cosine, sine), count, self.field))
-        point = reduce(lambda a, b: _added(a, b, self.field), points)
-        return point[0 if recorded.program.ops[node] == Op.COS else 1]
+                point = series.constant(np.stack(self.constants.circles[generator], axis=-1), moving.order)
+            points.append(_multiplied(point, count, self.field))
+        point = reduce(lambda a, b: times(a, b, self.field), points)
+        return point[:, 0 if recorded.program.ops[node] == Op.COS else 1]
 
 
-def _added(a: tuple[Residues, Residues], b: tuple[Residues, Residues], field: PrimeField) -> tuple[Residues, Residues]:
-    cosine = series.product(a[0], b[0], field) - series.product(a[1], b[1], field)
-    sine = series.product(a[0], b[1], field) + series.product(a[1], b[0], field)
-    return cosine % field.p, sine % field.p
-
-
-def _multiplied(point: tuple[Residues, Residues], count: int, field: PrimeField) -> tuple[Residues, Residues]:
-    turned = (point[0], point[1] if count > 0 else -point[1] % field.p)
+def _multiplied(point: Residues, count: int, field: PrimeField) -> Residues:
+    """A multiple of an angle, from its cosine and sine (samples, 2, order)."""
+    turned = point.copy()
+    if count < 0:
+        turned[:, 1] = -point[:, 1] % field.p
     total = turned
     for bit in bin(abs(count))[3:]:  # doubled for every binary digit, so that large ratios cost little
-        total = _added(total, total, field)
-        total = _added(total, turned, field) if bit == "1" else total
+        total = times(total, total, field)
+        total = times(total, turned, field) if bit == "1" else total
     return total
