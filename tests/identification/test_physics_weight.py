@@ -67,6 +67,18 @@ def test_effects_are_drawn_to_their_priors() -> None:
     assert near.standard[column] == pytest.approx(prior[column], rel=1e-3)
 
 
+def test_friction_that_data_contradict_is_not_drawn_to() -> None:
+    """Files state a damping of a thousandth for the sake of a simulation."""
+    base, role = model("tx40")
+    rng = np.random.default_rng(11)
+    truth = robot(role, rng)
+    observation, weights = observed(base, truth, rng)
+    prior = truth.copy()
+    prior[role.positive] *= 1e-3
+    fit = physical_fit(base, observation.combined(weights), prior=prior, prior_weight=1.0)
+    assert fit.misfit < fit.unconstrained_misfit + 3 * base.rank
+
+
 def test_priors_that_are_no_bodies_are_repaired() -> None:
     base, role = model("panda")
     rng = np.random.default_rng(12)

@@ -180,9 +180,9 @@ UNCLEAR = [
     ("a b c", "no columns for positions and outputs"),
     (
         "t q1 q2 q3 tau1 tau2 tau3",
-        r"a position for 3 \(numbers 1, 2, 3\), q1, q2, q3, but .* has 2: j1, j2; is it a log of another robot",
+        r"has 3 positions \(numbers 1, 2, 3\), q1, q2, q3, but .* has 2: j1, j2; is it a log of another robot",
     ),
-    ("t q1 tau1 tau2", "has a position for 1 "),
+    ("t q1 tau1 tau2", "has 1 position "),
     ("t q_meas tau1 tau2", "has one position, q_meas, but"),
     ("t q1 q2 pos1 tau1 tau2", "'q1' and 'pos1' could both be the position of 'j1'"),
     ("t time q1 q2 tau1 tau2", "t, time could all be the time"),

@@ -7,8 +7,8 @@ damaged files and other units than SI do.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TypeVar
 
@@ -67,6 +67,8 @@ class ReadingOptions:
     joints: tuple[StatedJoint, ...] = ()  # joints that are of other types than the file says
     # give drives the usual effects where the file lists none
     usual_effects: bool = False
+    # coordinates, or joints, that do not move, and where they stand (rad or m), beside those that the file names
+    locked: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not 0 <= self.snap_tolerance <= 0.1:

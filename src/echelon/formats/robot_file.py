@@ -7,20 +7,21 @@ or with the joints that it couples independent.
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from echelon.choices import Measured
-from echelon.errors import InputError
+from echelon.errors import InputError, locating
 from echelon.formats.builder import Built, build_mechanism
 from echelon.formats.literal import LiteralTree
 from echelon.formats.reading_options import ANGLE_TOLERANCE, Gravity, ReadingOptions
 from echelon.formats.robot_sources import content_of, described_path, expanded, is_xacro, text_of
 from echelon.formats.usual_effects import with_usual_effects
 from echelon.inputs.xml_text import parse_xml
+from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.reading import Reading
 from echelon.mechanism.stated import in_numbers
@@ -159,10 +160,17 @@ class RobotFile:
         options = ReadingOptions() if options is None else options
         built = self.built(options, literal)
         mechanism = built.mechanism if options.symbolic else in_numbers(built.mechanism)
+        mechanism = self._locked(mechanism, options)
         if self._wants_usual_effects(options):
             robot = self.robot
             mechanism = with_usual_effects(mechanism, {} if robot is None else robot.tree().drives)
         return mechanism.as_read(Reading(built.snaps, built.notes, self, options))
+
+    def _locked(self, mechanism: Mechanism, options: ReadingOptions) -> Mechanism:
+        with locating(self.source):
+            return lock_joints(
+                mechanism, {**(self.description.locked if self.is_description else {}), **options.locked}
+            )
 
     def _wants_usual_effects(self, options: ReadingOptions) -> bool:
         if not self.is_description or self.description.effects is None:
@@ -236,6 +244,7 @@ def load(
     gravity: Gravity = "file",
     separate_symbols: bool = False,
     measured: Measured = "drives",
+    locked: Mapping[str, float] | None = None,
 ) -> Mechanism:
     """Read a robot description.
 
@@ -267,6 +276,8 @@ def load(
     measured : "drives" or "file"
         What is measured: the forces of all drives, or what the sensors of an MJCF file measure (see
         ``docs/formats/mjcf.md``).  Descriptions state their outputs themselves.
+    locked : mapping of str to float, optional
+        Coordinates, or joints, that do not move, and where they stand, rad or m.
 
     Returns
     -------
@@ -293,6 +304,7 @@ def load(
         gravity,
         separate_symbols=separate_symbols,
         measured=measured,
+        locked=locked or {},
     )
     return open_robot(robot).mechanism(options)
 

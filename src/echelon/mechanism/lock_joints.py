@@ -39,6 +39,7 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, float]) -> Mechani
     if not positions:
         return mechanism
     motions = {motion.name: motion for motion in mechanism.motions}
+    positions = dict(_by_motion(mechanism, positions))
     strange = next((name for name in positions if name not in motions), None)
     if strange is not None:
         raise InputError(f"there is no coordinate '{strange}' to hold{nearest_of(strange, list(motions))}")
@@ -56,6 +57,13 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, float]) -> Mechani
         effects=tuple(_effects(mechanism, gone, all_positions)),
         measured=None if mechanism.measured is None else tuple(_outputs(mechanism.measured, gone)),
     )
+
+
+def _by_motion(mechanism: Mechanism, positions: Mapping[str, float]) -> Iterable[tuple[str, float]]:
+    """Positions by motion; a joint stands for all of its own."""
+    joints = {body.joint.name: [motion.name for motion in body.joint.motions] for body in mechanism.bodies}
+    for name, position in positions.items():
+        yield from ((motion, position) for motion in joints.get(name) or [name])
 
 
 def _with_coupled(mechanism: Mechanism, positions: Mapping[str, float]) -> dict[str, float]:

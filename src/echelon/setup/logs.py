@@ -6,21 +6,32 @@ the same.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from echelon.errors import InputError
+from echelon.formats.stated_limits import stated_limits
 from echelon.logs.columns.by_values import with_units
 from echelon.logs.columns.column_guess import guess
-from echelon.logs.columns.column_map import ColumnMap
+from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.columns.conversion import needed_columns
+from echelon.logs.columns.units import factor
 from echelon.logs.files.log_file import LogFile, Table
 from echelon.logs.files.open_log import log_paths
+from echelon.logs.finding import listed
 from echelon.logs.read_log import first_table, opened
+from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.setup import Setup, load_setup, with_usual
+
+_FEW = 6
+"""Joints that are named with where they rest; of more, only that they do."""
+_STILL = 2e-3
+"""Range, rad or m, of a joint that never moves."""
 
 
 def with_logs(setup: Any, logs: Any, others: Any = ()) -> tuple[Setup, tuple[Path, ...], tuple[Path, ...]]:
@@ -33,19 +44,108 @@ def with_logs(setup: Any, logs: Any, others: Any = ()) -> tuple[Setup, tuple[Pat
     for path in (*fitted, *unseen):
         file = opened(path)
         kinds.setdefault(tuple(file.names), file)
-    found = [_guessed(file, setup.mechanism) for file in kinds.values()]
-    notes = tuple(dict.fromkeys(text for _, texts in found for text in texts))
-    columns = tuple(columns for columns, _ in found)
-    return replace(setup, columns=columns, assumed=(*setup.assumed, *notes)), fitted, unseen
+    for file in kinds.values():
+        found = understood(file, setup)
+        if found.problems:
+            raise InputError("; ".join(found.problems), source=file.source)
+        notes = tuple(text for text in found.notes if text not in setup.assumed)
+        setup = replace(found.setup, columns=(*setup.columns, found.columns), assumed=(*setup.assumed, *notes))
+    return setup, fitted, unseen
 
 
-def _guessed(file: LogFile, mechanism: Mechanism) -> tuple[ColumnMap, list[str]]:
-    found = guess(file.names, mechanism, lambda: first_table(file))
-    if found.problems:
-        raise InputError("; ".join(found.problems), source=file.source)
-    table = next(file.tables(needed_columns(found.columns, file.names)), Table(file.source, {}))
-    columns, notes = with_units(found.columns, table, mechanism)
-    return columns, [*found.notes, *(note.text for note in notes)]
+@dataclass(frozen=True)
+class Understood:
+    """What a log means for a robot."""
+
+    setup: Setup  # without joints that rest and outputs that are not measured
+    columns: ColumnMap
+    problems: tuple[str, ...]
+    notes: tuple[str, ...]  # what was taken for granted
+    locked: dict[str, float]  # where joints rest, rad or m
+    choices: tuple[dict[str, float], ...] = ()  # the same, where only the user can tell which joints rest
+
+
+def understood(file: LogFile, setup: Setup, *, by_values: bool = False) -> Understood:
+    """What the columns of a log are, by their names, and by their values where that is asked for.
+
+    Joints that are not in the log rest, and so do those that never move and whose outputs are absent or zero; with
+    ``by_values`` all that never move.
+    """
+    found = guess(file.names, setup.mechanism, lambda: first_table(file), by_values=by_values)
+    notes, columns, silent = list(found.notes), found.columns, set(found.unmeasured)
+    locked = _assumed(setup, found.unlogged)
+    if locked:
+        notes.append(f"the log has no columns for {listed(locked)}: taken to rest, {_line(locked)}")
+    if columns.positions:
+        table = next(file.tables(needed_columns(columns, file.names)), Table(file.source, {}))
+        columns, findings = with_units(columns, table, setup.mechanism)
+        notes += [finding.text for finding in findings]
+        silent |= {name for name, some in columns.outputs.items() if not np.any(table.columns[some.column])}
+        resting = {name: at for name, at in _still(columns, table).items() if by_values or name in silent}
+        if len(silent | resting.keys()) < len(columns.outputs) + len(found.unmeasured):
+            locked |= resting
+            notes += [f"at rest all the time: {listed(resting)}, {_line(resting)}"] if resting else []
+        else:  # nothing would be left: what is wrong with it is said when it is read
+            silent = set(found.unmeasured)
+    silent -= locked.keys()
+    if silent:
+        notes.append(f"nothing is measured of {listed(silent)}: no column, or only zeros")
+    return Understood(
+        _without(setup, locked, silent),
+        _columns_without(columns, locked.keys(), silent),
+        found.problems,
+        tuple(notes),
+        locked,
+        tuple(_assumed(setup, some) for some in found.choices),
+    )
+
+
+def _line(locked: Mapping[str, float]) -> str:
+    """The line that says where joints rest."""
+    if len(locked) > _FEW:
+        return "where  locked  says" if any(locked.values()) else "at zero"
+    return f"as by  locked: {{{', '.join(f'{name}: {position:.6g}' for name, position in locked.items())}}}"
+
+
+def _assumed(setup: Setup, names: Sequence[str]) -> dict[str, float]:
+    """Where joints that nobody logged are taken to stand: at zero, or at the nearest end of their range."""
+    file, found = setup.robot_file, {}
+    limits = stated_limits(file, setup.mechanism) if names and file is not None else {}
+    for name in names:
+        low, high = (limits[name].position if name in limits else None) or (0.0, 0.0)
+        found[name] = min(max(low, 0.0), high)
+    return found
+
+
+def _still(columns: ColumnMap, table: Table) -> dict[str, float]:
+    """Joints whose positions never change by more than an encoder's noise, and where they stand, rad or m."""
+    found = {}
+    for name, channel in columns.positions.items():
+        values = channel.scale * factor(channel.unit, None) * table.columns[channel.column] + channel.offset
+        if np.nanmax(values, initial=-np.inf) - np.nanmin(values, initial=np.inf) < _STILL:
+            found[name] = float(np.nanmedian(values))
+    return found
+
+
+def _columns_without(columns: ColumnMap, locked: Collection[str], silent: Collection[str]) -> ColumnMap:
+    def left(kind: str, gone: Collection[str] = locked) -> dict[str, Channel]:
+        return {name: channel for name, channel in columns.channels[kind].items() if name not in gone}
+
+    q, v, a, r = (left(kind) for kind in ("position", "velocity", "acceleration", "reference"))
+    return ColumnMap(columns.time, columns.rate, q, v, a, left("output", {*locked, *silent}), r)
+
+
+def _without(setup: Setup, locked: Mapping[str, float], silent: Collection[str]) -> Setup:
+    """The set-up with joints locked and without outputs that are not measured, and effects in their drives."""
+    reading, mechanism = setup.mechanism.reading, lock_joints(setup.mechanism, locked)
+    if silent:
+        measured = tuple(output for output in mechanism.outputs if output.name not in silent)
+        effects = tuple(e for e in mechanism.effects if any(action.at not in silent for action in e.actions))
+        mechanism = replace(mechanism, measured=measured, effects=effects)
+    elif locked and reading is not None:
+        options = replace(reading.options, locked={**reading.options.locked, **locked})
+        mechanism = mechanism.as_read(replace(reading, options=options))
+    return replace(setup, mechanism=mechanism)
 
 
 def joined(paths: Sequence[Path], mechanism: Mechanism, columns: Sequence[ColumnMap] = ()) -> tuple[Path, ...]:

@@ -16,16 +16,13 @@ from pathlib import Path
 from echelon.errors import InputError
 from echelon.formats.robot_file import RobotFile, open_robot
 from echelon.inputs.yaml_text import dump_flow
-from echelon.logs.columns.by_values import with_units
-from echelon.logs.columns.column_guess import Guess, guess
-from echelon.logs.columns.column_map import Channel
-from echelon.logs.columns.conversion import needed_columns
-from echelon.logs.files.log_file import LogFile, Table
+from echelon.logs.columns.column_map import Channel, ColumnMap
+from echelon.logs.files.log_file import LogFile
 from echelon.logs.files.open_log import log_paths
 from echelon.logs.finding import Severity, counted, listed
 from echelon.logs.read_log import first_table, opened, read_log
 from echelon.mechanism.mechanism import Mechanism
-from echelon.setup.logs import joined
+from echelon.setup.logs import Understood, joined, understood
 from echelon.setup.setup import load_setup
 
 _EFFECTS = """\
@@ -60,35 +57,25 @@ def skeleton(robot: str | os.PathLike[str], logs: Sequence[str | os.PathLike[str
     if file.is_description and "log" in file.document.data:
         raise InputError("this set-up says already what its logs mean; edit it, or begin with a robot file",
                          source=file.source)  # fmt: skip
-    mechanism = load_setup(file).mechanism
-    paths = joined(log_paths(logs), mechanism)
+    setup = load_setup(file)
+    paths = joined(log_paths(logs), setup.mechanism)
     log = opened(paths[0])
-    found, notes = _looked_at(log, mechanism)
-    body = _body(file, mechanism, found, log, folder)
-    questions = (*found.problems, *_questions(found))
-    trial = () if found.problems else _trial(body, folder, paths)
-    head = [f"# Set-up of {mechanism.name} for {log.source}, written by  echelon setup.  Look it through, then"]
+    found = understood(log, setup, by_values=True)
+    problems = found.problems
+    if found.columns.positions and found.columns.time is None and not first_table(log).clocks:
+        problems += ("no column is the time: state the rate of the samples",)
+    body = _body(file, found, log, folder)
+    questions = (*problems, *_questions(found.columns))
+    trial = () if problems else _trial(body, folder, paths)
+    head = [f"# Set-up of {setup.mechanism.name} for {log.source}, written by  echelon setup.  Look it through, then"]
     head += [f"#   echelon identify THIS_FILE {' '.join(map(str, logs))} -o result/", "#"]
-    head += _comments("found", notes) + _comments("not decided", questions) + _comments("tried", trial)
-    return Skeleton("\n".join(head) + "\n" + body, questions, (*notes, *trial))
+    head += _comments("found", found.notes) + _comments("not decided", questions) + _comments("tried", trial)
+    return Skeleton("\n".join(head) + "\n" + body, questions, (*found.notes, *trial))
 
 
-def _looked_at(log: LogFile, mechanism: Mechanism) -> tuple[Guess, list[str]]:
-    """What the columns are, and what was taken for granted."""
-    found = guess(log.names, mechanism, lambda: first_table(log), by_values=True)
-    notes = list(found.notes)
-    if found.columns.positions:
-        table = next(log.tables(needed_columns(found.columns, log.names)), Table(log.source, {}))
-        columns, findings = with_units(found.columns, table, mechanism)
-        found, notes = replace(found, columns=columns), [*notes, *(finding.text for finding in findings)]
-        if columns.time is None and not table.clocks:
-            found = replace(found, problems=(*found.problems, "no column is the time: state the rate of the samples"))
-    return found, notes
-
-
-def _questions(found: Guess) -> list[str]:
+def _questions(columns: ColumnMap) -> list[str]:
     """What no file says, where it matters."""
-    columns, asked = found.columns, []
+    asked = []
     if columns.outputs and not any(channel.unit for channel in columns.outputs.values()):
         asked.append("whether outputs are in N·m (N), at the joints' side of the gears; of motors before gears, state "
                      "actuators: {m1: 100*joint1} and name these under output")  # fmt: skip
@@ -102,14 +89,24 @@ def _questions(found: Guess) -> list[str]:
 # -- text -------------------------------------------------------------------------------------------------------------
 
 
-def _body(file: RobotFile, mechanism: Mechanism, found: Guess, log: LogFile, folder: Path) -> str:
-    section = _log_section(found, mechanism, log)
+def _body(file: RobotFile, found: Understood, log: LogFile, folder: Path) -> str:
+    mechanism = found.setup.mechanism
+    parts = [f"{line}  # they rest: there?" for line in _locked_lines(found)]
+    if mechanism.measured is not None and not file.is_description:
+        parts.append(dump_flow({"outputs": [{"actuator": output.name} for output in mechanism.outputs]}))
+    section = _log_section(found.columns, mechanism, log)
     if file.is_description:
-        return file.data.decode().rstrip() + "\n" + section
+        return "\n".join([file.data.decode().rstrip(), *parts, section])
     source = Path(file.source)
     path = os.path.relpath(source.absolute(), folder.absolute()) if source.is_file() else str(source)
     head = [dump_flow({key: value}) for key, value in (("echelon", 1), ("name", mechanism.name), ("robot", path))]
-    return "\n".join([*head, *_gears(file), _EFFECTS]) + section
+    return "\n".join([*head, *_gears(file), *parts, _EFFECTS]) + section
+
+
+def _locked_lines(found: Understood) -> list[str]:
+    """Lines that say which joints rest; as comments where only the user can tell."""
+    lines = [dump_flow({"locked": found.locked})] if found.locked else []
+    return lines + [f"# {dump_flow({'locked': choice})}" for choice in found.choices]
 
 
 def _gears(file: RobotFile) -> list[str]:
@@ -128,12 +125,11 @@ def _gears(file: RobotFile) -> list[str]:
     ]
 
 
-def _log_section(found: Guess, mechanism: Mechanism, log: LogFile) -> str:
-    columns = found.columns
+def _log_section(columns: ColumnMap, mechanism: Mechanism, log: LogFile) -> str:
     lines = ["log:"]
     if columns.time is not None:
         lines.append(f"  {dump_flow({'time': _entry(columns.time)})}")
-    elif any(problem.startswith("no column is the time") for problem in found.problems):
+    elif not first_table(log).clocks:
         lines.append("  rate: 1000                            # Hz; a guess, to be corrected")
     for key, name in _KEYS.items():
         group: Mapping[str, Channel] = getattr(columns, name)

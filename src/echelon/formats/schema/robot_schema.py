@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, ConfigDict, Tag, model_validator
 
-from echelon.formats.schema.schema_excite import ExcitationEntry
+from echelon.formats.schema.schema_excite import ExcitationEntry, Number
 from echelon.formats.schema.schema_geometry import CouplingEntry, Frame, Joint, Loop, Model
 from echelon.formats.schema.schema_log import IdentificationEntry, LogEntry, PreparationEntry
 from echelon.formats.schema.schema_setup import (
@@ -224,6 +224,9 @@ class RobotDescription(Model):
         {"m5": "45*j5", "m6": "32*j5 + 32*j6"},
     )
     rotors: Annotated[tuple[RotorEntry, ...], AS_LIST] = optional((), "Spinning rotors.")
+    locked: dict[Name, Number] = optional(
+        {}, "Coordinates, or joints, that do not move, and where they stand, rad or m.", {"finger": 0.02}
+    )
     effects: (
         Annotated[
             tuple[EffectEntry, ...],

@@ -34,6 +34,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Floats
+from echelon.base.base_set import Identifiability
 from echelon.base.model import BaseModel
 from echelon.errors import EchelonError, InputError
 from echelon.identification.physics.bounds import Bounds, linear_limits, roles
@@ -95,6 +96,8 @@ Solve = Callable[[Floats, Floats, float], Floats]
 
 CANDIDATES = tuple(float(10.0**k) for k in range(-2, 7))
 _BISECTIONS = 6
+_CLEAR = 3.0
+"""Standard deviations from which on a value is more than noise."""
 
 
 @dataclass(frozen=True)
@@ -221,7 +224,8 @@ class _Problem:
         role, limits = roles(base.mechanism), bounds or Bounds()
         B = base.B_float()
         mass = common_mass(role, triangle.R @ B, triangle.qty)
-        programme = Programme(role, linear_limits(role, limits), reference(role, prior, mass), limits.margin)
+        told = _told(base, triangle)
+        programme = Programme(role, linear_limits(role, limits), reference(role, prior, mass), limits.margin, told)
         if bounds is not None:
             interior_point(programme)
         return _Problem(B, programme)
@@ -272,6 +276,17 @@ def _weight(
     if len(pieces) > 1:
         return by_stretches(solve, pieces, None if weights is None else np.asarray(weights, dtype=float))
     return by_discrepancy(solve, triangle)
+
+
+def _told(base: BaseModel, triangle: Triangle) -> dict[int, float]:
+    """Magnitudes of standard parameters that are seen alone, where they are clear of noise, by column."""
+    scale = np.where(triangle.scales == 0, 1.0, triangle.scales)
+    inverse = np.linalg.pinv(triangle.R / scale)
+    values = inverse @ triangle.qty / scale
+    noise = np.linalg.norm(inverse, axis=1) / scale * triangle.residual / np.sqrt(max(triangle.rows, 1))
+    alone = [base.classification[name] is Identifiability.ALONE for name in base.pivots]
+    clear = np.flatnonzero(alone & (np.abs(values) > _CLEAR * noise))
+    return {base.matrix.pivots[k]: float(abs(values[k])) for k in clear}
 
 
 def _misfit(triangle: Triangle, values: Floats) -> float:

@@ -13,6 +13,7 @@ Nemirovski; MOSEK Modeling Cookbook, 6.2.3).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -171,6 +172,7 @@ class Programme:
     limits: LinearLimits
     reference: Reference
     margin: float = 0.0  # least eigenvalue of K
+    told: Mapping[int, float] = field(default_factory=dict)  # magnitudes that data alone give to columns
 
     @cached_property
     def roots(self) -> Floats:
@@ -261,8 +263,10 @@ class Programme:
             diagonal[number] = 2 * max(_RIDGE * float(matrix[:, number] @ matrix[:, number]), _RIDGE)
             prior = self.reference.values[column]
             if np.isfinite(prior) and prior != 0:
-                diagonal[number] += 2 * drawing / prior**2
-                linear[number] -= 2 * drawing / prior
+                # a damping that a file states for a simulation may be a thousandth of what the data show
+                square = max(abs(prior), self.told.get(column, 0.0)) ** 2
+                diagonal[number] += 2 * drawing / square
+                linear[number] -= 2 * drawing * prior / square
 
     def _add_limits(self, program: ConeProgram, size: int) -> None:
         p = self.role.size

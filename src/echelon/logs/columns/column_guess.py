@@ -5,8 +5,8 @@ What is clear is taken, and what is not is asked about, all of it in one message
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
 from echelon.arrays import Floats
@@ -15,8 +15,10 @@ from echelon.logs.columns.by_values import Family, blocks, classified, clock, fa
 from echelon.logs.columns.column_map import Channel, ColumnMap, actuators, coordinates, units
 from echelon.logs.columns.column_names import Meaning, aliases, meaning, words
 from echelon.logs.columns.units import factor
+from echelon.logs.columns.unlogged import unlogged_joints
 from echelon.logs.files.log_file import Table
-from echelon.logs.finding import listed
+from echelon.logs.finding import counted, listed
+from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism
 
 Meanings = Mapping[str, Meaning]
@@ -24,6 +26,8 @@ Look = Callable[[], Table]
 """Reads the first piece of a log, with all columns."""
 
 _NEEDED = ("position", "output")
+_PARTLY = ("output", "current")
+"""What may be there for some joints only: the others are not measured."""
 _OPTIONAL = ("velocity", "acceleration", "reference")
 _ADVICE = "say under log which they are, or let  echelon setup ROBOT LOG -o setup.yaml  write it"
 
@@ -35,6 +39,9 @@ class Guess:
     columns: ColumnMap
     problems: tuple[str, ...] = ()  # in sentences; without any, nothing that is needed is missing
     notes: tuple[str, ...] = ()  # what was taken for granted
+    unlogged: tuple[str, ...] = ()  # motions that no column is of, so that they have to be locked
+    choices: tuple[tuple[str, ...], ...] = ()  # the same where only the user can tell
+    unmeasured: tuple[str, ...] = ()  # outputs that no column is of, though one is of each position
 
 
 def guess_columns(
@@ -55,10 +62,40 @@ def guess(
     outputs: bool = True,
     by_values: bool = False,
 ) -> Guess:
-    """Take columns for what their names say, and with ``by_values`` or without names for what their values say."""
+    """Take columns for what their names say, and with ``by_values`` or without names for what their values say.
+
+    Where this fails for the whole robot, it is tried for what is left of it without joints that the log may lack.
+    """
+    meanings, known = _meanings(names, mechanism)
+    whole = _of_all(names, meanings, mechanism, look, outputs=outputs, by_values=by_values)
+    if not whole.problems or mechanism.closures:
+        return whole
+    parts = []
+    for locked in unlogged_joints(names, meanings, known, mechanism):
+        rest = lock_joints(mechanism, dict.fromkeys(locked, 0.0))
+        part = _of_all(names, _meanings(names, rest)[0], rest, look, outputs=outputs, by_values=by_values)
+        parts += [replace(part, unlogged=locked)]
+    nothing = not (whole.columns.positions or whole.columns.outputs)
+    parts = [part for part in parts if not part.problems] or (parts if nothing else [])
+    if len(parts) > 1:
+        which = " or ".join(f"those of {listed(part.columns.positions)}" for part in parts)
+        problem = f"the log has columns for some of the joints, {which}: say which others rest, under locked"
+        choices = tuple(part.unlogged for part in parts)
+        return replace(whole, columns=parts[0].columns, problems=(problem,), choices=choices)
+    return parts[0] if parts else whole
+
+
+def _meanings(names: Sequence[str], mechanism: Mechanism) -> tuple[dict[str, Meaning], dict[str, str]]:
+    """What the names of columns say, and coordinates by what columns may call them."""
     drives = [a.name for a in mechanism.transmission.actuators]
     known = aliases([*mechanism.positions, *mechanism.velocities, *(o.name for o in mechanism.outputs), *drives])
-    meanings = {name: found for name in names if (found := meaning(name, known)) is not None}
+    return {name: found for name in names if (found := meaning(name, known)) is not None}, known
+
+
+def _of_all(
+    names: Sequence[str], meanings: Meanings, mechanism: Mechanism, look: Look | None, *, outputs: bool, by_values: bool
+) -> Guess:
+    """The guess if the log has all joints."""
     groups, problems = _by_names(meanings, mechanism, outputs)
     notes: list[str] = []
     headerless = all(name.isdecimal() for name in names)
@@ -74,10 +111,15 @@ def guess(
     unnamed = names if headerless else [name for name in names if name not in meanings and by_values]
     time, trouble = _time(meanings, unnamed, look)
     outputs_from = {channel.column for channel in groups["output"].values()}
-    if any(said.kind == "current" for column, said in meanings.items() if column in outputs_from):
+    said_of = [said for column, said in meanings.items() if column in outputs_from]
+    if any(said.kind == "current" for said in said_of):
         notes.append("the outputs are currents by their names, taken for torques: give the torque per ampere as scale")
+    if any(said.unit == "%" for said in said_of):
+        notes.append("the outputs are in %, taken for torques: give a hundredth of the rated torque as scale")
     kinds = (groups[kind] for kind in ("position", "velocity", "acceleration", "output", "reference"))
-    return Guess(ColumnMap(time, None, *kinds), (*problems, *trouble), tuple(notes))
+    unmeasured = [name for name in _valid(mechanism, "output") if name not in groups["output"]]
+    unmeasured = unmeasured if 0 < len(outputs_from) == len(mechanism.outputs) - len(unmeasured) else []
+    return Guess(ColumnMap(time, None, *kinds), (*problems, *trouble), tuple(notes), unmeasured=tuple(unmeasured))
 
 
 def _filled(groups: dict[str, dict[str, Channel]], seen: Mapping[str, Family], mechanism: Mechanism) -> list[str]:
@@ -159,9 +201,9 @@ def _channels(meanings: Meanings, mechanism: Mechanism, kind: str) -> dict[str, 
                 f"{listed(own)} are measured at motors by their names, but {mechanism.name} states no actuators"
             )
         valid = motors
-    by_number = [column for column, said in own.items() if not said.name]
     keys = {column: said.name for column, said in own.items() if said.name}
-    keys |= _numbered(own, by_number, valid, mechanism, kind) if not keys else {}
+    positions = _numbers(said for said in meanings.values() if said.kind in ("position", "joint") and not said.motor)
+    keys = keys or _numbered(own, positions if kind in _PARTLY else set(), valid, mechanism, kind)
     found: dict[str, Channel] = {}
     for column, name in keys.items():
         channel = _channel(column, own[column].unit, mechanism, kind, name)
@@ -172,7 +214,7 @@ def _channels(meanings: Meanings, mechanism: Mechanism, kind: str) -> dict[str, 
             raise InputError(f"{both} could both be the {kind} of '{name}'; say under log which it is")
         found[name] = channel
     missing = [name for name in valid if name not in found]
-    if missing and not any(name in found for name in motors):
+    if missing and not (found and kind in _PARTLY) and not any(name in found for name in motors):
         taken = listed(channel.column for channel in found.values())
         raise InputError(f"no column is the {kind} of {listed(missing)} (found: {taken}); say under log which they are")
     return {name: found[name] for name in [*valid, *motors] if name in found}
@@ -183,26 +225,29 @@ def _channel(column: str, unit: str, mechanism: Mechanism, kind: str, name: str)
     if kind == "current":  # as if it were a torque: one unit of force per ampere
         return Channel(column, scale=factor(unit, "A")) if _fits(unit, "A") else None
     expected = units(mechanism, "position" if kind == "joint" else kind, name)
+    if kind == "output" and unit == "%":
+        return Channel(column)
     return Channel(column, unit) if _fits(unit, expected) else None
 
 
-def _numbered(
-    own: Meanings, columns: Sequence[str], valid: Sequence[str], mechanism: Mechanism, kind: str
-) -> dict[str, str]:
-    """Coordinates by number, counted from 0 or from 1; a single one needs none."""
-    numbers = {column: own[column].index for column in columns}
+def _numbers(meanings: Iterable[Meaning]) -> set[int]:
+    return {said.index for said in meanings if said.index is not None}
+
+
+def _numbered(own: Meanings, others: set[int], valid: Sequence[str], mechanism: Mechanism, kind: str) -> dict[str, str]:
+    """Coordinates by number, counted from 0 or from 1 like the ``others``; a single one needs none."""
+    numbers = {column: said.index for column, said in own.items()}
     if set(numbers.values()) == {None} and len(valid) == 1:
-        return dict.fromkeys(columns, valid[0])
-    counted = {number for number in numbers.values() if number is not None}
-    first = min(counted, default=0)
-    if first > 1 or counted != set(range(first, first + len(valid))):
-        has = (
-            f"a {kind} for {len(counted)} (numbers {', '.join(map(str, sorted(counted)))})"
-            if counted
-            else f"one {kind}"
-        )
+        return dict.fromkeys(numbers, valid[0])
+    found = _numbers(own.values())
+    every = others if found <= others else found
+    first = min(every, default=0)
+    if first > 1 or every != set(range(first, first + len(valid))):
+        has = f"one {kind}"
+        if found:
+            has = f"{counted(len(found), kind, _several(kind))} (numbers {', '.join(map(str, sorted(found)))})"
         raise InputError(
-            f"the log has {has}, {listed(columns)}, but {mechanism.name} has {len(valid)}: {listed(valid)}; is it a "
+            f"the log has {has}, {listed(numbers)}, but {mechanism.name} has {len(valid)}: {listed(valid)}; is it a "
             "log of another robot?  If not, say under log which they are"
         )
     return {column: valid[number - first] for column, number in numbers.items() if number is not None}

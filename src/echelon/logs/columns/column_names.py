@@ -4,39 +4,50 @@ A name such as ``q_rad_1``, ``/joint_states/position/elbow``, ``torques[0]`` or 
 word, and only if every word is: ``tau_fric1`` is some torque, but not the measured one.  The words are those of the
 usual recorders: JointState, RTDE (``actual_q_0``, ``actual_current_0``), libfranka (``state.tau_J[0]``,
 ``state.q_d[0]``), FRI (``measured_torque_0``, ``axisQMsr[0]``), LeRobot (``observation.state/elbow_flex.pos``,
-``action[0]``), MuJoCo (``qpos[0]``) and tables whose columns are called ``joint_0`` and ``torque_0``.
+``action[0]``), MuJoCo (``qpos[0]``), controllers (``$AXIS_ACT.A1``) and tables whose columns are called ``joint_0`` and
+``torque_0``; in English, and in the languages of the makers of robots (``Achse1_Ist``, ``par_motor_1``).
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+import unicodedata
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 _WORDS = {
-    "position": "q qs qpos pos posn position positions angle angles enc encoder encoders theta mp",
-    "velocity": "v dq qd qdot qvel dtheta omega vel velocity velocities speed speeds",
-    "acceleration": "a ddq qdd ddqot ddqdt qddot qacc acc accel acceleration accelerations",
-    "output": "tau taus torque torques trq effort efforts force forces moment moments qfrc mt",
-    "current": "i curr current currents cur amp amps ampere",
-    "time": "t ts time times timestamp timestamps stamp",
+    "position": "q qs qpos pos posn position positions angle angles enc encoder encoders theta th mp winkel "
+    "lage posicion posizione angulo angolo",
+    "velocity": "v dq qd qdot qp qvel dtheta thetadot omega vel velocity velocities speed speeds geschwindigkeit "
+    "drehzahl velocidad vitesse velocita",
+    "acceleration": "a ddq qdd ddqot ddqdt qddot qacc acc accel acceleration accelerations beschleunigung aceleracion",
+    "output": "tau taus torque torques trq eff effort efforts force forces moment moments qfrc mt drehmoment kraft par "
+    "couple coppia",
+    "current": "i iq curr current currents cur amp amps ampere strom corriente courant corrente",
+    "time": "t ts time times timestamp timestamps stamp datetime clock elapsed seconds zeit uhrzeit zeitstempel tiempo "
+    "temps tempo",
 }
 _KINDS = {word: kind for kind, words in _WORDS.items() for word in words.split()}
 _WEAK = frozenset("a v i t d")
 """Letters that say what is measured only where no word does."""
 _OTHERS = {
     "reference": "ref refs reference target targets des desired cmd cmds command commanded setpoint sp goal ipo d "
-    "action",
+    "action qref qdes qcmd soll sollwert consigne",
     "motor": "motor motors actuator actuators mot m",
-    "joint": "joint joints jnt jnts j axis axes ax a",
-    "state": "observation observations obs state states",
-    "neutral": "meas measured msr msrd act actual read present field data feedback fb sensor per log",
+    "joint": "joint joints jnt jnts j axis axes ax a rax robax achse eje axe asse gelenk articulacion giunto link",
+    "state": "observation observations obs state states ist istwert",
+    "rate": "dot",
+    "neutral": "meas measured msr msrd act actual read present field data feedback fb sensor per log value values msg "
+    "header unix ros output",
 }
 _ROLES = {word: role for role, words in _OTHERS.items() for word in words.split()}
 _UNITS = {
     "rad": "rad",
     "deg": "deg",
+    "degree": "deg",
     "degrees": "deg",
+    "grad": "deg",  # German, not gon
+    "grados": "deg",
     "rads": "rad/s",
     "degs": "deg/s",
     "rads2": "rad/s²",
@@ -55,10 +66,15 @@ _UNITS = {
     "nsec": "ns",
 }
 _PER_SECOND = {"rad s": "rad/s", "deg s": "deg/s", "m s": "m/s", "mm s": "mm/s"}
-_BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()]*[A-Za-z°][^\[\]()]*?)\s*[\])]")
+_BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()]*[A-Za-z°%][^\[\]()]*?)\s*[\])]")
+_COLUMN_UNITS = {"grad": "deg", "grados": "deg", "u/min": "rpm", "1/min": "rpm"}
+_RATES = {"position": "velocity", "velocity": "acceleration"}
 _HUMPS = (re.compile(r"(?<=[a-z])(?=[A-Z][a-z])"), re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])"))
 _AFFIX = re.compile(r"^(?:joint|jnt|motor|axis)[_-]|[_-](?:joint|jnt|motor|axis)$", re.IGNORECASE)
-_BARE = frozenset({"joint", "state"})
+_BARE = frozenset({"joint", "state", "neutral"})
+_STRONG = frozenset(_KINDS) - _WEAK
+_PREFIXES = {"j"} | {word for word in _ROLES if len(word) > 2}
+"""First parts of compounds."""
 
 
 @dataclass(frozen=True)
@@ -84,13 +100,14 @@ def aliases(names: Iterable[str]) -> dict[str, str]:
 
 def meaning(column: str, known: Mapping[str, str]) -> Meaning | None:
     """What a column's name says, with coordinates by their aliases; None if there is a word that is not understood."""
-    rest, unit, name = column, "", ""
+    rest, unit, name = unicodedata.normalize("NFKD", column), "", ""
     bracket = _BRACKETS.search(rest)
     if bracket:
-        unit, rest = bracket.group(1), rest[: bracket.start()] + "_" + rest[bracket.end() :]
+        unit, rest = bracket.group(1), (rest[: bracket.start()] + "_" + rest[bracket.end() :]).strip("_ ")
     for alias in sorted(known, key=lambda n: (-len(n), n)):
         # a name that could also be a quantity's, such as q1, is left to its number
-        parted = re.split(rf"(?<![A-Za-z0-9]){re.escape(alias)}(?![A-Za-z0-9])", rest, flags=re.IGNORECASE)
+        spelt = r"[\W_]*".join(map(re.escape, re.findall(r"[^\W_]+", alias)))
+        parted = re.split(rf"(?<![A-Za-z0-9]){spelt}(?![a-z0-9])", rest, flags=re.IGNORECASE)
         whole = rest.lower() == alias.lower() and _by_words(alias, "", "") is None
         if len(parted) == 2 and (re.search("[A-Za-z]", "".join(parted)) or whole):
             rest, name = "_".join(parted), known[alias]
@@ -110,12 +127,15 @@ def _by_words(text: str, name: str, unit: str) -> Meaning | None:
     numbers: set[int] = set()
     roles: set[str] = {"joint"} if name else set()
     units: list[str] = []
-    for word in re.findall(r"[a-z0-9°]+", text.lower()):
+    angle = _COLUMN_UNITS.get(unit.lower(), unit) in ("rad", "deg", "°")
+    for word in _split(text):
         letters, digits = (word, "") if word in _UNITS else re.fullmatch(r"(.*?)(\d*)", word).groups()  # type: ignore[union-attr]
         if digits:
             numbers.add(int(digits))
         if letters in _UNITS and (len(letters) > 1 or not digits) and not (letters == "m" and not (kinds or weak)):
             units.append(letters)
+        elif letters == "a" and (angle or "joint" in roles):
+            roles.add("joint")  # A1 is an axis
         elif letters in _WEAK and not (letters == "d" and not (kinds or weak)) and letters in _KINDS:
             weak.append(_KINDS[letters])
             roles |= {_ROLES[letters]} if letters in _ROLES else set()
@@ -128,6 +148,15 @@ def _by_words(text: str, name: str, unit: str) -> Meaning | None:
     return _joined(kinds or weak[:1], numbers, roles, units, name, unit)
 
 
+def _split(text: str) -> Iterator[str]:
+    """The words of a name; those of compounds such as ``jpos`` or ``sollwinkel`` one by one."""
+    plain = re.sub(r"(?<![a-z])i_q(?![a-z])", "iq", re.sub("[\u0300-\u036f]", "", text.lower()))
+    for word in re.findall(r"[a-z0-9°]+", plain):
+        letters = word.rstrip("0123456789")
+        cut = next((k for k in range(1, len(letters)) if letters[:k] in _PREFIXES and letters[k:] in _STRONG), 0)
+        yield from [word] if letters in _KINDS or not cut else [word[:cut], word[cut:]]
+
+
 def _joined(
     kinds: list[str], numbers: set[int], roles: set[str], units: list[str], name: str, unit: str
 ) -> Meaning | None:
@@ -137,10 +166,13 @@ def _joined(
         kinds = ["position"]  # the vectors that LeRobot calls observation.state and action
     bare = not kinds and bool(roles) and roles <= _BARE and (bool(name) or bool(numbers))
     kind = "joint" if bare else kinds[0] if kinds else ""
+    kind = _RATES.get(kind, "") if "rate" in roles else kind
     by_second = _PER_SECOND.get(" ".join(units), "")
-    stated = [unit or by_second] if unit or by_second else [_UNITS[word] for word in units]
+    stated = (
+        [_COLUMN_UNITS.get(unit.lower(), unit) or by_second] if unit or by_second else [_UNITS[word] for word in units]
+    )
     contradicting = len(set(kinds)) > 1 or len(numbers) > 1 or len(stated) > 1 or (name and numbers)
-    if not kind or contradicting or (reference and kind != "position"):
+    if not kind or contradicting or (reference and kind != "position") or (kind == "time" and numbers):
         return None
     index = next(iter(numbers), None)
     return Meaning("reference" if reference else kind, name, index, "motor" in roles, stated[0] if stated else "")

@@ -72,7 +72,7 @@ _FACTORS: Final[dict[Dimension, dict[str, Fraction | int]]] = {
     },
     _SPIN: {"rpm": 2 * _PI / 60, "rps": 2 * _PI},
     _LENGTH: {"m": 1, "in inch": Fraction("0.0254"), "ft": Fraction("0.3048")},
-    _TIME: {"s sec": 1, "min": 60, "h": 3600},
+    _TIME: {"s sec secs second seconds": 1, "min": 60, "h": 3600},
     (0, 0, -1, 0, 0): {"Hz": 1},
     _MASS: {"g": Fraction(1, 1000), "lb": _POUND},
     _FORCE: {"N": 1, "gf": _G / 1000, "lbf": _G * _POUND, "ozf": _G * _POUND / 16},
