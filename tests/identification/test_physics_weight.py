@@ -74,7 +74,7 @@ def test_friction_that_data_contradict_is_not_drawn_to() -> None:
     truth = robot(role, rng)
     observation, weights = observed(base, truth, rng)
     prior = truth.copy()
-    prior[role.positive] *= 1e-3
+    prior[list(role.positive)] *= 1e-3
     fit = physical_fit(base, observation.combined(weights), prior=prior, prior_weight=1.0)
     assert fit.misfit < fit.unconstrained_misfit + 3 * base.rank
 
