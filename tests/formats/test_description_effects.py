@@ -48,7 +48,7 @@ def test_a_robot_file_is_its_name(tmp_path: Path) -> None:
         ("effects: {j1: [viscus]}", r"'viscus' is not valid; did you mean 'viscous'.*write +type: viscous"),
         ("effects: {jx: viscous}", r"effects\[0\].at: there is no coordinate 'jx'"),
         ("outputs: [{joints: all}]", r"needs one of the keys joint, actuator, wrench and sum.*write +outputs: "),
-        ("preparation: {band: x}", r"needs a number, found 'x'; write +band: 5"),
+        ("preparation: {band: x}", r"needs a number or an expression of numbers and pi, found 'x'; write +band: 5"),
         ("identification: {prior: arm.urdf}", r"write +prior: \{file: arm.urdf"),
         ("identification: {bodies: {j1: {mas: 3}}}", r"bodies.j1.mas: .*write +mass: \[1, 5\]"),
     ],

@@ -118,7 +118,7 @@ def test_a_robot_file_stands_for_a_set_up() -> None:
         ("identification: {estimator: olss}", "did you mean 'ols'?"),
         ("identification: {physical: false, predict: physical}", "a physical fit that is switched off"),
         ("identification: {level: 1.5}", "identification.level"),
-        ("identification: {known: {Fv1: x}}", "needs a number, found 'x'"),
+        ("identification: {known: {Fv1: x}}", "needs a number or an expression of numbers and pi, found 'x'"),
     ],
 )
 def test_mistakes_are_named_with_their_place(tmp_path: Path, text: str, said: str) -> None:

@@ -290,13 +290,16 @@ def numeric_placements(placements: Iterable[LiteralPlacement]) -> tuple[Floats, 
     return rotation, translation
 
 
-def central_inertial(mass: float, centre: npt.ArrayLike, tensor: npt.ArrayLike, rotation: npt.ArrayLike) -> Inertial:
-    """Standard parameters from mass, centre of mass, and inertia about it in rotated axes."""
-    # centre in the link's frame, m; tensor about it, kg·m², along axes that are the columns of the rotation there
-    turned = np.asarray(rotation) @ np.asarray(tensor) @ np.asarray(rotation).T
+def central_inertial(
+    mass: float, centre: npt.ArrayLike, moments: Iterable[float], rotation: npt.ArrayLike
+) -> tuple[float, ...]:
+    """Standard parameters from mass, centre of mass, and inertia XX XY XZ YY YZ ZZ about it in rotated axes."""
+    # centre in the link's frame, m; moments about it, kg·m², along axes that are the columns of the rotation there
+    xx, xy, xz, yy, yz, zz = moments
+    turned = np.asarray(rotation) @ [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] @ np.asarray(rotation).T
     c = np.asarray(centre, dtype=float)
     about_origin = turned + mass * (c @ c * np.eye(3) - np.outer(c, c))
-    return from_tensor(about_origin, mass * c, np.asarray(mass))
+    return tuple(from_tensor(about_origin, mass * c, np.asarray(mass)).tolist())
 
 
 def move_inertial(inertial: Inertial, rotation: npt.ArrayLike, translation: npt.ArrayLike) -> Inertial:

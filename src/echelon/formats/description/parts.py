@@ -147,12 +147,9 @@ def _inertial(stated: Inertial | None, path: str, expressions: Expressions) -> t
     if mass < 0:
         raise expressions.error(f"{path}.mass", f"'{stated.mass}' is negative")
     centre = [expressions.real(text, f"{path}.com[{i}]") for i, text in enumerate(stated.com)]
-    xx, xy, xz, yy, yz, zz = (
-        expressions.real(getattr(stated.inertia, entry), f"{path}.inertia.{entry}")
-        for entry in ("xx", "xy", "xz", "yy", "yz", "zz")
-    )
-    tensor = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
-    return tuple(float(v) for v in central_inertial(mass, centre, tensor, np.eye(3)))
+    keys = ("xx", "xy", "xz", "yy", "yz", "zz")
+    moments = [expressions.real(getattr(stated.inertia, key), f"{path}.inertia.{key}") for key in keys]
+    return central_inertial(mass, centre, moments, np.eye(3))
 
 
 def _sorted(parts: list[Part], expressions: Expressions) -> list[Part]:

@@ -224,8 +224,8 @@ class _Reader:
         mass = mass if mass > _SOME_MASS else 0.0
         rotation = quaternion_matrix(self.model.body_iquat[index])
         centre = [float(v) for v in exact_triple(self.model.body_ipos[index])]
-        inertial = central_inertial(float(exact_number(mass)), centre, np.diag(moments), rotation)
-        return tuple(float(v) for v in inertial)
+        xx, yy, zz = moments.tolist()
+        return central_inertial(float(exact_number(mass)), centre, (xx, 0.0, 0.0, yy, 0.0, zz), rotation)
 
 
 _WRENCHES = {"mjSENS_FORCE": False, "mjSENS_TORQUE": True}

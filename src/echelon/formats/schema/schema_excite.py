@@ -1,8 +1,7 @@
 """How exciting trajectories are designed, as data models of the description format.
 
-Numbers are expressions of numbers and pi, and are evaluated here: limits come from data sheets, which state ``2*pi`` as
-often as ``6.28``, and no symbol of the geometry belongs into them.  A limit that does not exist is written ``none``, so
-that it cannot be mistaken for one that was forgotten; it becomes infinite here.
+A limit that does not exist is written ``none``, so that it cannot be mistaken for one that was forgotten; it becomes
+infinite here.
 """
 
 from __future__ import annotations
@@ -13,11 +12,22 @@ from typing import Annotated, Any, Self
 from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema, model_validator
 
 from echelon.choices import Family, Optimality
-from echelon.exact.expressions import PI, parse
-from echelon.exact.syntax import is_whole
 from echelon.formats.reading_options import NOT_FINITE
 from echelon.formats.schema.schema_geometry import Model
-from echelon.formats.schema.schema_types import AS_LIST, Flag, Name, kind_of, of_size, optional, refusal, required
+from echelon.formats.schema.schema_types import (
+    AS_LIST,
+    SCALAR,
+    Flag,
+    Name,
+    Number,
+    Whole,
+    kind_of,
+    number,
+    of_size,
+    optional,
+    refusal,
+    required,
+)
 
 EVERY = "all"
 """Key of mappings by name that stands for every name that is not listed."""
@@ -28,35 +38,12 @@ _TEXTS = ("body", "name", "mesh")
 """Keys of shapes whose values are texts."""
 
 
-def _number(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, str | int | float):
-        raise refusal(f"needs a number such as 0.5 or 2*pi, found {kind_of(value)}")
-    text = value.strip() if isinstance(value, str) else str(value)
-    if NOT_FINITE.fullmatch(text):
-        raise refusal(f"'{text}' is not a finite number")
-    try:
-        expression = parse(text)
-        if expression.symbols() not in ([], [PI]):
-            raise refusal(f"needs a number or an expression of numbers and pi, found '{text}'")
-        number = expression.at({PI: math.pi})
-    except ValueError as error:
-        raise refusal(str(error)) from None
-    return number
-
-
-def _whole(value: object) -> int:
-    text = str(value)
-    if not is_whole(text.removeprefix("-")):
-        raise refusal(f"needs a whole number, found {kind_of(value)}")
-    return int(text)
-
-
 def _limit(value: object) -> float:
     if value == _NONE:
         return math.inf
     if NOT_FINITE.fullmatch(str(value).strip()):
         raise refusal(f"'{value}' is not a finite number: write none where there is no limit")
-    return _number(value)
+    return number(value)
 
 
 def _range(value: object) -> tuple[float, float]:
@@ -71,7 +58,7 @@ def _range(value: object) -> tuple[float, float]:
 
 
 def _corner(value: object) -> tuple[float, ...]:
-    return tuple(_number(part) for part in of_size(value, 3, "three numbers such as [0, 0, 0.1]"))
+    return tuple(number(part) for part in of_size(value, 3, "three numbers such as [0, 0, 0.1]"))
 
 
 def _normal(value: object) -> tuple[float, ...]:
@@ -94,7 +81,7 @@ def _shape(value: object) -> object:
 
 
 def _numbers(value: object) -> object:
-    return [_number(part) for part in value] if isinstance(value, list | tuple) else _number(value)
+    return [number(part) for part in value] if isinstance(value, list | tuple) else number(value)
 
 
 def _by_name(value: object) -> object:
@@ -109,10 +96,9 @@ def _written_range(value: tuple[float, float]) -> list[float | str]:
     return [_written(end) for end in value]
 
 
-_SCALAR: dict[str, Any] = {"type": ["number", "string"]}
-_ENDS: dict[str, Any] = {"type": "array", "items": _SCALAR, "minItems": 2, "maxItems": 2}
+_ENDS: dict[str, Any] = {"type": "array", "items": SCALAR, "minItems": 2, "maxItems": 2}
 _INTERVAL: dict[str, Any] = {"anyOf": [_ENDS, {"const": _NONE}]}
-_THREE = WithJsonSchema({"type": "array", "items": _SCALAR, "minItems": 3, "maxItems": 3})
+_THREE = WithJsonSchema({"type": "array", "items": SCALAR, "minItems": 3, "maxItems": 3})
 _NAMES = {"type": "array", "items": {"type": ["string", "integer"]}, "minItems": 2, "maxItems": 2}
 
 
@@ -120,10 +106,8 @@ def _one_or_each(item: dict[str, Any]) -> WithJsonSchema:
     return WithJsonSchema({"anyOf": [item, {"type": "object", "additionalProperties": item}]})
 
 
-Number = Annotated[float, BeforeValidator(_number), WithJsonSchema(_SCALAR)]
 Positive = Annotated[Number, Field(gt=0)]
 NotNegative = Annotated[Number, Field(ge=0)]
-Whole = Annotated[int, BeforeValidator(_whole), WithJsonSchema({"type": ["integer", "string"]})]
 Count = Annotated[Whole, Field(ge=1)]
 # JSON has no infinity, and what is written there is read again
 _WRITTEN = PlainSerializer(_written, return_type=float | str, when_used="json")
@@ -134,9 +118,9 @@ Point = Annotated[tuple[float, float, float], BeforeValidator(_corner), _THREE]
 Unit = Annotated[tuple[float, float, float], BeforeValidator(_normal), _THREE]
 Shape = Annotated[dict[str, Any], BeforeValidator(_shape)]
 Pair = Annotated[tuple[Name, Name], BeforeValidator(_pair), WithJsonSchema(_NAMES)]
-Limits = Annotated[dict[str, Limit], BeforeValidator(_by_name), _one_or_each(_SCALAR)]
+Limits = Annotated[dict[str, Limit], BeforeValidator(_by_name), _one_or_each(SCALAR)]
 Ranges = Annotated[dict[str, Range], BeforeValidator(_by_name), _one_or_each(_INTERVAL)]
-Deviations = Annotated[dict[str, Positive], BeforeValidator(_by_name), _one_or_each(_SCALAR)]
+Deviations = Annotated[dict[str, Positive], BeforeValidator(_by_name), _one_or_each(SCALAR)]
 
 _WHOSE = "one for all, or by name of a coordinate or an actuator, where all is every other; none for no limit."
 

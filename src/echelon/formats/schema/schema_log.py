@@ -14,33 +14,14 @@ from echelon.formats.schema.schema_types import (
     Expression,
     Flag,
     Name,
+    Real,
     by_form,
-    kind_of,
     optional,
     refusal,
     required,
 )
 
 _Triples = tuple[tuple[float, float, float], tuple[float, float, float]]
-
-
-def _real(value: object) -> float:
-    try:
-        if isinstance(value, bool) or not isinstance(value, str | int | float):
-            raise ValueError
-        number = float(value)
-    except ValueError:
-        raise refusal(f"needs a number, found {kind_of(value)}") from None
-    if number != number:
-        raise refusal("needs a number, found nan")
-    return number
-
-
-def _whole(value: object) -> int:
-    number = _real(value)
-    if number != int(number) or number < 1:
-        raise refusal(f"needs a whole number from 1 on, found {kind_of(value)}")
-    return int(number)
 
 
 def _range(value: tuple[float, float]) -> tuple[float, float]:
@@ -78,13 +59,10 @@ def _listed(value: object) -> object:
     return None if value is None or value == "auto" else _stages(value)
 
 
-Real = Annotated[float, BeforeValidator(_real), WithJsonSchema({"type": ["number", "string"]})]
-Whole = Annotated[int, BeforeValidator(_whole), WithJsonSchema({"type": ["integer", "string"]})]
 Positive = Annotated[Real, Field(gt=0)]
-_Tuple = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)
-Bound = Annotated[tuple[Real, Real], _Tuple, AfterValidator(_range)]
+Bound = Annotated[tuple[Real, Real], AS_LIST, AfterValidator(_range)]
 MassBound = Annotated[Bound, AfterValidator(_mass)]
-Corner = Annotated[tuple[Real, Real, Real], _Tuple]
+Corner = Annotated[tuple[Real, Real, Real], AS_LIST]
 Box = Annotated[tuple[Corner, Corner], AS_LIST, AfterValidator(_box)]
 Ellipsoid = Annotated[tuple[Corner, Corner], AS_LIST, AfterValidator(_ellipsoid)]
 Automatic = BeforeValidator(_auto)

@@ -7,14 +7,20 @@ documents that come from JSON or from Python.
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
+from echelon.exact.expressions import PI, parse
+from echelon.exact.syntax import is_whole
+from echelon.formats.reading_options import NOT_FINITE
 from echelon.hints import nearest
 
+_INFINITE = re.compile(r"[+-]?inf(inity)?", re.IGNORECASE)
 _FLAGS = {"true": True, "false": False}
 _SHARED = ("label", "massless", "parameters", "separate", "inertial")
 _RENAMED = {
@@ -118,6 +124,43 @@ PairOfParts = Annotated[tuple[Part, Part], sized(2, "two names of bodies such as
 
 AS_LIST = BeforeValidator(_items)
 AS_ROWS = BeforeValidator(_rows)
+
+
+# -- numbers of set-ups, which no symbol of the geometry belongs into --------------------------------------------------
+
+
+def number(value: object) -> float:
+    """A finite number: an expression of numbers and pi, since data sheets state ``2*pi`` as often as ``6.28``."""
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise refusal(f"needs a number such as 0.5 or 2*pi, found {kind_of(value)}")
+    text = str(value).strip()
+    if NOT_FINITE.fullmatch(text):
+        raise refusal(f"'{text}' is not a finite number")
+    try:
+        expression = parse(text)
+        if expression.symbols() not in ([], [PI]):
+            raise refusal(f"needs a number or an expression of numbers and pi, found '{text}'")
+        return expression.at({PI: math.pi})
+    except ValueError as error:
+        raise refusal(str(error)) from None
+
+
+def _real(value: object) -> float:
+    return float(str(value)) if _INFINITE.fullmatch(str(value).strip()) else number(value)
+
+
+def _whole(value: object) -> int:
+    text = str(value)
+    if not is_whole(text.removeprefix("-")):
+        raise refusal(f"needs a whole number, found {kind_of(value)}")
+    return int(text)
+
+
+SCALAR: dict[str, Any] = {"type": ["number", "string"]}
+Number = Annotated[float, BeforeValidator(number), WithJsonSchema(SCALAR)]
+Real = Annotated[float, BeforeValidator(_real), WithJsonSchema(SCALAR)]
+"""A number or ``inf``."""
+Whole = Annotated[int, BeforeValidator(_whole), WithJsonSchema({"type": ["integer", "string"]})]
 
 
 # -- which of several forms a value has -----------------------------------------------------------------------------

@@ -3,19 +3,21 @@
 A link may be the child of several joints.  One of them carries it, and the others close loops; since every joint is
 stated at the pose in which all coordinates are zero, the loops are closed there exactly.  Numbers are taken from the
 text, as in URDF.
+
+Links, joints and named frames are all frames, each placed in another one by a pose.  What lies between two of them is
+the way from one up to where both hang and down to the other, so inverses are exact, and what is common to both never
+counts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from math import atan2, hypot
+from math import atan2, hypot, pi, radians
 from typing import Any
 
-import numpy as np
-
 from echelon.errors import InputError
-from echelon.exact.numbers import Rational
+from echelon.exact.expressions import STEPS_PER_HALF_TURN
 from echelon.exact.polynomial import as_polynomial
 from echelon.formats.literal import (
     LiteralClosure,
@@ -30,12 +32,18 @@ from echelon.formats.literal import (
     central_inertial,
     numeric_placements,
 )
-from echelon.formats.mjcf.mjcf_numbers import exact_angle
-from echelon.formats.urdf.sdf_frames import MODEL, WORLD, SdfFrame, SdfFrames
+from echelon.formats.mjcf.mjcf_numbers import exact_angle, exact_number, placements, placements_of
+from echelon.formats.reading_options import ANGLE_TOLERANCE
+from echelon.formats.urdf.urdf_reader import ExactXml
+from echelon.hints import nearest_of
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.coupling import linear
 from echelon.mechanism.joint import MotionKind
 
+WORLD, MODEL = "world", "__model__"
+_SIX, _SEVEN = 6, 7
+_DIGITS = 15  # decimals of a metre
+_MOST_GENERAL = 2  # rotations by general angles that are multiplied exactly; products of more have too many terms
 _AXIS_IN_JOINT = (1, 5)  # from this version of the format on, axes are stated in the joint's frame
 
 
@@ -51,165 +59,6 @@ def read_sdf(root: Any, source: str, *, mimics: bool = True) -> LiteralTree:
     return _Reader(root, models[0], source).read(None if gravity is None else gravity.text, mimics)
 
 
-class _Reader:
-    def __init__(self, root: Any, model: Any, source: str) -> None:
-        self.model, self.source = model, source
-        self.frames = SdfFrames(source)
-        self.notes: list[str] = []
-        version = tuple(int(part) if part.isdigit() else 0 for part in root.get("version", "1.12").split("."))
-        self.reader = SdfJoints(self.frames, version >= _AXIS_IN_JOINT)
-        self.links = dict(self._named("link"))
-        self._add_frames()
-        self.joints = [self._joint(name, joint) for name, joint in self._named("joint")]
-
-    def read(self, gravity: str | None, mimics: bool) -> LiteralTree:
-        order, carried = self._tree()
-        position = {name: k for k, name in enumerate(order)}
-        links = tuple(self._link(name, carried.get(name), position) for name in order)
-        left = [joint for joint in self.joints if joint not in carried.values()]
-        frames = [f for f in self.frames.known.values() if f.kind == "frame"]
-        stated = tuple(self.reader.couplings(self.joints))
-        usual: Triple = LiteralTree("", "", ()).gravity
-        return LiteralTree(
-            self.model.get("name") or "robot",
-            self.source,
-            links,
-            stated if mimics else (),
-            self.frames.triple(gravity, usual, "gravity"),
-            tuple(self.notes),
-            root_is_world=True,
-            closures=tuple(self.reader.closure(joint, position) for joint in left),
-            poses={"zero": {}} if left else {},
-            has_mimics=bool(stated),
-            frames=tuple(self._frame(frame, position) for frame in frames),
-        )
-
-    # -- elements --------------------------------------------------------------------------------------------------
-
-    def _named(self, tag: str) -> Iterator[tuple[str, Any]]:
-        for element in self.model.findall(tag):
-            if not element.get("name"):
-                raise self.frames.error(f"a <{tag}> has no name")
-            yield str(element.get("name")), element
-
-    def _add_frames(self) -> None:
-        """The frames of the model, its links, its joints, and those that it names."""
-        where = f"model '{self.model.get('name')}'"
-        found = [tag for tag in ("model", "include", "gripper") if self.model.find(tag) is not None]
-        found += ["placement_frame"] if self.model.get("placement_frame") else []
-        if found or not self.links:
-            problem = f"has <{found[0]}>, which is not read: write one model of links" if found else "has no links"
-            raise self.frames.error(problem, where)
-        carrier = self.model.get("canonical_link") or next(iter(self.links))
-        self.frames.add(SdfFrame(MODEL, "model", carrier, WORLD, self.frames.pose(self.model, where)))
-        for name, link in self._named("link"):
-            self._add(name, link, "", MODEL)
-        for name, joint in self._named("joint"):
-            child = self._end(joint, "child", f"joint '{name}'")
-            self._add(name, joint, child, child)
-        for name, frame in self._named("frame"):
-            carrier = frame.get("attached_to") or MODEL
-            self._add(name, frame, carrier, carrier)
-
-    def _add(self, name: str, element: Any, carrier: str, usual: str) -> None:
-        pose = element.find("pose")
-        base = (None if pose is None else pose.get("relative_to")) or usual
-        placed = self.frames.pose(element, f"{element.tag} '{name}'")
-        self.frames.add(SdfFrame(name, element.tag, carrier, base, placed))
-
-    def _end(self, joint: Any, tag: str, where: str) -> str:
-        text = joint.findtext(tag)
-        if not text or not text.strip():
-            raise self.frames.error(f"needs <{tag}>, the name of a link or frame", where)
-        return str(text).strip()
-
-    def _joint(self, name: str, joint: Any) -> SdfJoint:
-        where, kind = f"joint '{name}'", joint.get("type")
-        if kind not in JOINT_TYPES:
-            valid = ", ".join(JOINT_TYPES)
-            raise self.frames.error(f"unknown or unsupported joint type '{kind}' (valid: {valid})", where)
-        parent, child = (self.frames.link(self._end(joint, tag, where), where) for tag in ("parent", "child"))
-        if parent == child:
-            raise self.frames.error(f"connects link '{parent}' with itself: name another <parent>", where)
-        return SdfJoint(where, name, kind, parent, child, joint)
-
-    # -- tree ------------------------------------------------------------------------------------------------------
-
-    def _tree(self) -> tuple[list[str], dict[str, SdfJoint]]:
-        """The world and the links in depth-first order, and the joint that carries each link."""
-        kept = self._spanning()
-        start = WORLD
-        if not any(WORLD in (joint.parent, joint.child) for joint in self.joints):
-            children = {joint.child for joint in self.joints}
-            start = next((link for link in self.links if link not in children), next(iter(self.links)))
-            self.notes.append(f"nothing holds link '{start}' in the world; it is read as fixed (--floating frees it)")
-        order, carried, pending = [WORLD], dict[str, SdfJoint](), [start]
-        while pending:
-            link = pending.pop()
-            order += [] if link == WORLD else [link]
-            next_ones = [
-                joint for joint in kept if link in (joint.parent, joint.child) and carried.get(link) is not joint
-            ]
-            carried |= {joint.other(link): joint for joint in next_ones}
-            pending += [joint.other(link) for joint in reversed(next_ones)]
-        lost = [name for name in self.links if name not in order]
-        if lost:
-            raise self.frames.error(
-                "no joint connects it with the others: add one, such as a fixed joint, or take the link out",
-                f"link '{lost[0]}'",
-            )
-        return order, carried
-
-    def _spanning(self) -> list[SdfJoint]:
-        """Joints that form a tree, in the order of the file.
-
-        Of each loop the last one is left out that can close it.
-        """
-        part = {name: name for name in (WORLD, *self.links)}
-        kept: list[SdfJoint] = []
-        for joint in sorted(self.joints, key=lambda joint: joint.kind in CLOSURES):
-            one, two = part[joint.parent], part[joint.child]
-            if one != two:
-                part = {name: one if of == two else of for name, of in part.items()}
-                kept.append(joint)
-        return [joint for joint in self.joints if joint in kept]
-
-    def _link(self, name: str, joint: SdfJoint | None, position: dict[str, int]) -> LiteralLink:
-        if name == WORLD:
-            return LiteralLink(WORLD, -1, "", "root", ())
-        if joint is None:
-            return LiteralLink(name, 0, name, "fixed", self.frames.between(WORLD, name, name), self._inertial(name))
-        carrier = joint.other(name)
-        steps = (
-            *self.frames.between(carrier, joint.name, joint.element),
-            *self.reader.motions(joint, backwards=carrier == joint.child),
-            *self.frames.between(joint.name, name, joint.element),
-        )
-        return LiteralLink(name, position[carrier], joint.name, joint.kind, steps, self._inertial(name))
-
-    # -- links -----------------------------------------------------------------------------------------------------
-
-    def _frame(self, frame: SdfFrame, position: dict[str, int]) -> LiteralFrame:
-        where = f"{frame.kind} '{frame.name}'"
-        link = self.frames.link(frame.name, where)
-        return LiteralFrame(frame.name, position[link], self.frames.between(link, frame.name, where))
-
-    def _inertial(self, name: str) -> tuple[float, ...] | None:
-        where, element = f"link '{name}' inertial", self.links[name].find("inertial")
-        if element is None:
-            return None
-
-        def number(path: str, usual: str) -> Rational:
-            return self.frames.number(element.findtext(path, usual), f"{where} {path}")
-
-        mass = float(number("mass", "1"))
-        xx, yy, zz = (float(number(f"inertia/i{k}", "1")) for k in ("xx", "yy", "zz"))
-        xy, xz, yz = (float(number(f"inertia/i{k}", "0")) for k in ("xy", "xz", "yz"))
-        rotation, centre = numeric_placements(self.frames.pose(element, where))
-        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        return tuple(float(v) for v in central_inertial(mass, centre, tensor, rotation))
-
-
 _AXES = {
     "revolute": (MotionKind.ROTATION,),
     "continuous": (MotionKind.ROTATION,),
@@ -217,19 +66,30 @@ _AXES = {
     "universal": (MotionKind.ROTATION, MotionKind.ROTATION),
     "revolute2": (MotionKind.ROTATION, MotionKind.ROTATION),
 }
-CLOSURES = {
+_CLOSURES = {
     "revolute": ClosureKind.REVOLUTE,
     "continuous": ClosureKind.REVOLUTE,
     "prismatic": ClosureKind.PRISMATIC,
     "ball": ClosureKind.SPHERICAL,
     "fixed": ClosureKind.WELD,
 }
-JOINT_TYPES = (*_AXES, "ball", "fixed")
+_JOINT_TYPES = (*_AXES, "ball", "fixed")
 _UP: Triple = (0, 0, 1)
 
 
 @dataclass(frozen=True)
-class SdfJoint:
+class _Frame:
+    """A frame of a model."""
+
+    name: str
+    kind: str  # tag of the element that states it
+    carrier: str  # the frame with which it moves; empty for a link, which moves by itself
+    base: str  # the frame in which its pose is stated
+    pose: tuple[LiteralPlacement, ...]
+
+
+@dataclass(frozen=True)
+class _Joint:
     """A joint between two links, or a link and the world."""
 
     element: str
@@ -244,13 +104,234 @@ class SdfJoint:
         return self.child if link == self.parent else self.parent
 
 
-class SdfJoints:
-    """Reads joints of a model."""
+class _Frames(ExactXml):
+    """All frames of a model, by name."""
 
-    def __init__(self, frames: SdfFrames, axis_in_joint: bool) -> None:
-        self.frames, self.axis_in_joint = frames, axis_in_joint
+    def __init__(self, source: str) -> None:
+        super().__init__(source)
+        self.known = {WORLD: _Frame(WORLD, "world", "", "", ())}
 
-    def motions(self, joint: SdfJoint, backwards: bool) -> tuple[LiteralStep, ...]:
+    def place(self, frame: _Frame) -> None:
+        """One more frame, whose name nothing else has."""
+        if frame.name in self.known:
+            raise self.error("this name occurs twice; names must be unique", f"{frame.kind} '{frame.name}'")
+        self.known[frame.name] = frame
+
+    def link(self, name: str, element: str) -> str:
+        """The link, or the world, that carries a frame."""
+        seen: list[str] = []
+        while self._known(name, element).carrier:
+            if name in seen:
+                raise self.error(f"the frames {' -> '.join([*seen, name])} are attached in a circle", element)
+            seen.append(name)
+            name = self.known[name].carrier
+        return name
+
+    def between(self, start: str, end: str, element: str) -> tuple[LiteralPlacement, ...]:
+        """Where one frame is in another one."""
+        down, up = self._way(end, element), self._way(start, element)
+        common = 0
+        while common < min(len(down), len(up)) and down[common] == up[common]:
+            common += 1
+        inward = [replace(p, inverse=True) for name in reversed(up[common:]) for p in reversed(self.known[name].pose)]
+        way = (*inward, *(p for name in down[common:] for p in self.known[name].pose))
+        return way if sum(_is_general(p) for p in way) <= _MOST_GENERAL else _as_one(way, element)
+
+    def _way(self, name: str, element: str) -> list[str]:
+        """From the world to a frame."""
+        way: list[str] = []
+        while name:
+            if name in way:
+                raise self.error(f"the poses of {' -> '.join([*way, name])} refer to each other in a circle", element)
+            way.append(name)
+            name = self._known(name, element).base
+        return way[::-1]
+
+    def _known(self, name: str, element: str) -> _Frame:
+        if name not in self.known:
+            raise self.error(f"there is no link, joint or frame '{name}'{nearest_of(name, self.known)}", element)
+        return self.known[name]
+
+    # -- numbers ---------------------------------------------------------------------------------------------------
+
+    def pose(self, element: Any, where: str) -> tuple[LiteralPlacement, ...]:
+        """The pose that an element states."""
+        stated = element.find("pose")
+        text = "" if stated is None else (stated.text or "")
+        if not text.strip():
+            return ()
+        turned = stated.get("rotation_format", "euler_rpy") == "quat_xyzw"
+        numbers = [self.number(part, f"{where} pose") for part in text.split()]
+        if len(numbers) != (_SEVEN if turned else _SIX):
+            raise self.error(f"needs {_SEVEN if turned else _SIX} numbers, found '{text.strip()}'", f"{where} pose")
+        x, y, z, *rest = numbers
+        if turned and not any(rest):
+            raise self.error("the quaternion is zero", f"{where} pose")
+        if turned:
+            return placements(f"{where} pose", (x, y, z), [float(rest[k]) for k in (3, 0, 1, 2)])
+        if stated.get("degrees", "false") in ("true", "1"):
+            rest = [exact_angle(radians(angle)) for angle in rest]
+        roll, pitch, yaw = rest
+        return (LiteralPlacement(f"{where} pose", (x, y, z), (roll, pitch, yaw)),)
+
+
+class _Reader(_Frames):
+    def __init__(self, root: Any, model: Any, source: str) -> None:
+        super().__init__(source)
+        self.model = model
+        self.notes: list[str] = []
+        version = tuple(int(part) if part.isdigit() else 0 for part in root.get("version", "1.12").split("."))
+        self.axis_in_joint = version >= _AXIS_IN_JOINT
+        self.links = dict(self._named("link"))
+        self._add_frames()
+        self.joints = [self._joint(name, joint) for name, joint in self._named("joint")]
+
+    def read(self, gravity: str | None, mimics: bool) -> LiteralTree:
+        order, carried = self._tree()
+        position = {name: k for k, name in enumerate(order)}
+        links = tuple(self._link(name, carried.get(name), position) for name in order)
+        left = [joint for joint in self.joints if joint not in carried.values()]
+        frames = [f for f in self.known.values() if f.kind == "frame"]
+        stated = tuple(self._couplings())
+        return LiteralTree(
+            self.model.get("name") or "robot",
+            self.source,
+            links,
+            stated if mimics else (),
+            self.triple(gravity, LiteralTree("", "", ()).gravity, "gravity"),
+            tuple(self.notes),
+            root_is_world=True,
+            closures=tuple(self._closure(joint, position) for joint in left),
+            poses={"zero": {}} if left else {},
+            has_mimics=bool(stated),
+            frames=tuple(self._frame(frame, position) for frame in frames),
+        )
+
+    # -- elements --------------------------------------------------------------------------------------------------
+
+    def _named(self, tag: str) -> Iterator[tuple[str, Any]]:
+        for element in self.model.findall(tag):
+            if not element.get("name"):
+                raise self.error(f"a <{tag}> has no name")
+            yield str(element.get("name")), element
+
+    def _add_frames(self) -> None:
+        """The frames of the model, its links, its joints, and those that it names."""
+        where = f"model '{self.model.get('name')}'"
+        found = [tag for tag in ("model", "include", "gripper") if self.model.find(tag) is not None]
+        found += ["placement_frame"] if self.model.get("placement_frame") else []
+        if found or not self.links:
+            problem = f"has <{found[0]}>, which is not read: write one model of links" if found else "has no links"
+            raise self.error(problem, where)
+        carrier = self.model.get("canonical_link") or next(iter(self.links))
+        self.place(_Frame(MODEL, "model", carrier, WORLD, self.pose(self.model, where)))
+        for name, link in self._named("link"):
+            self._add(name, link, "", MODEL)
+        for name, joint in self._named("joint"):
+            child = self._end(joint, "child", f"joint '{name}'")
+            self._add(name, joint, child, child)
+        for name, frame in self._named("frame"):
+            carrier = frame.get("attached_to") or MODEL
+            self._add(name, frame, carrier, carrier)
+
+    def _add(self, name: str, element: Any, carrier: str, usual: str) -> None:
+        pose = element.find("pose")
+        base = (None if pose is None else pose.get("relative_to")) or usual
+        placed = self.pose(element, f"{element.tag} '{name}'")
+        self.place(_Frame(name, element.tag, carrier, base, placed))
+
+    def _end(self, joint: Any, tag: str, where: str) -> str:
+        text = joint.findtext(tag)
+        if not text or not text.strip():
+            raise self.error(f"needs <{tag}>, the name of a link or frame", where)
+        return str(text).strip()
+
+    def _joint(self, name: str, joint: Any) -> _Joint:
+        where, kind = f"joint '{name}'", joint.get("type")
+        if kind not in _JOINT_TYPES:
+            valid = ", ".join(_JOINT_TYPES)
+            raise self.error(f"unknown or unsupported joint type '{kind}' (valid: {valid})", where)
+        parent, child = (self.link(self._end(joint, tag, where), where) for tag in ("parent", "child"))
+        if parent == child:
+            raise self.error(f"connects link '{parent}' with itself: name another <parent>", where)
+        return _Joint(where, name, kind, parent, child, joint)
+
+    # -- tree ------------------------------------------------------------------------------------------------------
+
+    def _tree(self) -> tuple[list[str], dict[str, _Joint]]:
+        """The world and the links in depth-first order, and the joint that carries each link."""
+        kept = self._spanning()
+        start = WORLD
+        if not any(WORLD in (joint.parent, joint.child) for joint in self.joints):
+            children = {joint.child for joint in self.joints}
+            start = next((link for link in self.links if link not in children), next(iter(self.links)))
+            self.notes.append(f"nothing holds link '{start}' in the world; it is read as fixed (--floating frees it)")
+        order, carried, pending = [WORLD], dict[str, _Joint](), [start]
+        while pending:
+            link = pending.pop()
+            order += [] if link == WORLD else [link]
+            next_ones = [
+                joint for joint in kept if link in (joint.parent, joint.child) and carried.get(link) is not joint
+            ]
+            carried |= {joint.other(link): joint for joint in next_ones}
+            pending += [joint.other(link) for joint in reversed(next_ones)]
+        lost = [name for name in self.links if name not in order]
+        if lost:
+            raise self.error(
+                "no joint connects it with the others: add one, such as a fixed joint, or take the link out",
+                f"link '{lost[0]}'",
+            )
+        return order, carried
+
+    def _spanning(self) -> list[_Joint]:
+        """Joints that form a tree, in the order of the file.
+
+        Of each loop the last one is left out that can close it.
+        """
+        part = {name: name for name in (WORLD, *self.links)}
+        kept: list[_Joint] = []
+        for joint in sorted(self.joints, key=lambda joint: joint.kind in _CLOSURES):
+            one, two = part[joint.parent], part[joint.child]
+            if one != two:
+                part = {name: one if of == two else of for name, of in part.items()}
+                kept.append(joint)
+        return [joint for joint in self.joints if joint in kept]
+
+    def _link(self, name: str, joint: _Joint | None, position: dict[str, int]) -> LiteralLink:
+        if name == WORLD:
+            return LiteralLink(WORLD, -1, "", "root", ())
+        if joint is None:
+            return LiteralLink(name, 0, name, "fixed", self.between(WORLD, name, name), self._inertial(name))
+        carrier = joint.other(name)
+        steps = (
+            *self.between(carrier, joint.name, joint.element),
+            *self._motions(joint, backwards=carrier == joint.child),
+            *self.between(joint.name, name, joint.element),
+        )
+        return LiteralLink(name, position[carrier], joint.name, joint.kind, steps, self._inertial(name))
+
+    # -- links -----------------------------------------------------------------------------------------------------
+
+    def _frame(self, frame: _Frame, position: dict[str, int]) -> LiteralFrame:
+        where = f"{frame.kind} '{frame.name}'"
+        link = self.link(frame.name, where)
+        return LiteralFrame(frame.name, position[link], self.between(link, frame.name, where))
+
+    def _inertial(self, name: str) -> tuple[float, ...] | None:
+        where, element = f"link '{name}' inertial", self.links[name].find("inertial")
+        if element is None:
+            return None
+
+        def number(path: str, usual: str) -> float:
+            return float(self.number(element.findtext(path, usual), f"{where} {path}"))
+
+        moments = [number(f"inertia/i{a}{b}", "1" if a == b else "0") for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")]
+        rotation, centre = numeric_placements(self.pose(element, where))
+        return central_inertial(number("mass", "1"), centre, moments, rotation)
+
+    # -- joints ----------------------------------------------------------------------------------------------------
+
+    def _motions(self, joint: _Joint, backwards: bool) -> tuple[LiteralStep, ...]:
         """The motions of a joint, seen from the link that carries the other one."""
         if joint.kind == "ball":
             return (LiteralMotion(joint.element, joint.name, MotionKind.BALL),)
@@ -264,31 +345,31 @@ class SdfJoints:
             steps = motion + steps if backwards else steps + motion
         return tuple(steps)
 
-    def _axis(self, joint: SdfJoint, tag: str) -> tuple[tuple[LiteralPlacement, ...], Triple]:
+    def _axis(self, joint: _Joint, tag: str) -> tuple[tuple[LiteralPlacement, ...], Triple]:
         """The frame in which an axis is stated, as turns of the joint's frame, and the axis in it."""
         where = f"{joint.element} {tag}"
         element = joint.data.find(tag)
         if element is None:
-            raise self.frames.error(f"needs <{tag}> with <xyz>, such as 0 0 1", joint.element)
+            raise self.error(f"needs <{tag}> with <xyz>, such as 0 0 1", joint.element)
         direction = element.find("xyz")
-        axis = self.frames.triple(None if direction is None else direction.text, _UP, f"{where} xyz")
+        axis = self.triple(None if direction is None else direction.text, _UP, f"{where} xyz")
         if not any(axis):
-            raise self.frames.error("the axis is zero; it needs a direction such as 0 0 1", f"{where} xyz")
+            raise self.error("the axis is zero; it needs a direction such as 0 0 1", f"{where} xyz")
         stated = None if direction is None else direction.get("expressed_in")
         in_model = element.findtext("use_parent_model_frame", "false" if self.axis_in_joint else "true")
         if not stated and in_model.strip() not in ("true", "1"):
             return (), axis
-        turns = self.frames.between(joint.name, stated or MODEL, where)
+        turns = self.between(joint.name, stated or MODEL, where)
         return tuple(replace(turn, xyz=(0, 0, 0)) for turn in turns), axis
 
-    def closure(self, joint: SdfJoint, position: Mapping[str, int]) -> LiteralClosure:
+    def _closure(self, joint: _Joint, position: Mapping[str, int]) -> LiteralClosure:
         """A joint that closes a loop: its frame on both links, with z along its axis."""
-        if joint.kind not in CLOSURES:
-            kinds = ", ".join(CLOSURES)
+        if joint.kind not in _CLOSURES:
+            kinds = ", ".join(_CLOSURES)
             problem = (
                 f"it closes a loop, which a {joint.kind} joint cannot (these can: {kinds}): give that loop one of these"
             )
-            raise self.frames.error(problem, joint.element)
+            raise self.error(problem, joint.element)
         aim: tuple[LiteralPlacement, ...] = ()
         if joint.kind in _AXES:
             turned, axis = self._axis(joint, "axis")
@@ -297,26 +378,26 @@ class SdfJoints:
                 f"{joint.element} axis", rpy=(0, exact_angle(atan2(hypot(x, y), z)), exact_angle(atan2(y, x)))
             )
             aim = (*turned, along)
-        one, two = ((*self.frames.between(end, joint.name, joint.element), *aim) for end in (joint.parent, joint.child))
+        one, two = ((*self.between(end, joint.name, joint.element), *aim) for end in (joint.parent, joint.child))
         first, second = position[joint.parent], position[joint.child]
-        return LiteralClosure(joint.element, joint.name, CLOSURES[joint.kind], first, second, one, two)
+        return LiteralClosure(joint.element, joint.name, _CLOSURES[joint.kind], first, second, one, two)
 
-    def couplings(self, joints: Sequence[SdfJoint]) -> Iterator[StatedCoupling]:
+    def _couplings(self) -> Iterator[StatedCoupling]:
         """What mimic elements say."""
-        for joint in joints:
+        for joint in self.joints:
             mimic = joint.data.find("axis/mimic")
             if mimic is None:
                 continue
             where, leader = f"{joint.element} mimic", str(mimic.get("joint") or "")
-            led = next((other for other in joints if other.name == leader), None)
+            led = next((other for other in self.joints if other.name == leader), None)
             for role in (joint, led):
                 if role is None or len(_AXES.get(role.kind, ())) != 1:
-                    raise self.frames.error(
+                    raise self.error(
                         f"joint '{role.name if role else leader}' has not one axis, as both joints of a mimic need",
                         where,
                     )
             ratio, offset, reference = (
-                self.frames.number(mimic.findtext(key, usual), f"{where} {key}")
+                self.number(mimic.findtext(key, usual), f"{where} {key}")
                 for key, usual in (("multiplier", "1"), ("offset", "0"), ("reference", "0"))
             )
             constant = as_polynomial(offset - ratio * reference)
@@ -325,3 +406,16 @@ class SdfJoints:
 
 def _undone(turns: tuple[LiteralPlacement, ...]) -> tuple[LiteralPlacement, ...]:
     return tuple(replace(turn, inverse=not turn.inverse) for turn in reversed(turns))
+
+
+def _is_general(placement: LiteralPlacement) -> bool:
+    """Whether a placement turns by angles that are no multiples of 15°."""
+    step = pi / STEPS_PER_HALF_TURN
+    return any(abs(a - step * round(a / step)) > ANGLE_TOLERANCE for a in map(float, placement.rpy))
+
+
+def _as_one(way: tuple[LiteralPlacement, ...], element: str) -> tuple[LiteralPlacement, ...]:
+    """Several placements as one, rounded as doubles are."""
+    rotation, translation = numeric_placements(way)
+    x, y, z = (exact_number(round(float(v), _DIGITS)) for v in translation)
+    return placements_of(element, (x, y, z), rotation)

@@ -11,8 +11,6 @@ from math import nan
 from pathlib import PurePath
 from typing import Any
 
-import numpy as np
-
 from echelon.errors import InputError
 from echelon.exact.numbers import Rational, decimal_text, parse_decimal
 from echelon.exact.polynomial import as_polynomial
@@ -25,7 +23,7 @@ from echelon.formats.literal import (
     StatedCoupling,
     Triple,
     central_inertial,
-    rotation_matrix,
+    numeric_placement,
 )
 from echelon.formats.reading_options import checked_size
 from echelon.hints import listed
@@ -60,21 +58,50 @@ def read_urdf(root: Any, source: str, *, mimics: bool = True) -> LiteralTree:
     return _Reader(root, source).read(mimics)
 
 
-class _Reader:
+class ExactXml:
+    """Exact numbers of an XML document, and errors that name the element."""
+
+    def __init__(self, source: str) -> None:
+        self.source = source
+
+    def error(self, problem: str, element: str | None = None) -> InputError:
+        """An error about an element."""
+        return InputError(problem, source=self.source, element=element)
+
+    def number(self, text: str, where: str) -> Rational:
+        """An exact number."""
+        try:
+            return checked_size(parse_decimal(text.strip()), text)
+        except ValueError as error:
+            raise self.error(str(error), where) from None
+
+    def triple(self, text: str | None, usual: Triple, where: str) -> Triple:
+        """Three numbers."""
+        if text is None:
+            return usual
+        parts = text.split()
+        if len(parts) != len(usual):
+            raise self.error(f"needs three numbers, found '{text}'", where)
+        x, y, z = (self.number(part, where) for part in parts)
+        return (x, y, z)
+
+
+class _Reader(ExactXml):
     def __init__(self, root: Any, source: str) -> None:
-        self.root, self.source = root, source
+        super().__init__(source)
+        self.root = root
         self.notes: list[str] = []
         self.links = self._named("link")
         self.joints = self._named("joint")
 
     def read(self, mimics: bool) -> LiteralTree:
         if not self.links:
-            raise self._error("the robot has no links")
+            raise self.error("the robot has no links")
         parents = self._parents()
         order = list(self._depth_first(self._root_link(parents)))
         if len(order) < len(self.links):
             lost = sorted(set(self.links) - set(order))
-            raise self._error(f"links {listed(lost, _MOST_NAMED)} form a cycle and are not connected to the root")
+            raise self.error(f"links {listed(lost, _MOST_NAMED)} form a cycle and are not connected to the root")
         position = {name: i for i, name in enumerate(order)}
         links = tuple(self._link(name, parents.get(name), position) for name in order)
         couplings = tuple(self._couplings()) if mimics else ()
@@ -107,9 +134,9 @@ class _Reader:
         for element in self.root.findall(tag):
             name = element.get("name")
             if not name:
-                raise self._error(f"a <{tag}> has no name")
+                raise self.error(f"a <{tag}> has no name")
             if name in found:
-                raise self._error("this name occurs twice; names must be unique", f"{tag} '{name}'")
+                raise self.error("this name occurs twice; names must be unique", f"{tag} '{name}'")
             found[name] = element
         return found
 
@@ -120,7 +147,7 @@ class _Reader:
         for name, joint in self.joints.items():
             parent, child = self._end(joint, "parent", name), self._end(joint, "child", name)
             if parent == child:
-                raise self._error(f"link '{child}' is its own parent", f"joint '{name}'")
+                raise self.error(f"link '{child}' is its own parent", f"joint '{name}'")
             if child in carried:
                 raise self._closes_loop(name, parent, child, carried[child])
             carried[child] = name
@@ -137,7 +164,7 @@ class _Reader:
         axis = "" if kind in ("weld", None) else f", axis: [{_written(self._axis(joint, name))}]"
         loop = f"{{name: {name}, joint: {kind}, connects: [{parent}, {child}], at: {frame}{axis}, on_second: {{}}}}"
         stated = f"and state it as a loop: 'robot: {{file: {PurePath(self.source).name}}}' and 'loops: [{loop}]'"
-        return self._error(
+        return self.error(
             f"link '{child}' already has joint '{carrier}', and the links of a URDF form a tree: take this joint out, "
             + (f"{stated} in a YAML file beside it" if kind else "as it constrains nothing"),
             where,
@@ -147,17 +174,17 @@ class _Reader:
         element = joint.find(tag)
         link = None if element is None else element.get("link")
         if not link:
-            raise self._error(f"needs <{tag} link='...'/>", f"joint '{name}'")
+            raise self.error(f"needs <{tag} link='...'/>", f"joint '{name}'")
         if link not in self.links:
-            raise self._error(f"{tag} link '{link}' does not exist", f"joint '{name}'")
+            raise self.error(f"{tag} link '{link}' does not exist", f"joint '{name}'")
         return str(link)
 
     def _root_link(self, parents: dict[str, str]) -> str:
         roots = [name for name in self.links if name not in parents]
         if not roots:
-            raise self._error("every link has a parent: the links form a cycle and there is no root")
+            raise self.error("every link has a parent: the links form a cycle and there is no root")
         if len(roots) > 1:
-            raise self._error(f"there are {len(roots)} root links, {listed(roots, _MOST_NAMED)}; a tree has one")
+            raise self.error(f"there are {len(roots)} root links, {listed(roots, _MOST_NAMED)}; a tree has one")
         return roots[0]
 
     def _depth_first(self, root: str) -> Iterator[str]:
@@ -178,7 +205,7 @@ class _Reader:
         if kind not in JOINT_TYPES:
             valid = ", ".join(JOINT_TYPES)
             problem = f"unknown joint type '{kind}'" if kind else "the attribute 'type' is missing"
-            raise self._error(f"{problem} (valid: {valid})", f"joint '{joint}'")
+            raise self.error(f"{problem} (valid: {valid})", f"joint '{joint}'")
         steps: list[LiteralStep] = [self._origin(element, f"joint '{joint}'")]
         if kind != "fixed":
             axis = (0, 0, 1) if kind == "floating" else self._axis(element, joint)
@@ -190,17 +217,14 @@ class _Reader:
         origin = element.find("origin")
         if origin is None:
             return LiteralPlacement(f"{where} origin")
-        xyz = self._triple(origin.get("xyz", "0 0 0"), f"{where} origin xyz")
-        rpy = self._triple(origin.get("rpy", "0 0 0"), f"{where} origin rpy")
+        xyz, rpy = (self.triple(origin.get(key), (0, 0, 0), f"{where} origin {key}") for key in ("xyz", "rpy"))
         return LiteralPlacement(f"{where} origin", xyz, rpy)
 
     def _axis(self, element: Any, joint: str) -> Triple:
         axis = element.find("axis")
-        if axis is None:
-            return _DEFAULT_AXIS
-        values = self._triple(axis.get("xyz", "1 0 0"), f"joint '{joint}' axis")
+        values = self.triple(None if axis is None else axis.get("xyz"), _DEFAULT_AXIS, f"joint '{joint}' axis")
         if not any(values):
-            raise self._error("the axis is zero; it needs a direction such as 0 0 1", f"joint '{joint}'")
+            raise self.error("the axis is zero; it needs a direction such as 0 0 1", f"joint '{joint}'")
         return values
 
     def _inertial(self, link: str) -> tuple[float, ...] | None:
@@ -209,16 +233,16 @@ class _Reader:
         if element is None:
             return None
         mass = self._attribute(element.find("mass"), "value", f"{where} mass")
-        inertia = element.find("inertia")
-        xx, xy, xz, yy, yz, zz = (
-            float(self._attribute(inertia, name, f"{where} inertia"))
-            for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        )
-        origin = self._origin(element, where)
-        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        centre = [float(v) for v in origin.xyz]
-        rotation = rotation_matrix(*(float(v) for v in origin.rpy))
-        return tuple(float(v) for v in central_inertial(float(mass), centre, tensor, rotation))
+        inertia, keys = element.find("inertia"), ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        moments = [self._attribute(inertia, name, f"{where} inertia") for name in keys]
+        rotation, centre = numeric_placement(self._origin(element, where))
+        return central_inertial(mass, centre, moments, rotation)
+
+    def _attribute(self, element: Any, name: str, where: str) -> float:
+        text = None if element is None else element.get(name)
+        if text is None:
+            raise self.error(f"the attribute '{name}' is missing", where)
+        return float(self.number(text, where))
 
     def _couplings(self) -> Iterator[StatedCoupling]:
         for name, joint in self.joints.items():
@@ -228,49 +252,25 @@ class _Reader:
             where = f"joint '{name}' mimic"
             leader = mimic.get("joint")
             if not leader:
-                raise self._error("needs joint='...', the joint that it follows", where)
+                raise self.error("needs joint='...', the joint that it follows", where)
             if leader not in self.joints:
-                raise self._error(
+                raise self.error(
                     f"it follows joint '{leader}', which does not exist (--mimic independent ignores that)", where
                 )
             if leader == name:
-                raise self._error("the joint mimics itself", where)
+                raise self.error("the joint mimics itself", where)
             if joint.get("type") == "fixed":
                 self.notes.append(f"{where} is ignored: the joint is fixed")
                 continue
             for role in (name, leader):
                 kind = self.joints[role].get("type")
                 if kind not in _SINGLE_AXIS:
-                    raise self._error(f"joint '{role}' is {kind}; only single-axis joints can be coupled", where)
+                    raise self.error(f"joint '{role}' is {kind}; only single-axis joints can be coupled", where)
             ratio, offset = (
-                as_polynomial(self._number(mimic.get(key, usual), where))
+                as_polynomial(self.number(mimic.get(key, usual), where))
                 for key, usual in (("multiplier", "1"), ("offset", "0"))
             )
             yield StatedCoupling(where, name, {leader: linear(ratio)}, offset)
-
-    # -- numbers ---------------------------------------------------------------------------------------------------
-
-    def _triple(self, text: str, where: str) -> Triple:
-        parts = text.split()
-        if len(parts) != 3:
-            raise self._error(f"needs three numbers, found '{text}'", where)
-        x, y, z = (self._number(part, where) for part in parts)
-        return (x, y, z)
-
-    def _attribute(self, element: Any, name: str, where: str) -> Rational:
-        text = None if element is None else element.get(name)
-        if text is None:
-            raise self._error(f"the attribute '{name}' is missing", where)
-        return self._number(text, where)
-
-    def _number(self, text: str, where: str) -> Rational:
-        try:
-            return checked_size(parse_decimal(text.strip()), text)
-        except ValueError as error:
-            raise self._error(str(error), where) from None
-
-    def _error(self, problem: str, element: str | None = None) -> InputError:
-        return InputError(problem, source=self.source, element=element)
 
 
 def _written(numbers: Triple) -> str:
