@@ -17,7 +17,7 @@ from echelon.excite.files.trajectory_file import read_trajectory
 from echelon.identification.conditioning import without_rounding
 from echelon.identification.validation import Score, fit
 from echelon.logs.columns.column_map import ColumnMap
-from echelon.logs.files.message_columns import nanoseconds
+from echelon.logs.files.bag_file import nanoseconds
 from echelon.logs.preparation.settings import Preparation
 from echelon.regressor.loops import poses
 from echelon.results.identified import load_identified

@@ -22,8 +22,8 @@ from echelon.errors import InputError, one_line
 from echelon.excite.problem.trajectory import Trajectory
 from echelon.extras import extra
 from echelon.inputs.yaml_text import parse_yaml
+from echelon.logs.files.bag_file import fields, nanoseconds
 from echelon.logs.files.log_file import decoding
-from echelon.logs.files.message_columns import fields, nanoseconds
 from echelon.logs.files.open_log import open_log, read_table
 
 FEWEST = 6
