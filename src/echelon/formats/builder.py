@@ -21,7 +21,6 @@ from echelon.formats.axis_relations import with_relations
 from echelon.formats.bodies import Bodies, Part, placed_before
 from echelon.formats.closure_frames import second_frame, with_parallelogram
 from echelon.formats.literal import (
-    Inertial,
     LiteralClosure,
     LiteralLink,
     LiteralPlacement,
@@ -265,12 +264,12 @@ class _Builder:
     # -- inertials -------------------------------------------------------------------------------------------------
 
     def _attach_inertials(self) -> None:
-        totals: dict[int, Inertial] = {}
+        totals: dict[int, Floats] = {}
         for index, link in enumerate(self.tree.links):
             body, placements = self._ride(index)
             if body == GROUND or link.inertial is None:
                 continue
-            moved = move_inertial(np.array(link.inertial), *numeric_placements(placements))
+            moved = move_inertial(np.array(link.inertial), numeric_placements(placements))
             totals[body] = totals[body] + moved if body in totals else moved
         for body, total in totals.items():
             values = tuple(float(v) for v in total)

@@ -3,7 +3,7 @@
 URDF, SDF and MJCF readers produce this form; :mod:`echelon.formats.builder` turns it into a mechanism.  Couplings may
 refer to other dependent coordinates here, and joints may be declared to be of types that the format does not know.
 
-Inertial values are floats, about a link's frame; they move from the centre of mass there, and from link to link.
+Inertial values are floats, about a link's frame; they move from the centre of mass there.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import reduce
 from math import atan2, cos, hypot, sin
 
 import numpy as np
@@ -244,10 +245,6 @@ def _steps(steps: Sequence[LiteralStep], joint: StatedJoint) -> Iterator[Literal
                 yield LiteralMotion(step.element, f"{joint.name}.{number}", MotionKind.ROTATION, direction)
 
 
-Inertial = Floats
-"""The ten standard parameters XX XY XZ YY YZ ZZ MX MY MZ M."""
-
-
 def rotation_matrix(roll: float, pitch: float, yaw: float) -> Floats:
     """Rz(yaw) Ry(pitch) Rx(roll)."""
     cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (np.cos, np.sin))
@@ -274,20 +271,19 @@ def roll_pitch_yaw(r: Floats) -> tuple[float, float, float]:
     return atan2(s * r[0, 2] - c * r[1, 2], c * r[1, 1] - s * r[0, 1]), atan2(-r[2, 0], hypot(r[0, 0], r[1, 0])), yaw
 
 
-def numeric_placement(placement: LiteralPlacement) -> tuple[Floats, Floats]:
-    """Rotation and translation of a literal placement in floats."""
-    roll, pitch, yaw = (float(v) for v in placement.rpy)
-    rotation, translation = rotation_matrix(roll, pitch, yaw), np.array([float(v) for v in placement.xyz])
-    return (rotation.T, -rotation.T @ translation) if placement.inverse else (rotation, translation)
+def numeric_placement(placement: LiteralPlacement) -> Floats:
+    """A literal placement as a homogeneous matrix, shape (4, 4)."""
+    frame = np.eye(4)
+    frame[:3, :3], frame[:3, 3] = rotation_matrix(*map(float, placement.rpy)), [float(v) for v in placement.xyz]
+    if placement.inverse:
+        frame[:3, 3] = -frame[:3, :3].T @ frame[:3, 3]
+        frame[:3, :3] = frame[:3, :3].T.copy()
+    return frame
 
 
-def numeric_placements(placements: Iterable[LiteralPlacement]) -> tuple[Floats, Floats]:
-    """Rotation and translation of several placements, one after the other."""
-    rotation, translation = np.eye(3), np.zeros(3)
-    for placement in placements:
-        turned, shifted = numeric_placement(placement)
-        translation, rotation = translation + rotation @ shifted, rotation @ turned
-    return rotation, translation
+def numeric_placements(placements: Iterable[LiteralPlacement]) -> Floats:
+    """Several placements, one after the other, as a homogeneous matrix."""
+    return reduce(np.matmul, map(numeric_placement, placements), np.eye(4))
 
 
 def central_inertial(
@@ -302,13 +298,13 @@ def central_inertial(
     return tuple(from_tensor(about_origin, mass * c, np.asarray(mass)).tolist())
 
 
-def move_inertial(inertial: Inertial, rotation: npt.ArrayLike, translation: npt.ArrayLike) -> Inertial:
+def move_inertial(inertial: Floats, frame: Floats) -> Floats:
     """The same body's parameters about a reference frame in which its own frame is placed."""
-    r, p = np.asarray(rotation, dtype=float), np.asarray(translation, dtype=float)
+    r, p = frame[:3, :3], frame[:3, 3]
     tensor, moment, mass = tensor_and_moment(inertial)
     h = r @ moment
-    turned = r @ tensor @ r.T
-    # parallel axes for a frame shift p: I + terms in h and m, symmetric in both factors
-    shifted = turned + 2 * (p @ h) * np.eye(3) - np.outer(p, h) - np.outer(h, p)
+    # parallel axes for a frame shift p: I + terms in h and m, symmetric in both factors; fewer roundings than a
+    # congruence of the pseudo-inertia has, so that the digits of files stay
+    shifted = r @ tensor @ r.T + 2 * (p @ h) * np.eye(3) - np.outer(p, h) - np.outer(h, p)
     shifted = shifted + mass * (p @ p * np.eye(3) - np.outer(p, p))
     return from_tensor(shifted, h + mass * p, mass)

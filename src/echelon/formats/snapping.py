@@ -245,7 +245,7 @@ class Snapping:
 
     def numeric(self, value: Polynomial) -> float:
         """Numeric value of an expression in angle symbols."""
-        return numeric_value(value, {name: s.value for name, s in self.symbols.items() if s.value is not None})
+        return value.at({name: s.value for name, s in self.symbols.items() if s.value is not None})
 
     def forget(self, names: Collection[str]) -> None:
         """Take back symbols that nothing uses."""
@@ -283,20 +283,9 @@ def _rest_text(angle: Angle, quarters: int, sign: int) -> str:
 
 
 def symbol_stem(name: str) -> str:
-    """How the names of symbols end that belong to a part or a loop of this name."""
-    return "_" + "".join(c if _in_names(c) else "_" for c in name)
-
-
-def _in_names(character: str) -> bool:
-    """Whether a character may stand in the name of a symbol, which is read back from saved files."""
-    if not f"_{character}".isidentifier() or unicodedata.normalize("NFKC", character) != character:
-        return False
-    return character.isascii() or not character.isdigit()
-
-
-def numeric_value(value: Polynomial, symbols: dict[str, float]) -> float:
-    """A polynomial in floats, for given values of its symbols (rad for angles)."""
-    return value.at(symbols)
+    """How the names of symbols end that belong to a part or a loop of this name; they are read back from files."""
+    plain = (unicodedata.normalize("NFKC", c) == c and (c.isascii() or not c.isdigit()) for c in name)
+    return "_" + "".join(c if fits and f"_{c}".isidentifier() else "_" for c, fits in zip(name, plain, strict=True))
 
 
 def _decimal(value: Rational | float) -> str:

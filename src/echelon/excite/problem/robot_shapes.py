@@ -52,7 +52,7 @@ def carrying_bodies(tree: LiteralTree, mechanism: Mechanism) -> tuple[tuple[int,
             if not isinstance(step, LiteralPlacement):
                 problem = "it moves but is not a body of the mechanism; read both from the same file"
                 raise InputError(problem, source=tree.source, element=f"link '{link.name}'")
-            place = place @ placed(*numeric_placement(step))
+            place = place @ numeric_placement(step)
         found.append((body, place))
     return tuple(found)
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.exact.polynomial import Polynomial
 from echelon.formats.axis_relations import with_relations
 from echelon.formats.bodies import BASE, Bodies, Part
 from echelon.formats.builder import Built, Rider
@@ -25,15 +25,16 @@ from echelon.formats.description.stated_expressions import (
 )
 from echelon.formats.description.stated_joints import coordinate_axis, offset_placement, read_couplings
 from echelon.formats.description.stated_setup import cut_off, with_additions
-from echelon.formats.literal import Inertial, StatedCoupling, move_inertial
+from echelon.formats.literal import StatedCoupling, move_inertial
 from echelon.formats.reading_options import ReadingOptions, StatedJoint, gravity_vector
-from echelon.formats.snapping import numeric_value, symbol_stem
+from echelon.formats.snapping import symbol_stem
 from echelon.hints import nearest_of, unused
 from echelon.inputs.yaml_text import step_into
 from echelon.mechanism.body import ALL, GROUND, Body
 from echelon.mechanism.joint import ORIGIN, Joint, Motion, Placement, Step, floating_motions, merge
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.reading import Snap
+from echelon.mechanism.stated import placement_matrix
 
 if TYPE_CHECKING:
     from echelon.formats.schema.robot_schema import RobotDescription
@@ -257,18 +258,13 @@ class _Tree:
         values = None if total is None else tuple(float(v) for v in total)
         return replace(body, carried=carried, inertial=values)
 
-    def _moved(self, part: Part) -> Inertial | None:
+    def _moved(self, part: Part) -> Floats | None:
         """A rider's parameters about the frame of its body, if all symbols on the way have values."""
         _, place = self.lumped.place(part.name)
         known = {n: s.value for n, s in self.expressions.snapping.symbols.items() if s.value is not None}
         if not known.keys() >= set(place.symbols()):
             return None
-
-        def value(entry: Polynomial) -> float:
-            return numeric_value(entry, known)
-
-        rotation = [[value(entry) for entry in row] for row in place.rotation]
-        return move_inertial(np.array(part.inertial), rotation, [value(entry) for entry in place.translation])
+        return move_inertial(np.array(part.inertial), placement_matrix(place, known))
 
     # -- couplings -------------------------------------------------------------------------------------------------
 

@@ -326,8 +326,8 @@ class _Reader(_Frames):
             return float(self.number(element.findtext(path, usual), f"{where} {path}"))
 
         moments = [number(f"inertia/i{a}{b}", "1" if a == b else "0") for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")]
-        rotation, centre = numeric_placements(self.pose(element, where))
-        return central_inertial(number("mass", "1"), centre, moments, rotation)
+        frame = numeric_placements(self.pose(element, where))
+        return central_inertial(number("mass", "1"), frame[:3, 3], moments, frame[:3, :3])
 
     # -- joints ----------------------------------------------------------------------------------------------------
 
@@ -416,6 +416,6 @@ def _is_general(placement: LiteralPlacement) -> bool:
 
 def _as_one(way: tuple[LiteralPlacement, ...], element: str) -> tuple[LiteralPlacement, ...]:
     """Several placements as one, rounded as doubles are."""
-    rotation, translation = numeric_placements(way)
-    x, y, z = (exact_number(round(float(v), _DIGITS)) for v in translation)
-    return placements_of(element, (x, y, z), rotation)
+    frame = numeric_placements(way)
+    x, y, z = (exact_number(round(float(v), _DIGITS)) for v in frame[:3, 3])
+    return placements_of(element, (x, y, z), frame[:3, :3])

@@ -235,8 +235,8 @@ class _Reader(ExactXml):
         mass = self._attribute(element.find("mass"), "value", f"{where} mass")
         inertia, keys = element.find("inertia"), ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
         moments = [self._attribute(inertia, name, f"{where} inertia") for name in keys]
-        rotation, centre = numeric_placement(self._origin(element, where))
-        return central_inertial(mass, centre, moments, rotation)
+        frame = numeric_placement(self._origin(element, where))
+        return central_inertial(mass, frame[:3, 3], moments, frame[:3, :3])
 
     def _attribute(self, element: Any, name: str, where: str) -> float:
         text = None if element is None else element.get(name)
