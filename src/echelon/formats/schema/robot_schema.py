@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, ConfigDict, Tag, model_validator
 
-from echelon.formats.schema.schema_excite import ExcitationEntry, Number
+from echelon.formats.schema.schema_excite import ExcitationEntry
 from echelon.formats.schema.schema_geometry import CouplingEntry, Frame, Joint, Loop, Model
 from echelon.formats.schema.schema_log import IdentificationEntry, LogEntry, PreparationEntry
 from echelon.formats.schema.schema_setup import (
@@ -29,6 +29,7 @@ from echelon.formats.schema.schema_types import (
     Expression,
     Flag,
     Name,
+    Number,
     Ten,
     Triple,
     Version,
