@@ -60,14 +60,10 @@ def states(mechanism: Mechanism, count: int) -> tuple[np.ndarray, np.ndarray, np
     with precision(400):
         at = {n: stated_ball(t) for n, t in value_texts(mechanism, known_values(mechanism)).items()}
         closed = ClosedBalls(program, forms.loops, at)
-        real = forms.loops.real(rng, count)
-        found = [
-            closed.leaves(Schedule(program, inputs), {n: float(x[k]) for n, x in real.items()}, rng)[0]
-            for k in range(count)
-        ]
-        assert all(float(x.rad()) < 1e-90 for leaves in found for x in leaves.values())
+        leaves = closed.leaves(Schedule(program, inputs), forms.loops.real(rng, count), rng)
+        assert all(float(x.rad()) < 1e-90 for values in leaves.values() for x in values)
         q, qd, qdd = (
-            np.array([[float(leaves[node[n]].mid()) if n in node else 0.0 for n in some] for leaves in found])
+            np.array([[float(leaves[node[n]][k].mid()) if n in node else 0.0 for n in some] for k in range(count)])
             for some in names
         )
     return q, qd, qdd

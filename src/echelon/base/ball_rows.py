@@ -97,10 +97,7 @@ def _closed_states(
     real = loops.real(rng, poses)
     names = [given.name for given in inputs if given.role == "symbol"]
     symbols = {name: stated_ball(at[name]) if name in at else ball(float(real[name][0])) for name in names}
-    closed = ClosedBalls(forms.program, loops, symbols)
-    near = [{name: float(x[k]) for name, x in real.items()} for k in range(poses)]
-    found = [leaves for pose in near for leaves in closed.leaves(schedule, pose, rng, motions)]
-    return {node: np.array([leaves[node] for leaves in found], dtype=object) for node in schedule.leaves}
+    return ClosedBalls(forms.program, loops, symbols).leaves(schedule, real, rng, motions)
 
 
 def _random(rng: np.random.Generator, count: int) -> list[Any]:
