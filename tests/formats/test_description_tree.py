@@ -113,6 +113,11 @@ def test_what_hangs_on_a_floating_base_keeps_its_place() -> None:
     np.testing.assert_allclose(pose[:3, 3], [1, -2, 0])
 
 
+def test_effects_at_all_leave_a_floating_base_out() -> None:
+    robot = read(f"floating_base: true\nbodies: [{ARM.replace('PARENT', '')}]\neffects: [{{type: coulomb, at: all}}]")
+    assert [effect.parameter for effect in robot.effects] == ["Fc1"]
+
+
 # -- long expressions -------------------------------------------------------------------------------------------------
 
 

@@ -50,9 +50,7 @@ def _with(mechanism: Mechanism, effects: tuple[Effect, ...]) -> Mechanism:
 
 def _measured_places(mechanism: Mechanism) -> Iterator[tuple[str, Side]]:
     """Drives whose force is measured, and joints whose torque is; a floating base has neither."""
-    floating = [body.joint for body in mechanism.bodies if body.joint.kind == "floating"]
-    free = {name for joint in floating for motion in joint.motions for name in motion.velocities}
-    seen: set[str] = set()
+    free, seen = floating_velocities(mechanism), set[str]()
     channels = [channel for output in mechanism.outputs for channel, _ in output.terms]
     for channel in sorted(channels, key=lambda channel: isinstance(channel, JointForce)):
         if isinstance(channel, Cut):
@@ -62,6 +60,12 @@ def _measured_places(mechanism: Mechanism) -> Iterator[tuple[str, Side]]:
         if name not in free | seen:
             yield name, Side.JOINT if joint else Side.ACTUATOR
         seen.add(name)
+
+
+def floating_velocities(mechanism: Mechanism) -> frozenset[str]:
+    """Velocities of floating bases, which nothing drives and nothing rubs."""
+    floating = [body.joint for body in mechanism.bodies if body.joint.kind == "floating"]
+    return frozenset(name for joint in floating for motion in joint.motions for name in motion.velocities)
 
 
 def _made(mechanism: Mechanism, kind: str, name: str, side: Side, stated: DriveNumbers) -> tuple[Effect, ...]:

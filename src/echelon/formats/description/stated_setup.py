@@ -16,7 +16,7 @@ from echelon.formats.closure_frames import at_zero, second_frame
 from echelon.formats.description.stated_expressions import Expressions
 from echelon.formats.description.stated_joints import CouplingReader, Joints
 from echelon.formats.snapping import symbol_stem
-from echelon.formats.usual_effects import effect_label, slides
+from echelon.formats.usual_effects import effect_label, floating_velocities, slides
 from echelon.mechanism.body import Body
 from echelon.mechanism.closed_pose import follow
 from echelon.mechanism.closure import Closure, ClosureKind
@@ -158,7 +158,9 @@ class _Additions:
     def _ready(self, entry: ReadyEffect, path: str) -> list[Effect]:
         names = (entry.at,) if isinstance(entry.at, str) else entry.at
         if names == (EVERY,):
-            names = self.mechanism.velocities if entry.side == "joint" else self._drives
+            free = floating_velocities(self.mechanism)
+            every = self.mechanism.velocities if entry.side == "joint" else self._drives
+            names = tuple(name for name in every if name not in free)
         found: list[tuple[Effect, ...]] = []
         for name in names:
             side = self._side(name, entry.side, f"{path}.at")
