@@ -3,8 +3,8 @@
 python benchmarks/preparation.py [--seeds 200] [--only TEXT]      one line per condition, and a page in results/
 
 Every seed has a motion and noise of its own.  Positions are rounded to the encoder's steps, outputs have noise, and
-band, derivatives, delays and rows near rest are chosen as ``echelon identify`` chooses them.  Intervals are those of the
-default estimator, from batches of time.  The conditions mix what may go wrong: rates of 30 Hz to 5 kHz, encoders of
+band, derivatives, delays and rows near rest are chosen as ``echelon identify`` chooses them.  Intervals are those of
+the default estimator, from batches of time.  The conditions mix what may go wrong: rates of 30 Hz to 5 kHz, encoders of
 1e-6 to 1e-2 rad, slow and fast motion, fixed and floating bases, with and without friction.
 """
 
@@ -26,7 +26,7 @@ from echelon.identification.estimators.covariance import clustered
 from echelon.identification.estimators.least_squares import irls
 from echelon.identification.rows.rows import ModelRows
 from echelon.identification.survey import with_delays
-from echelon.logs.preparation.choices import chosen
+from echelon.logs.preparation.choices import Signals, chosen
 from echelon.logs.preparation.prepare import prepare
 from echelon.logs.preparation.settings import Preparation
 from echelon.logs.recording import Segment
@@ -188,8 +188,8 @@ def log(condition: Condition, seed: int) -> Segment:
 def estimated(condition: Condition, seed: int):
     """Estimate of one seed, with the preparation that was chosen."""
     base, segment = model(condition.robot), log(condition, seed)
-    made = chosen(Preparation(), [segment], base.mechanism)
-    made, findings = with_band(made, [segment], base)
+    signals = Signals.of([segment], base.mechanism)
+    made, findings = with_band(chosen(Preparation(), signals), signals, base)
     made = with_delays(made.model_copy(update={"delays": None}), [segment], base)
     rows = ModelRows.of(base, [prepare(segment, made, base.mechanism)])
     return clustered(rows, irls(rows.observation(), rows.units)), made, findings

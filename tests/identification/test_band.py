@@ -12,7 +12,7 @@ from echelon.identification.band import with_band
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.least_squares import irls
 from echelon.identification.rows.rows import ModelRows
-from echelon.logs.preparation.choices import chosen
+from echelon.logs.preparation.choices import Signals, chosen
 from echelon.logs.preparation.prepare import prepare
 from echelon.logs.preparation.settings import Preparation
 from echelon.logs.recording import Segment
@@ -44,7 +44,8 @@ def fitted(segment: Segment, preparation: Preparation) -> Estimate:
 
 
 def automatic(segment: Segment) -> Preparation:
-    return with_band(chosen(Preparation(delays={}), [segment], pendulum().mechanism), [segment], pendulum())[0]
+    log = Signals.of([segment], pendulum().mechanism)
+    return with_band(chosen(Preparation(delays={}), log), log, pendulum())[0]
 
 
 @pytest.mark.parametrize(("rate", "step"), [(30.0, 1e-6), (30.0, 1e-2), (100.0, 1e-3), (1000.0, 1e-2)])
@@ -63,8 +64,9 @@ def test_planted_parameters_come_back(rate: float, step: float) -> None:
 def test_coarse_encoders_narrow_the_band() -> None:
     """A band that is wide open is narrowed: noise of the acceleration shows in residuals before it biases."""
     fine, coarse = log(100.0, 1e-6, 1e-4, 0), log(100.0, 3e-3, 1e-4, 0)
-    wide = chosen(Preparation(delays={}, measured=()), [fine], pendulum().mechanism).model_copy(update={"band": 14.0})
-    found, _ = with_band(wide, [coarse], pendulum())
+    logs = [Signals.of([segment], pendulum().mechanism) for segment in (fine, coarse)]
+    wide = chosen(Preparation(delays={}, measured=()), logs[0]).model_copy(update={"band": 14.0})
+    found, _ = with_band(wide, logs[1], pendulum())
     assert found.band is not None
     assert found.band < 7
     errors = [np.abs(fitted(coarse, some).values - TRUE).max() for some in (found, wide)]
@@ -85,8 +87,7 @@ def test_the_band_ends_where_the_model_explains_no_more() -> None:
 
 
 def test_noise_that_no_band_mends_is_said() -> None:
-    segment = log(100.0, 0.15, 1e-6, 0)
-    made = chosen(Preparation(delays={}), [segment], pendulum().mechanism)
-    _, findings = with_band(made, [segment], pendulum())
+    signals = Signals.of([log(100.0, 0.15, 1e-6, 0)], pendulum().mechanism)
+    _, findings = with_band(chosen(Preparation(delays={}), signals), signals, pendulum())
     assert [finding.kind for finding in findings] == ["noisy positions"]
     assert "standard deviations" in findings[0].text

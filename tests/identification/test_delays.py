@@ -7,7 +7,7 @@ import pytest
 
 import echelon as ec
 from echelon.identification.survey import with_delays
-from echelon.logs.preparation.choices import chosen
+from echelon.logs.preparation.choices import Signals, chosen
 from echelon.logs.preparation.settings import Preparation
 from echelon.logs.recording import Segment
 from support.paths import ROOT
@@ -62,7 +62,7 @@ def test_stated_delays_stay(base: ec.BaseModel) -> None:
 
 
 def prepared(base: ec.BaseModel, segment: Segment) -> Preparation:
-    return chosen(Preparation(), [segment], base.mechanism)
+    return chosen(Preparation(), Signals.of([segment], base.mechanism))
 
 
 def test_an_output_that_comes_later_than_the_others_has_a_delay_of_its_own(base: ec.BaseModel) -> None:

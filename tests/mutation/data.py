@@ -98,8 +98,8 @@ FAULTS = (
     ),
     Fault(
         "logs/preparation/states.py",
-        "qdd = derivatives(qd, rate)[0]",
-        "derivatives(qd, rate)[0]",
+        "else derivative(qd, rate)",
+        "else derivative(x, rate, 2)",
         "accelerations from measured velocities",
         "signals/test_prepare.py",
     ),
@@ -120,8 +120,8 @@ FAULTS = (
     Fault("signals/filters.py", "2.285 * 2 * np.pi", "2.285 * 4 * np.pi", "length of a filter", FILTERS),
     Fault(
         "signals/filters.py",
-        "first * self.factor - self.reach",
-        "first * self.factor - self.reach + 1",
+        "first * self.step - half :",
+        "first * self.step - half + 1 :",
         "a filter without delay",
         FILTERS,
     ),

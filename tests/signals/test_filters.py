@@ -124,6 +124,25 @@ def test_both_sides_filtered_alike_keep_a_linear_model_exact(edge: float, seed: 
     assert np.allclose(found.apply(regressor @ parameters), found.apply(regressor) @ parameters, atol=1e-11)
 
 
+@pytest.mark.parametrize("edge", [24.0, 6.4, 0.3])
+def test_two_filters_pass_and_stop_like_one(edge: float) -> None:
+    """Waves within the band come through, and nothing from beyond it folds into it."""
+    found = reduction(edge, RATE)
+    assert found is not None
+    assert found.before is not None
+    assert 0.8 * 0.4 * RATE / edge < found.factor <= 0.4 * RATE / edge
+    t = np.arange(int(40 / edge * RATE)) / RATE
+    inner = slice(found.reach // found.factor + 1, -found.reach // found.factor - 1)
+    passed = np.linspace(0.05, 1, 9) * edge
+    folding = np.concatenate(
+        [np.linspace(1.5, 4, 20) * edge, RATE / found.before.factor + np.linspace(-1, 1, 9) * edge]
+    )
+    for frequencies, gain in ((passed, 1.0), (folding[folding < RATE / 2], 0.0)):
+        for f in frequencies:
+            waves = np.cos(2 * np.pi * f * t + 0.3)
+            assert np.abs(found.apply(waves) - gain * waves[:: found.factor])[inner].max() < 5e-4, f
+
+
 def test_what_reductions_are_made_of() -> None:
     assert reduction(INF, RATE) is None
     assert reduction(410.0, RATE) is None

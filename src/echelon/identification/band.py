@@ -59,11 +59,8 @@ _OPEN = 1e-12
 """Share of the largest eigenvalue of the scaled normal matrix below which nothing is known."""
 
 
-def with_band(
-    preparation: Preparation, segments: Sequence[Segment], base: BaseModel
-) -> tuple[Preparation, tuple[Finding, ...]]:
+def with_band(preparation: Preparation, log: Signals, base: BaseModel) -> tuple[Preparation, tuple[Finding, ...]]:
     """The preparation with the band narrowed as the model asks, and a finding where noise biases nevertheless."""
-    log = Signals.of(segments, base.mechanism)
     trials = Trials.of(log, preparation, base)
     if not trials.usable(trials.bands[0]):
         return preparation, ()

@@ -34,7 +34,7 @@ from echelon.identification.payload import Payload, loaded_rows, with_zeros
 from echelon.identification.rows.plan import Plan
 from echelon.identification.rows.rows import ModelRows, Rows
 from echelon.logs.files.open_log import log_paths
-from echelon.logs.preparation.choices import chosen
+from echelon.logs.preparation.choices import Signals, chosen
 from echelon.logs.read_log import read_log
 from echelon.logs.recording import Samples, Segment
 from echelon.observe.observation import Layout, Observation
@@ -359,7 +359,7 @@ def _plan(setup: Setup, base: BaseModel, logs: Paths) -> Plan:
     for path in log_paths(logs):
         for piece in read_log(path, setup.mechanism, setup.columns, rate=setup.preparation.rate, outputs=False):
             segments += piece.segments
-    return Plan(base, setup.columns, chosen(setup.preparation, segments, setup.mechanism))
+    return Plan(base, setup.columns, chosen(setup.preparation, Signals.of(segments, setup.mechanism)))
 
 
 def _samples(plan: Plan, logs: Paths) -> list[Samples]:

@@ -31,7 +31,7 @@ from echelon.identification.rows.plan import Plan
 from echelon.identification.rows.rows import ModelRows, rows_taken
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.finding import Finding, Severity, counted
-from echelon.logs.preparation.choices import chosen
+from echelon.logs.preparation.choices import Signals, chosen
 from echelon.logs.preparation.prepare import PreparationPlan, prepare
 from echelon.logs.preparation.settings import Preparation
 from echelon.logs.read_log import LogPiece, read_log
@@ -182,9 +182,10 @@ def survey(setup: Setup, base: BaseModel, paths: Sequence[Path], unseen: Sequenc
     if max(len(paths), len(unseen)) > _LOGS:
         text = f"only the first {_LOGS} of {len(paths)} fitted logs and of {len(unseen)} others were examined"
         findings.append(Finding(Severity.NOTE, "survey", "", text))
-    preparation = chosen(setup.preparation, segments, setup.mechanism)
+    log = Signals.of(segments, setup.mechanism)
+    preparation = chosen(setup.preparation, log)
     if setup.preparation.band is None:
-        preparation, noisy = with_band(preparation, segments, base)
+        preparation, noisy = with_band(preparation, log, base)
         findings += noisy
     preparation = preparation.model_copy(update={"delays": setup.preparation.delays})
     preparation = with_delays(preparation, segments, base)

@@ -53,11 +53,13 @@ def read_log(
     rate: float | None = None,
     symbols: Mapping[str, float] | None = None,
     outputs: bool = True,
+    named: bool = True,
 ) -> Iterator[LogPiece]:
     """Read a log in the robot's terms, piece by piece.
 
     Of several column maps the first one whose columns are all there is used; without any, columns are recognised by
     their names.  Segments are resampled to ``rate``, Hz.  ``symbols`` are values of symbols in transmission ratios.
+    Faults that spoil no sample are looked for only if they are to be ``named``.
     """
     log = opened(path)
     if not outputs:  # a map that has all it names comes before the same without outputs
@@ -74,7 +76,7 @@ def read_log(
         findings += _left_out(table)
         recorded = recording(table, chosen, mechanism, symbols)
         findings += check_plausible(recorded, mechanism, chosen)
-        faults, usable = examine(recorded, mechanism, whole=whole)
+        faults, usable = examine(recorded, mechanism, whole=whole, named=named)
         parts, more = segments(recorded, mechanism, usable, rate=rate, whole=whole)
         yield LogPiece(parts, (*findings, *faults, *more), chosen, recorded)
         findings, table, following = (), following, next(tables, None)

@@ -19,8 +19,10 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.extras import extra
 
-_FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
-_SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
+_WEIGHTS = {
+    1: np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280]),
+    2: np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560]),
+}
 
 REACH = 4
 """Samples on either side that derivatives depend on."""
@@ -29,15 +31,20 @@ _FAR_FROM_UNIT = 0.1
 """Largest deviation of a quaternion's length from 1 that rounding of a log can explain."""
 
 
-def derivatives(values: Floats, rate: float) -> tuple[Floats, Floats]:
-    """First and second derivative of values (N, …), which beyond their ends continue turned about them."""
+def derivative(values: Floats, rate: float, order: int = 1) -> Floats:
+    """First or second derivative of values (N, …), which beyond their ends continue turned about them."""
     with extra("identify"):
         from scipy.ndimage import correlate1d
 
     widths = [(REACH, REACH)] + [(0, 0)] * (np.ndim(values) - 1)
     longer = np.pad(np.asarray(values, dtype=np.float64), widths, mode="reflect", reflect_type="odd")
-    first, second = (correlate1d(longer, weights, axis=0)[REACH:-REACH] for weights in (_FIRST, _SECOND))
-    return first * rate, second * rate**2
+    found: Floats = correlate1d(longer, _WEIGHTS[order] * rate**order, axis=0)[REACH:-REACH]
+    return found
+
+
+def derivatives(values: Floats, rate: float) -> tuple[Floats, Floats]:
+    """First and second derivative of values (N, …)."""
+    return derivative(values, rate), derivative(values, rate, 2)
 
 
 def continuous(q: Floats, before: Floats | None = None) -> Floats:

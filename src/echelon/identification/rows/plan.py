@@ -95,7 +95,8 @@ class Plan:
         """Prepared samples of a log, stretch by stretch; what is too short is left out, unless it is all there is."""
         mechanism, short, any_left = self.base.mechanism, None, False
         rate = self.preparation.rate
-        for piece in read_log(path, mechanism, self.columns, rate=rate, symbols=self.symbols, outputs=outputs):
+        reading = partial(read_log, rate=rate, symbols=self.symbols, outputs=outputs, named=False)  # the survey does it
+        for piece in reading(path, mechanism, self.columns):
             for segment in piece.segments:
                 if PreparationPlan(self.preparation, mechanism, segment.rate).is_short(segment):
                     short = segment

@@ -37,10 +37,13 @@ _SAMPLED = 101
 """Of so many samples one is compared first, to tell which channels may be the same."""
 
 
-def examine(recording: Recording, mechanism: Mechanism, *, whole: bool = True) -> tuple[tuple[Finding, ...], Flags]:
+def examine(
+    recording: Recording, mechanism: Mechanism, *, whole: bool = True, named: bool = True
+) -> tuple[tuple[Finding, ...], Flags]:
     """Findings about a recording, and which of its samples (N,) are usable.
 
-    Of a piece of a log, ``whole=False``, nothing is said about channels that never change.
+    Of a piece of a log, ``whole=False``, nothing is said about channels that never change.  Where nobody asks for
+    findings, ``named=False``, only what takes samples out is looked for.
     """
     if not len(recording.time):
         raise InputError("the log has no samples", source=recording.source)
@@ -52,9 +55,14 @@ def examine(recording: Recording, mechanism: Mechanism, *, whole: bool = True) -
     if whole:
         _refuse_silence(recording, usable)
     moving = _constant(recording, channels, usable, whole, findings)
+    asleep: Found = []
+    awake = _stuck(recording, moving, usable, asleep)
+    if not named:
+        return (), usable & awake
     _duplicates(recording, moving, usable, findings)
     _saturation(recording, moving, usable, findings)
-    usable &= _stuck(recording, moving, usable, findings)
+    findings += asleep
+    usable &= awake
     _resolution(recording, moving, usable, findings)
     _smooth(recording, moving, usable, findings)
     _held(recording, moving, usable, findings)

@@ -23,7 +23,7 @@ from echelon.logs.preparation.settings import Preparation
 from echelon.logs.preparation.states import states_cutoff, usable, velocity_names
 from echelon.logs.recording import Segment
 from echelon.mechanism.mechanism import Mechanism
-from echelon.signals.derivatives import REACH, derivatives
+from echelon.signals.derivatives import REACH, derivative
 from echelon.signals.filters import NEAR, PASSED, butterworth, lowpass
 from echelon.signals.spectrum import Spectrum, best_cutoff, noise_deviation, spectra
 
@@ -46,9 +46,8 @@ _AGREEING = 0.05
 sensor of velocity may have; more is another signal, or one that is late or filtered."""
 
 
-def chosen(preparation: PreparationEntry, segments: Sequence[Segment], mechanism: Mechanism) -> Preparation:
-    """Settings with every None filled in from the signals, and the reasons; of several rates from the longest."""
-    log = Signals.of(segments, mechanism)
+def chosen(preparation: PreparationEntry, log: Signals) -> Preparation:
+    """Settings with every None filled in from the signals, and the reasons."""
     made = Preparation(**dict(preparation))
     for choose in (_measured, _band, with_still):
         made = choose(log, made)
@@ -148,7 +147,7 @@ class Signals:
             return np.inf
         x, v = (lowpass(segment.signals[name], edge, segment.rate)[:, self.moving] for name in ("q", "qd"))
         spoilt = butterworth(edge, segment.rate).reach(NEAR) + REACH
-        apart, size = (np.std(some[spoilt:-spoilt], axis=0) for some in (derivatives(x, segment.rate)[0] - v, v))
+        apart, size = (np.std(some[spoilt:-spoilt], axis=0) for some in (derivative(x, segment.rate) - v, v))
         return float(np.max(apart / size)) if len(v) > 2 * spoilt and (size > 0).all() else np.inf
 
     def noise(self, made: Preparation) -> Floats:

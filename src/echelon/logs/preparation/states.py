@@ -22,7 +22,7 @@ from echelon.logs.preparation.settings import Preparation
 from echelon.logs.recording import Segment
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
-from echelon.signals.derivatives import REACH, body_rates, continuous, derivatives
+from echelon.signals.derivatives import REACH, body_rates, continuous, derivative, derivatives
 from echelon.signals.filters import FAR, WORTH, butterworth, lowpass
 
 States = tuple[Floats, Floats, Floats]
@@ -71,12 +71,12 @@ def states(segment: Segment, preparation: Preparation, mechanism: Mechanism) -> 
     """Positions (N, positions), velocities and accelerations (N, velocities) of a usable segment."""
     rate, cutoff = segment.rate, states_cutoff(preparation, segment.rate)
     x = lowpass(segment.signals["q"], cutoff, rate, ORDER)
-    q, qd, qdd = _by_kind(x, *_without_rounding(x, *derivatives(x, rate), rate), mechanism)
     measured = {name: lowpass(_measured(segment, name), cutoff, rate, ORDER) for name in preparation.measured or ()}
-    if "qd" in measured:
-        qd = measured["qd"]
-        qdd = derivatives(qd, rate)[0]
-    return q, qd, measured.get("qdd", qdd)
+    if "qd" not in measured:
+        q, qd, qdd = _by_kind(x, *_without_rounding(x, *derivatives(x, rate), rate), mechanism)
+        return q, qd, measured.get("qdd", qdd)
+    q, qd = _by_kind(x, x, x, mechanism)[0], measured["qd"]  # of unit length, where quaternions are among them
+    return q, qd, measured["qdd"] if "qdd" in measured else derivative(qd, rate)
 
 
 def states_cutoff(preparation: Preparation, rate: float) -> float:
