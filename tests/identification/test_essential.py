@@ -91,11 +91,10 @@ def test_the_true_model_is_found_nearly_always() -> None:
 
 
 def test_the_f_test_keeps_zeros_at_its_level() -> None:
-    level = 0.2
-    kept = [essential(problem(seed)[2], UNITS, criterion="f-test", level=level) for seed in range(120)]
+    kept = [essential(problem(seed)[2], UNITS, criterion="f-test") for seed in range(120)]
     zeros = sum(len(set(found.diagnostics["kept"]) & {"p2", "p4", "p6"}) for found in kept)
-    # about binomial with 360 trials; elimination one by one raises the rate a little
-    assert 0.1 < zeros / 360 < 0.3
+    # about binomial with 360 trials at 5 %; elimination one by one raises the rate a little
+    assert 0.02 < zeros / 360 < 0.1
     assert all({"p1", "p3"} <= set(found.diagnostics["kept"]) for found in kept)
 
 
@@ -112,11 +111,11 @@ def test_the_f_test_is_students_test_squared() -> None:
 
 def test_relative_deviations_end_within_the_ratio() -> None:
     _, _, seen = problem(4)
-    found = essential(seen, UNITS, criterion="relative_std", ratio=12)
+    found = essential(seen, UNITS, criterion="relative_std")
     relative = found.relative_std[found.values != 0]
-    assert relative.max() <= 12 * relative.min()
+    assert relative.max() <= 10 * relative.min()
     for record in found.diagnostics["history"]:
-        assert record["before"] > 12
+        assert record["before"] > 10
     assert found.diagnostics["kept"] == ["p1", "p3", "p5"]
 
 
@@ -127,11 +126,6 @@ def test_units_do_not_change_what_is_dropped() -> None:
     scaled = essential(ArrayRows.of(W * scale, y).observation(), UNITS)
     assert plain.diagnostics["eliminated"] == scaled.diagnostics["eliminated"]
     np.testing.assert_allclose(plain.values, scaled.values * scale, rtol=1e-8, atol=1e-12)
-
-
-def test_what_is_to_stay_stays() -> None:
-    _, _, seen = problem(6)
-    assert "p2" in essential(seen, UNITS, keep=["p2"]).diagnostics["kept"]
 
 
 def test_correlated_residuals_count_less() -> None:
@@ -159,10 +153,6 @@ def test_parameters_that_the_data_leave_open_go_first() -> None:
     first, second = found.diagnostics["history"]
     assert first["before"] is None
     assert {first["parameter"], second["parameter"]} in ({"p1", "p4"}, {"p2", "p4"})
-    held = essential(seen, UNITS[:4], keep=["p1"])
-    assert held.values[0] == pytest.approx(3, rel=0.01)
-    with pytest.raises(ec.InputError, match="do not determine 'p4'"):
-        essential(seen, UNITS[:4], keep=["p4"])
 
 
 def test_friction_without_effect_is_dropped_from_an_arm() -> None:
@@ -183,12 +173,9 @@ def test_friction_without_effect_is_dropped_from_an_arm() -> None:
     ("options", "message"),
     [
         ({"criterion": "aic"}, "bic, f-test, relative_std"),
-        ({"ratio": 0.5}, "above 1"),
-        ({"level": 1.5}, "between 0 and 1"),
-        ({"keep": ["P1"]}, "did you mean 'p1'"),
         ({"noise": [0.0, 1.0]}, "positive"),
         ({"noise": [1.0]}, "joint1"),
-        ({"units": ("kg",)}, "expected 6 units"),
+        ({"units": ("kg",)}, "1 units for 6 parameters"),
     ],
 )
 def test_wrong_arguments_are_refused(options: dict[str, object], message: str) -> None:

@@ -52,11 +52,6 @@ def _ols(seed: int) -> tuple[Estimate, Floats]:
     return ols(rows.observation(), rows.units), TRUTH
 
 
-def _ols_by_output(seed: int) -> tuple[Estimate, Floats]:
-    rows = serial(1000 + seed, samples=200)
-    return ols(rows.observation(), rows.units, noise="by output"), TRUTH
-
-
 def _wls(seed: int) -> tuple[Estimate, Floats]:
     rows = _serial(seed)
     return wls(rows.observation(), rows.units, 5 * NOISE, relative=True), TRUTH
@@ -100,17 +95,14 @@ def _instrumental(seed: int) -> tuple[Estimate, Floats]:
 def _ridge(seed: int) -> tuple[Estimate, Floats]:
     """The truth is drawn from the prior, and the data leave one direction open."""
     rng = np.random.default_rng(seed)
-    spread = np.array([0.3, 1.0, 0.1, 2.0])
-    truth = 1.0 + spread * rng.standard_normal(4)
-    W = rng.standard_normal((15, 4)) @ np.diag([1, 1, 1, 0]) + rng.standard_normal((15, 1)) @ np.array([[0, 1, 0, 1]])
-    y = W @ truth + 0.5 * rng.standard_normal(15)
-    rows = ArrayRows([W], [y])
-    return ridge(rows.observation(), rows.units, np.ones(4), spread=spread, weight=1.0, noise=[0.5]), truth
+    W = rng.standard_normal((40, 4)) @ np.diag([1, 1, 1, 0]) + rng.standard_normal((40, 1)) @ np.array([[0, 1, 0, 1]])
+    truth = 1.0 + 3.0 * rng.standard_normal(4) / np.linalg.norm(W, axis=0)
+    rows = ArrayRows([W], [W @ truth + 0.5 * rng.standard_normal(40)])
+    return ridge(rows.observation(), rows.units, np.ones(4), weight=1 / 9), truth
 
 
 TRIALS: dict[str, Trial] = {
     "ols": _ols,
-    "ols by output": _ols_by_output,
     "wls": _wls,
     "irls": _irls,
     "huber": _huber,
@@ -209,14 +201,6 @@ def test_hausman_rejects_as_often_as_it_should() -> None:
         y = W @ [1.0, 2.0, -0.5] + rng.standard_normal(100)
         instruments = ArrayRows([W + rng.standard_normal(W.shape)], [y])
         found.append(instrumental(ArrayRows([W], [y]), instruments).diagnostics["hausman_probability"])
-    assert kstest(found, "uniform").pvalue > 1e-3
-
-
-def test_chi_squared_is_calibrated() -> None:
-    found = []
-    for seed in range(SEEDS):
-        rows = _serial(seed)
-        found.append(wls(rows.observation(), rows.units, NOISE).diagnostics["chi_squared_probability"])
     assert kstest(found, "uniform").pvalue > 1e-3
 
 

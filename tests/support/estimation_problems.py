@@ -68,13 +68,12 @@ def assert_same(first: Estimate, second: Estimate, tolerance: float = 1e-8) -> N
 
 METHODS: dict[str, Callable[[ArrayRows], Estimate]] = {
     "ols": lambda rows: ols(rows.observation(), rows.units),
-    "ols by output": lambda rows: ols(rows.observation(), rows.units, noise="by output"),
     "wls": lambda rows: wls(rows.observation(), rows.units, NOISE),
     "irls": lambda rows: irls(rows.observation(), rows.units),
     "huber": lambda rows: huber(rows, tolerance=1e-10, limit=500),
     "tls": lambda rows: tls(rows.observation(), rows.units, noise=NOISE),
     "instrumental": lambda rows: instrumental(rows, rows),
-    "ridge": lambda rows: ridge(rows.observation(), rows.units, np.zeros(9), noise=NOISE),
+    "ridge": lambda rows: ridge(rows.observation(), rows.units, np.zeros(9)),
     "clustered": lambda rows: clustered(rows, irls(rows.observation(), rows.units), seconds=0.01),
 }
 

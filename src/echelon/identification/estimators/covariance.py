@@ -30,9 +30,7 @@ _BY_FACTORS = ("ols", "wls", "irls")
 _ALL = 1e-9
 
 
-def clustered(
-    rows: Rows, estimate: Estimate, *, seconds: float | None = None, clusters: int = 40, jackknife: bool = True
-) -> Estimate:
+def clustered(rows: Rows, estimate: Estimate, *, seconds: float | None = None, clusters: int = 40) -> Estimate:
     """The same estimate with a covariance from batches of time."""
     if estimate.method not in BATCHED:
         raise InputError(f"the covariance of '{estimate.method}' has no batches; expected one of {', '.join(BATCHED)}")
@@ -42,12 +40,10 @@ def clustered(
     if not (np.isfinite(length) and length > 0):
         raise InputError(f"batches of {length} s; expected a positive number of seconds")
     scores = _Scores.of(rows.observation(), rows.units, estimate)
-    return _judged(estimate, scores, _batches(rows, scores, length), length, jackknife)
+    return _judged(estimate, scores, _batches(rows, scores, length), length)
 
 
-def clustered_by(
-    batches: Sequence[Batch], units: Sequence[str], estimate: Estimate, *, jackknife: bool = True
-) -> Estimate:
+def clustered_by(batches: Sequence[Batch], units: Sequence[str], estimate: Estimate) -> Estimate:
     """The same from the R-factors of batches, without another pass over the rows."""
     if estimate.method not in _BY_FACTORS:
         raise InputError(f"R-factors do not determine the covariance of '{estimate.method}'; expected ols, wls or irls")
@@ -55,26 +51,25 @@ def clustered_by(
         raise InputError("all rows lie within one batch: use shorter batches")
     scores = _Scores.of(total(batches), units, estimate)
     length = float(np.median([batch.seconds for batch in batches]))
-    return _judged(estimate, scores, _from_factors(batches, scores), length, jackknife)
+    return _judged(estimate, scores, _from_factors(batches, scores), length)
 
 
-def _judged(estimate: Estimate, scores: _Scores, batches: Iterator[_Batch], length: float, jackknife: bool) -> Estimate:
+def _judged(estimate: Estimate, scores: _Scores, batches: Iterator[_Batch], length: float) -> Estimate:
     """The estimate with the covariance that its batches make."""
     changes, sums = [], np.zeros(len(estimate.outputs))
     for batch in batches:
-        changes.append(scores.left_out(batch, jackknife))
+        changes.append(scores.left_out(batch))
         sums += batch.own
     count = len(changes)
     if count < 2:
         raise InputError(f"all rows lie within one batch of {length:g} s: use shorter batches")
-    factor = (count - 1) / count if jackknife else count / (count - 1)
-    spread = np.sqrt(factor) * np.array(changes) @ scores.solution.root.T
+    spread = np.sqrt((count - 1) / count) * np.array(changes) @ scores.solution.root.T
     inflation = scores.inflation(sums)
     effective = {
         label: float(k / max(v, 1.0)) for label, k, v in zip(estimate.outputs, estimate.rows, inflation, strict=True)
     }
     found = {
-        "covariance": "jackknife by batch" if jackknife else "by batch",
+        "covariance": "jackknife by batch",
         "seconds": length,
         "clusters": count,
         "inflation": dict(zip(estimate.outputs, map(float, inflation), strict=True)),
@@ -139,10 +134,8 @@ class _Scores:
         batch.output_pulls[output] += residual @ matrix @ self.own_roots[output]
         self.squares[output] += residual @ residual
 
-    def left_out(self, batch: _Batch, jackknife: bool) -> Floats:
-        """R (ζ − ζ₍c₎), shape (n,), or the plain pull."""
-        if not jackknife:
-            return batch.pull
+    def left_out(self, batch: _Batch) -> Floats:
+        """R (ζ − ζ₍c₎), shape (n,)."""
         rest: Floats = np.eye(len(batch.gram)) - batch.gram
         try:
             np.linalg.cholesky(rest - _ALL * np.eye(len(rest)))
@@ -159,7 +152,7 @@ class _Scores:
         names = ", ".join(self.estimate.parameters[k] for k in np.argsort(-weight)[:3])
         return InputError(
             f"without it the data say nothing of a combination of {names}, so no other batch can confirm it: "
-            "use shorter batches, more data, or jackknife=False",
+            "use shorter batches, or more data",
             element=batch.name,
         )
 

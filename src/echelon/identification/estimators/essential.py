@@ -29,8 +29,14 @@ from echelon.arrays import Floats
 from echelon.choices import Criterion
 from echelon.errors import InputError
 from echelon.extras import extra
-from echelon.hints import nearest_of
-from echelon.identification.estimators.estimate import Estimate, Solution, augmented, estimate_of, inverse_triangle
+from echelon.identification.estimators.estimate import (
+    Estimate,
+    Solution,
+    augmented,
+    check,
+    estimate_of,
+    inverse_triangle,
+)
 from echelon.identification.estimators.least_squares import checked_noise, noise_estimate
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import Triangle, upper_triangle
@@ -108,23 +114,21 @@ def essential(
     noise: Sequence[float] | Floats | None = None,
     *,
     criterion: Criterion = "bic",
-    ratio: float = RATIO,
-    level: float = LEVEL,
-    keep: Sequence[str] = (),
     correlation: float = 1.0,
 ) -> Estimate:
     """Least squares with the essential parameters only, found by backward elimination."""
     names = observation.layout.parameters
-    _check(observation, units, criterion, ratio, level, keep, correlation)
+    if criterion not in get_args(Criterion):
+        raise InputError(f"criterion is '{criterion}'; expected one of {', '.join(get_args(Criterion))}")
+    check(observation, units)
     sigma = noise_estimate(observation) if noise is None else checked_noise(observation, noise)
     triangle = observation.combined(1 / sigma)
     rows = triangle.rows / correlation
-    kept, history = _determined(triangle, {names.index(name) for name in keep})
+    kept, history = _determined(triangle)
     model = Submodel(kept, upper_triangle(augmented(triangle)[:, [*kept, len(names)]]), rows)
-    protected = {names.index(name) for name in keep}
     while model.kept:
-        place = _candidate(model, criterion, protected)
-        if place is None or not _goes(model, place, criterion, ratio, level):
+        place = int(np.argmax(model.relative if criterion == "relative_std" else -model.growth))
+        if not _goes(model, place, criterion):
             break
         smaller = model.without(place)
         before, after = _value(model, criterion), _value(smaller, criterion)
@@ -143,20 +147,13 @@ def essential(
 # -- criteria ---------------------------------------------------------------------------------------------------------
 
 
-def _candidate(model: Submodel, criterion: Criterion, protected: set[int]) -> int | None:
-    """Place of the parameter that the criterion would drop first."""
-    worst = model.relative if criterion == "relative_std" else -model.growth
-    free = [place for place, parameter in enumerate(model.kept) if parameter not in protected]
-    return max(free, key=lambda place: worst[place]) if free else None
-
-
-def _goes(model: Submodel, place: int, criterion: Criterion, ratio: float, level: float) -> bool:
+def _goes(model: Submodel, place: int, criterion: Criterion) -> bool:
     if criterion == "bic":
         return _value(model.without(place), "bic") < _value(model, "bic")
     if criterion == "f-test":
-        return _significance(model, place) > level
+        return _significance(model, place) > LEVEL
     relative = model.relative
-    return bool(relative[place] > ratio * relative.min())
+    return bool(relative[place] > RATIO * relative.min())
 
 
 def _value(model: Submodel, criterion: Criterion) -> float:
@@ -183,7 +180,7 @@ def _significance(model: Submodel, place: int) -> float:
 # -- beginning and end ------------------------------------------------------------------------------------------------
 
 
-def _determined(triangle: Triangle, protected: set[int]) -> tuple[tuple[int, ...], list[dict[str, Any]]]:
+def _determined(triangle: Triangle) -> tuple[tuple[int, ...], list[dict[str, Any]]]:
     """Parameters without those that the data leave open in the others' presence: taking them out costs nothing."""
     with extra("identify"):
         from scipy.linalg import qr
@@ -192,13 +189,7 @@ def _determined(triangle: Triangle, protected: set[int]) -> tuple[tuple[int, ...
     if triangle.rank == n:
         return tuple(range(n)), []
     scaled = triangle.R / np.where(triangle.scales == 0, 1.0, triangle.scales)
-    # column pivoting takes what stays first by size; what must stay is made large
-    preference = np.array([1e3 if k in protected else 1.0 for k in range(n)])
-    order = qr(scaled * preference, mode="r", pivoting=True)[1]
-    kept = tuple(sorted(int(k) for k in order[: triangle.rank]))
-    lost = protected - set(kept)
-    if lost:
-        raise InputError(f"the data do not determine '{triangle.parameters[min(lost)]}', which is to stay")
+    kept = tuple(sorted(qr(scaled, mode="r", pivoting=True)[1][: triangle.rank].tolist()))
     gone = [triangle.parameters[k] for k in range(n) if k not in kept]
     rms = triangle.residual / np.sqrt(max(triangle.rows, 1))
     return kept, [{"parameter": name, "before": None, "after": None, "rms": float(rms)} for name in gone]
@@ -222,26 +213,3 @@ def _estimate(
     solution = Solution(observation, 1 / noise, triangle, values, root)
     method, covariance = f"essential ({diagnostics['criterion']})", model.variance * solution.inverse
     return replace(estimate_of(solution, method, units, covariance, diagnostics), degrees=model.degrees)
-
-
-def _check(
-    observation: Observation,
-    units: Sequence[str],
-    criterion: str,
-    ratio: float,
-    level: float,
-    keep: Sequence[str],
-    correlation: float,
-) -> None:
-    names = observation.layout.parameters
-    if len(units) != len(names):
-        raise InputError(f"expected {len(names)} units, one for each parameter; got {len(units)}")
-    if criterion not in get_args(Criterion):
-        raise InputError(f"criterion is '{criterion}'; expected one of {', '.join(get_args(Criterion))}")
-    if not ratio > 1 or not 0 < level < 1 or not correlation > 0:
-        raise InputError("expected a ratio above 1, a level between 0 and 1, and a positive correlation")
-    strange = next((name for name in keep if name not in names), None)
-    if strange is not None:
-        raise InputError(f"keep has '{strange}'; it is not a parameter{nearest_of(strange, names)}")
-    if observation.rows <= len(keep):
-        raise InputError(f"there are only {observation.rows} rows; give more samples")

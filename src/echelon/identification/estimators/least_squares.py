@@ -1,10 +1,7 @@
 """Least squares: ordinary, weighted, iteratively reweighted, and of smallest norm.
 
-Ordinary least squares is the estimate that tables are published for: every row counts alike.  Its classical covariance
-σ²(WᵀW)⁻¹ takes all outputs to have the same noise; where they do not, the covariance with each output's own noise is
-the honest one:
-
-    (WᵀW)⁻¹ (Σ_i σ_i² W_iᵀW_i) (WᵀW)⁻¹
+Ordinary least squares is the estimate that tables are published for: every row counts alike, and its classical
+covariance σ²(WᵀW)⁻¹ takes all outputs to have the same noise.
 
 Joints of a robot differ in noise by orders of magnitude, and forces and torques do not even share a unit, so each
 output's rows are divided by its σ_i.  When the σ_i are not known, the fixed point of
@@ -25,13 +22,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Literal
 
 import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.extras import extra
 from echelon.identification.estimators.estimate import (
     Estimate,
     Solution,
@@ -45,12 +40,8 @@ from echelon.observe.observation import Observation
 from echelon.observe.triangle import column_norms
 
 
-def ols(
-    observation: Observation, units: Sequence[str], *, noise: Literal["common", "by output"] = "common"
-) -> Estimate:
+def ols(observation: Observation, units: Sequence[str]) -> Estimate:
     """Ordinary least squares."""
-    if noise not in ("common", "by output"):
-        raise InputError(f"noise is '{noise}'; expected 'common' or 'by output'")
     solution = solved(observation, units)
     if solution.degrees <= 0:
         raise InputError(
@@ -58,27 +49,8 @@ def ols(
             "give more samples"
         )
     variance = solution.triangle.residual**2 / solution.degrees
-    covariance = variance * solution.inverse if noise == "common" else by_output(solution)
-    return estimate_of(
-        solution,
-        "ols",
-        units,
-        covariance,
-        {"iterations": 1, "converged": True, "deviation": float(np.sqrt(variance)), "covariance": noise},
-    )
-
-
-def by_output(solution: Solution) -> Floats:
-    """Covariance of a weighted least-squares solution when each output has a noise of its own, shape (n, n)."""
-    parts = [np.zeros((0, len(solution.values)))]
-    for i, label in enumerate(solution.observation.layout.outputs):
-        if solution.observation.counts[i] and solution.weights[i]:
-            if not np.isfinite(solution.noise[i]):
-                raise InputError(used_up(solution.observation.counts[i]), element=f"output '{label}'")
-            parts.append(solution.weights[i] * solution.noise[i] * solution.whitened(i))
-    spread = np.vstack(parts) @ solution.root.T
-    covariance: Floats = spread.T @ spread
-    return covariance
+    diagnostics = {"iterations": 1, "converged": True, "deviation": float(np.sqrt(variance))}
+    return estimate_of(solution, "ols", units, variance * solution.inverse, diagnostics)
 
 
 def used_up(rows: int) -> str:
@@ -101,15 +73,8 @@ def wls(
     degrees = solution.degrees
     if relative and degrees <= 0:
         raise InputError("no row is left over to estimate the common factor of the noise from; give more samples")
-    squares = solution.triangle.residual**2
-    factor = squares / degrees if relative else 1.0
-    diagnostics: dict[str, Any] = {"iterations": 1, "converged": True, "relative": relative}
-    if not relative:
-        with extra("identify"):
-            from scipy.stats import chi2
-
-        diagnostics["chi_squared"] = float(squares)
-        diagnostics["chi_squared_probability"] = float(chi2.sf(squares, degrees)) if degrees > 0 else 1.0
+    factor = solution.triangle.residual**2 / degrees if relative else 1.0
+    diagnostics = {"iterations": 1, "converged": True, "relative": relative}
     return estimate_of(solution, "wls", units, factor * solution.inverse, diagnostics)
 
 
@@ -139,17 +104,13 @@ def noise_estimate(observation: Observation) -> Floats:
     for factor, count in zip(observation.factors, observation.counts, strict=True):
         n = len(factor) - 1
         scales = column_norms(factor[:, :n])
-        values = np.linalg.svd(factor[:n, :n] / np.where(scales == 0, 1.0, scales), compute_uv=False)
-        precision = np.finfo(float).eps * max(count, n)
-        rank = int(np.sum(values > precision * values[0])) if n else 0
-        free = count - rank
-        size = np.linalg.norm(factor[:, n]) / np.sqrt(max(count, 1))
+        columns, y = factor[:, :n] / np.where(scales == 0, 1.0, scales), factor[:, n]
         # without full rank the last entry is not the whole residual: that of the best fit is
-        fit = np.linalg.lstsq(factor[:, :n] / np.where(scales == 0, 1.0, scales), factor[:, n], rcond=precision)[0]
-        rest = np.linalg.norm(factor[:, :n] / np.where(scales == 0, 1.0, scales) @ fit - factor[:, n])
+        fit, _, rank, _ = np.linalg.lstsq(columns, y, rcond=np.finfo(float).eps * max(count, n))
+        free, size = count - rank, np.linalg.norm(y) / np.sqrt(max(count, 1))
+        rest = np.linalg.norm(columns @ fit - y)
         levels.append(np.inf if not count else rest / np.sqrt(free) if free > 0 else size)
-    floors = noise_floor(observation)
-    return np.maximum(levels, floors)
+    return np.maximum(levels, noise_floor(observation))
 
 
 def noise_floor(observation: Observation) -> Floats:
@@ -194,13 +155,10 @@ def _updated(solution: Solution) -> tuple[Floats, list[str]]:
     return found, exact
 
 
-def minimum_norm(
-    observation: Observation, units: Sequence[str], *, noise: Sequence[float] | Floats | None = None
-) -> Estimate:
+def minimum_norm(observation: Observation, units: Sequence[str]) -> Estimate:
     """Least squares with the smallest norm of ζ in scaled columns."""
     check(observation, units)
-    weights = np.ones(len(observation.counts)) if noise is None else 1.0 / checked_noise(observation, noise)
-    triangle = observation.combined(weights)
+    triangle = observation.combined()
     degrees = float(triangle.rows - triangle.rank)
     if degrees <= 0:
         raise InputError("no row is left over to estimate the noise from; give more samples")
@@ -215,7 +173,7 @@ def minimum_norm(
     covariance = rest / degrees * root @ root.T
     involved = np.flatnonzero(directions.any(axis=0))
     covariance[involved, involved] = np.inf
-    solution = Solution(observation, weights, triangle, values, root)
+    solution = Solution(observation, np.ones(len(observation.counts)), triangle, values, root)
     texts = [direction_text(some, triangle.parameters) for some in directions]
     diagnostics = {
         "iterations": 1,

@@ -1,12 +1,13 @@
 """Ridge regression towards a prior, in Bayes's reading: a prior distribution, a posterior, and a weight from the data.
 
-With a prior ζ ~ N(ζ₀, P/λ), P = LLᵀ, and the R-factor of the weighted rows, one singular value decomposition R L = U S
-Vᵀ makes everything diagonal: the estimate, its posterior covariance and its score for every weight λ cost a few vector
-operations, so the weight is found by a search that looks at the whole range.  Data that leave directions open are no
-obstacle: there the prior speaks, and the diagnostics say how much of each parameter's variance the data removed.
+The prior of each parameter is as wide as what one unit of the outputs tells of it, ζ ~ N(ζ₀, P/λ), with √P the
+inverses of the columns' norms, so that units do not matter.  With the R-factor of the rows, one singular value
+decomposition R √P = U S Vᵀ makes everything diagonal: the estimate, its posterior covariance and its evidence for
+every weight λ cost a few vector operations, so the weight is found by a search that looks at the whole range.  Data
+that leave directions open are no obstacle: there the prior speaks, and the diagnostics say how much of each
+parameter's variance the data removed.
 
-Sources: MacKay, Neural Computation 4, 1992 (evidence); Golub, Heath & Wahba, Technometrics 21, 1979 (generalised
-cross-validation).
+Source: MacKay, Neural Computation 4, 1992 (evidence).
 """
 
 from __future__ import annotations
@@ -21,9 +22,7 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.extras import extra
 from echelon.identification.estimators.estimate import Estimate, Solution, check, estimate_of
-from echelon.identification.estimators.least_squares import checked_noise
 from echelon.observe.observation import Observation
-from echelon.observe.triangle import Triangle
 
 _GRID = 401
 _RANGE = 1e-16, 1e8
@@ -35,26 +34,26 @@ def ridge(
     units: Sequence[str],
     prior: Sequence[float] | Floats,
     *,
-    spread: Sequence[float] | Floats | None = None,
-    weight: float | Literal["evidence", "gcv"] = "evidence",
-    noise: Sequence[float] | Floats | None = None,
+    weight: float | Literal["evidence"] = "evidence",
 ) -> Estimate:
     """Least squares with a Gaussian prior."""
     check(observation, units)
-    sigma = np.ones(len(observation.counts)) if noise is None else checked_noise(observation, noise)
-    triangle = observation.combined(1.0 / sigma)
-    mean = _prior(triangle, prior)
-    root = _spread_root(triangle, spread)
-    spectrum = _spectrum(triangle, mean, root)
-    known = noise is not None
-    ratio, at_bound = _ratio(spectrum, weight, known)
-    variance = 1.0 if known else spectrum.variance(ratio)
-    shrink = 1.0 / (spectrum.squares + ratio)
-    right = root @ spectrum.right
-    values = mean + right @ (np.sqrt(spectrum.squares) * shrink * spectrum.beta)
-    covariance = variance * (right * shrink) @ right.T
-    before = variance / ratio * np.sum(root**2, axis=1)
+    triangle, mean = observation.combined(), np.asarray(prior, dtype=float)
+    if mean.shape != (len(units),) or not np.isfinite(mean).all():
+        raise InputError(f"the prior must be {len(units)} finite numbers, one for each parameter")
+    if (triangle.scales == 0).any():
+        unseen = triangle.parameters[int(np.argmin(triangle.scales))]
+        raise InputError("the data do not show it at all: fix its value", element=f"parameter '{unseen}'")
+    left, singular, right = np.linalg.svd(triangle.R / triangle.scales)
+    beta = left.T @ (triangle.qty - triangle.R @ mean)
+    spectrum = _Spectrum(singular**2, beta, triangle.residual**2, triangle.rows)
+    ratio, at_bound = _ratio(spectrum, weight)
+    variance, shrink = spectrum.variance(ratio), 1.0 / (spectrum.squares + ratio)
+    directions = right.T / triangle.scales[:, None]
+    values = mean + directions @ (singular * shrink * beta)
+    covariance = variance * (directions * shrink) @ directions.T
     effective = float(np.sum(spectrum.squares * shrink))
+    determined = triangle.rank == len(mean)
     diagnostics = {
         "iterations": 1,
         "converged": True,
@@ -62,13 +61,13 @@ def ridge(
         "weight": float(ratio / variance),
         "weight_at_bound": at_bound,
         "effective_parameters": effective,
-        "from_data": np.clip(1.0 - np.diagonal(covariance) / before, 0.0, 1.0).tolist(),
+        "from_data": np.clip(1.0 - np.diagonal(covariance) * triangle.scales**2 * ratio / variance, 0.0, 1.0).tolist(),
         "log_evidence": spectrum.log_evidence(ratio, variance),
         "deviation": float(np.sqrt(variance)),
-        "condition": triangle.condition if triangle.rank == len(mean) else None,
-        "scaled_condition": triangle.scaled_condition if triangle.rank == len(mean) else None,
+        "condition": triangle.condition if determined else None,
+        "scaled_condition": triangle.scaled_condition if determined else None,
     }
-    solution = Solution(observation, 1.0 / sigma, triangle, values, right * np.sqrt(shrink))
+    solution = Solution(observation, np.ones(len(observation.counts)), triangle, values, directions * np.sqrt(shrink))
     estimate = estimate_of(solution, "ridge", units, covariance, diagnostics)
     return replace(estimate, degrees=float(triangle.rows - effective))
 
@@ -77,9 +76,8 @@ def ridge(
 class _Spectrum:
     """The problem in coordinates in which prior and data are both diagonal."""
 
-    squares: Floats  # shape (n,); squared singular values of W L
+    squares: Floats  # shape (n,); squared singular values of R √P
     beta: Floats  # shape (n,); Uᵀ of the outputs that the prior does not explain
-    right: Floats  # shape (n, n); V
     rest: float  # squared norm of what no parameters explain
     rows: int
 
@@ -88,7 +86,8 @@ class _Spectrum:
 
         Where the evidence is stationary this is its most likely value.
         """
-        misfit, free = self._misfit(ratio)
+        misfit = float(np.sum((self.beta * ratio / (self.squares + ratio)) ** 2)) + self.rest
+        free = float(self.rows - np.sum(self.squares / (self.squares + ratio)))
         return misfit / free
 
     def profile(self, ratio: float) -> float:
@@ -97,42 +96,21 @@ class _Spectrum:
         return self.log_evidence(ratio, variance)
 
     def log_evidence(self, ratio: float, variance: float) -> float:
-        """Logarithm of the probability density of the weighted outputs."""
+        """Logarithm of the probability density of the outputs."""
         squares = np.sum(self.beta**2 * ratio / (self.squares + ratio)) + self.rest
         volume = np.sum(np.log1p(self.squares / ratio)) + self.rows * np.log(2 * np.pi * variance)
         return float(-(squares / variance + volume) / 2)
 
-    def cross_validation(self, ratio: float) -> float:
-        """Generalised cross-validation score; smaller is better."""
-        misfit, free = self._misfit(ratio)
-        return float(np.log(misfit) - 2 * np.log(free))
 
-    def _misfit(self, ratio: float) -> tuple[float, float]:
-        """Squared norm of the residual, and rows less effective parameters."""
-        misfit = float(np.sum((self.beta * ratio / (self.squares + ratio)) ** 2)) + self.rest
-        return misfit, float(self.rows - np.sum(self.squares / (self.squares + ratio)))
-
-
-def _spectrum(triangle: Triangle, mean: Floats, root: Floats) -> _Spectrum:
-    left, singular, right = np.linalg.svd(triangle.R @ root)
-    beta = left.T @ (triangle.qty - triangle.R @ mean)
-    return _Spectrum(singular**2, beta, right.T, triangle.residual**2, triangle.rows)
-
-
-def _ratio(spectrum: _Spectrum, weight: float | str, known: bool) -> tuple[float, bool]:
+def _ratio(spectrum: _Spectrum, weight: float | str) -> tuple[float, bool]:
     """Noise variance over prior variance, and whether the search ended at the bound of its range."""
-    if spectrum.rest == 0 and not known:
-        raise InputError("no row is left over to estimate the noise from; give the noise, or more samples")
-    whole = float(spectrum.squares.max(initial=0.0)) or 1.0
-    low, high = whole * _RANGE[0], whole * _RANGE[1]
-    if weight == "gcv":
-        return _minimised(spectrum.cross_validation, low, high)
+    if spectrum.rest == 0:
+        raise InputError("no row is left over to estimate the noise from; give more samples")
     if weight == "evidence":
-        return _minimised(lambda r: -(spectrum.log_evidence(r, 1.0) if known else spectrum.profile(r)), low, high)
+        whole = float(spectrum.squares.max(initial=0.0)) or 1.0
+        return _minimised(lambda r: -spectrum.profile(r), whole * _RANGE[0], whole * _RANGE[1])
     if isinstance(weight, str) or not (np.isfinite(weight) and weight > 0):
-        raise InputError(f"weight is {weight!r}; expected a positive number, 'evidence' or 'gcv'")
-    if known:
-        return float(weight), False
+        raise InputError(f"weight is {weight!r}; expected a positive number or 'evidence'")
     # the derivative of the evidence by σ² is positive below and negative above these
     least, most = spectrum.rest / spectrum.rows, spectrum.rest + float(np.sum(spectrum.beta**2))
     ratio, _ = _minimised(lambda r: -spectrum.log_evidence(r, r / weight), weight * least, weight * most)
@@ -150,38 +128,3 @@ def _minimised(score: Callable[[float], float], low: float, high: float) -> tupl
     ends = (float(exponents[max(best - 1, 0)]), float(exponents[min(best + 1, _GRID - 1)]))
     found = minimize_scalar(lambda e: score(float(np.exp(e))), bounds=ends, method="bounded", options={"xatol": 1e-9})
     return float(np.exp(found.x)), best in (0, _GRID - 1)
-
-
-def _prior(triangle: Triangle, prior: Sequence[float] | Floats) -> Floats:
-    mean = np.asarray(prior, dtype=float)
-    if mean.shape != (len(triangle.parameters),) or not np.isfinite(mean).all():
-        raise InputError(f"the prior must be {len(triangle.parameters)} finite numbers, one for each parameter")
-    return mean
-
-
-def _spread_root(triangle: Triangle, spread: Sequence[float] | Floats | None) -> Floats:
-    """L with P = LLᵀ, shape (n, n)."""
-    n = len(triangle.parameters)
-    if spread is None:
-        if (triangle.scales == 0).any():
-            unseen = triangle.parameters[int(np.argmin(triangle.scales))]
-            raise InputError(
-                "the data do not show it at all: give the spread of the prior", element=f"parameter '{unseen}'"
-            )
-        return np.diag(1.0 / triangle.scales)
-    given = np.asarray(spread, dtype=float)
-    if given.shape == (n,):
-        if not (np.isfinite(given).all() and (given > 0).all()):
-            raise InputError("standard deviations of the prior must be positive; fix parameters that are known exactly")
-        return np.diag(given)
-    if given.shape != (n, n) or not np.allclose(given, given.T):
-        raise InputError(f"spread has shape {given.shape}; expected ({n},), or a symmetric array of shape ({n}, {n})")
-    problem = "the covariance of the prior is not positive definite"
-    if not (np.isfinite(given).all() and (np.diagonal(given) > 0).all()):
-        raise InputError(problem)
-    size = np.sqrt(np.diagonal(given))
-    try:
-        root: Floats = size[:, None] * np.linalg.cholesky(given / np.outer(size, size))
-    except np.linalg.LinAlgError:
-        raise InputError(problem) from None
-    return root
