@@ -4,11 +4,10 @@ Total least squares: errors in the columns of W as well as in the outputs.
 
 Noise of differentiated positions enters the regressor, and unknown drive gains put measured currents among its columns;
 least squares is then biased towards zero.  The solution is read from the smallest singular vector of the R-factor of
-[W y], its columns divided by the size of their errors.  Columns without errors (an offset, the sign of a velocity) are
-first eliminated by QR, since dividing them by zero is no option: the mixed LS–TLS method.
+[W y], its columns divided by the size of their errors: the same share of every column as of y.
 
-Sources: Golub, Hoffman & Stewart, Linear Algebra Appl. 88/89, 1987 (exact columns); Van Huffel & Vandewalle, The Total
-Least Squares Problem, SIAM, 1991; Fuller, Measurement Error Models, 1987, chapter 2 (covariance).
+Sources: Van Huffel & Vandewalle, The Total Least Squares Problem, SIAM, 1991; Fuller, Measurement Error Models, 1987,
+chapter 2 (covariance).
 
 Instrumental variables: consistent although noise of the measured motion enters the regressor (IDIM-IV).
 
@@ -48,93 +47,51 @@ from echelon.identification.estimators.estimate import (
 from echelon.identification.estimators.least_squares import checked_noise, irls, noise_floor, used_up
 from echelon.identification.rows.rows import RowBlock, Rows
 from echelon.observe.observation import Layout, Observation
-from echelon.observe.triangle import column_norms, upper_triangle
+from echelon.observe.triangle import Triangle, column_norms, upper_triangle
 
 _DISTINCT = 1e-8
 """Relative distance of singular values below which their vectors are arbitrary: √ε."""
 
 
-def tls(
-    observation: Observation,
-    units: Sequence[str],
-    *,
-    errors: Sequence[float] | Floats | None = None,
-    noise: Sequence[float] | Floats | None = None,
-) -> Estimate:
-    """Total least squares, with columns that may be exact."""
+def tls(observation: Observation, units: Sequence[str], *, noise: Sequence[float] | Floats | None = None) -> Estimate:
+    """Total least squares."""
     weights = None if noise is None else 1.0 / checked_noise(observation, noise)
     plain = solved(observation, units, weights)
     if plain.degrees <= 0:
         raise InputError("no row is left over to estimate the errors from; give more samples")
-    scale = _errors(plain, errors)
-    core = _core(plain, scale)
-    K = np.eye(len(scale)) - core.smallest**2 * (scale[:, None] * plain.root).T @ (scale[:, None] * plain.root)
-    variance = core.smallest**2 / plain.degrees
-    covariance = _tls_covariance(plain.root, K, core.values, scale, variance, plain.triangle.rows)
+    triangle = plain.triangle
+    size = float(np.hypot(np.linalg.norm(triangle.qty), triangle.residual))
+    if size == 0:
+        raise InputError("all measured values are zero; there is nothing to estimate")
+    scale = triangle.scales / size
+    values, singular, gap = _smallest(triangle, scale)
+    K = np.eye(len(scale)) - singular[-1] ** 2 * (scale[:, None] * plain.root).T @ (scale[:, None] * plain.root)
+    variance = float(singular[-1] ** 2 / plain.degrees)
+    covariance = _tls_covariance(plain.root, K, values, scale, variance, triangle.rows)
     diagnostics = {
         "iterations": 1,
         "converged": True,
         "errors": scale.tolist(),
         "deviation": float(np.sqrt(variance)),
-        "smallest_singular_values": core.singular_values[::-1][:3].tolist(),
-        "gap": core.gap,
+        "smallest_singular_values": singular[::-1][:3].tolist(),
+        "gap": gap,
     }
-    return estimate_of(replace(plain, values=core.values), "tls", units, covariance, diagnostics)
+    return estimate_of(replace(plain, values=values), "tls", units, covariance, diagnostics)
 
 
-@dataclass(frozen=True)
-class _Core:
-    """What the singular value decomposition says."""
-
-    values: Floats
-    singular_values: Floats
-    smallest: float
-    gap: float | None
-
-
-def _errors(plain: Solution, errors: Sequence[float] | Floats | None) -> Floats:
-    triangle = plain.triangle
-    if errors is None:
-        size = float(np.hypot(np.linalg.norm(triangle.qty), triangle.residual))
-        if size == 0:
-            raise InputError("all measured values are zero; there is nothing to estimate")
-        return triangle.scales / size
-    given = np.asarray(errors, dtype=float)
-    if given.shape != triangle.scales.shape:
-        raise InputError(f"errors have shape {given.shape}; expected ({len(triangle.scales)},), one for each parameter")
-    if not np.isfinite(given).all() or (given < 0).any():
-        raise InputError("errors must be finite and not negative; 0 says that a column is exact")
-    return given
-
-
-def _core(plain: Solution, scale: Floats) -> _Core:
-    """Eliminate the exact columns, decompose the others with y, and go back."""
-    triangle, n = plain.triangle, len(scale)
-    exact, noisy = np.flatnonzero(scale == 0), np.flatnonzero(scale)
-    T = upper_triangle(augmented(triangle)[:, [*exact, *noisy, n]])
-    e = len(exact)
-    tail = T[e:, e:] / np.append(scale[noisy], 1.0)
-    singular, vectors = np.linalg.svd(tail)[1:]
-    alone = np.linalg.svd(tail[:, :-1], compute_uv=False)[-1] if len(noisy) else np.inf
-    smallest = float(singular[-1])
-    if not alone > smallest * (1 + _DISTINCT) or abs(vectors[-1, -1]) < _DISTINCT:
-        names = [triangle.parameters[noisy[k]] for k in np.argsort(-np.abs(vectors[-1, :-1]))[:3]]
+def _smallest(triangle: Triangle, scale: Floats) -> tuple[Floats, Floats, float | None]:
+    """Values by the smallest singular vector, all singular values, and by how much those without y are larger."""
+    whole = augmented(triangle) / np.append(scale, 1.0)
+    singular, vectors = np.linalg.svd(whole)[1:]
+    alone = np.linalg.svd(whole[:, :-1], compute_uv=False)[-1]
+    if not alone > singular[-1] * (1 + _DISTINCT) or abs(vectors[-1, -1]) < _DISTINCT:
+        names = [triangle.parameters[k] for k in np.argsort(-np.abs(vectors[-1, :-1]))[:3]]
         raise InputError(
-            f"total least squares has no solution here: columns with errors ({', '.join(names)}, …) are as close to "
-            f"dependence without y as with it (smallest singular value {smallest:.3g}); name exact columns by "
-            "errors of 0, or use ridge() towards a prior"
+            f"total least squares has no solution here: columns ({', '.join(names)}, …) are as close to dependence "
+            f"without y as with it (smallest singular value {singular[-1]:.3g}); use ridge() towards a prior"
         )
-    values = np.zeros(n)
-    values[noisy] = -vectors[-1, :-1] / vectors[-1, -1] / scale[noisy]
-    if e:
-        with extra("identify"):
-            from scipy.linalg import solve_triangular
-
-        columns = np.linalg.norm(T[:e, :e], axis=0)
-        right = T[:e, n] - T[:e, e:n] @ values[noisy]
-        values[exact] = solve_triangular(T[:e, :e] / columns, right) / columns
-    gap = float(alone / smallest) if len(noisy) and smallest > 0 else None
-    return _Core(values, singular, smallest, gap)
+    values = -vectors[-1, :-1] / vectors[-1, -1] / scale
+    return values, singular, float(alone / singular[-1]) if singular[-1] > 0 else None
 
 
 def _tls_covariance(root: Floats, K: Floats, values: Floats, scale: Floats, variance: float, rows: int) -> Floats:
@@ -149,31 +106,22 @@ def _tls_covariance(root: Floats, K: Floats, values: Floats, scale: Floats, vari
 
 _NEW = 1e-10
 _INNER, _INNER_LIMIT = 1e-9, 100
+_TOLERANCE, _LIMIT = 1e-2, 20
 
 
-def instrumental(
-    rows: Rows,
-    instruments: Rows | Callable[[Floats], Rows],
-    *,
-    noise: Sequence[float] | Floats | None = None,
-    start: Sequence[float] | Floats | None = None,
-    tolerance: float = 1e-2,
-    limit: int = 20,
-) -> Estimate:
-    """Instrumental-variable estimate."""
+def instrumental(rows: Rows, instruments: Rows | Callable[[Floats], Rows]) -> Estimate:
+    """Instrumental-variable estimate; instruments may be those that the last estimate simulates."""
     observation = rows.observation()
-    level = irls(observation, rows.units).noise if noise is None else checked_noise(observation, noise)
+    level = irls(observation, rows.units).noise
     level = np.where(np.isfinite(level), np.maximum(level, noise_floor(observation)), np.inf)
-    values = solved(observation, rows.units, 1.0 / level).values if start is None else np.asarray(start, dtype=float)
-    if values.shape != (len(rows.units),) or not np.isfinite(values).all():
-        raise InputError(f"start must be {len(rows.units)} finite numbers, one for each parameter")
-    for iteration in range(1, max(limit, 1) + 1):
+    values = solved(observation, rows.units, 1.0 / level).values
+    for iteration in range(1, _LIMIT + 1):
         factors = _factors(rows, instruments(values) if callable(instruments) else instruments)
-        found = _settled(observation, factors, level, fixed=noise is not None)
+        found = _settled(observation, factors, level)
         change = float(np.linalg.norm(found.Rzw @ (found.values - values)) / np.sqrt(len(values)))
         values, level = found.values, found.noise
         course = {"iterations": iteration, "change": change}
-        done = change <= tolerance or not callable(instruments)
+        done = change <= _TOLERANCE or not callable(instruments)
         if done:
             break
     plain = solved(observation, rows.units, 1.0 / level)
@@ -222,12 +170,10 @@ def _same_rows(layout: Layout, block: RowBlock, other: RowBlock) -> None:
             )
 
 
-def _settled(observation: Observation, factors: list[Floats], level: Floats, *, fixed: bool) -> _Instrumented:
-    """Solve and, unless the noise is given, weigh anew until the weights agree with the residuals."""
+def _settled(observation: Observation, factors: list[Floats], level: Floats) -> _Instrumented:
+    """Solve and weigh anew until the weights agree with the residuals."""
     for _ in range(_INNER_LIMIT):
         found = _solved_with(observation, factors, level)
-        if fixed:
-            return replace(found, noise=level)
         with np.errstate(invalid="ignore"):
             change = float(np.nanmax(np.abs(np.log(found.noise / level)), initial=0.0))
         level = found.noise
