@@ -16,8 +16,7 @@ from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.physics.bounds import Roles, roles
 from echelon.identification.physics.feasibility import feasibility, nearest_physical, sizes_of
-from echelon.identification.physics.pseudo_inertia import is_physical
-from support.physical_robots import robot
+from support.physical_robots import is_physical, robot
 
 seeds = st.integers(0, 2**32 - 1)
 NAMES = ("double_pendulum", "cart_pole", "furuta", "scara", "puma560", "panda", "tx40", "floating_tree")

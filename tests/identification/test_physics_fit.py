@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from echelon.errors import InputError
 from echelon.identification.physics.bounds import Bounds, Roles
 from echelon.identification.physics.fit import physical_fit
-from echelon.identification.physics.pseudo_inertia import divergence, factor, is_physical
+from echelon.identification.physics.pseudo_inertia import divergence, factor
 from echelon.inertia.spatial import from_pseudo_inertia, pseudo_inertia
-from support.physical_robots import model, observed, robot
+from support.physical_robots import is_physical, model, observed, robot
 
 
 def cvxpy_fit(role: Roles, design: Any, target: Any, bodies: Any, weight: float) -> tuple[float, Any]:

@@ -13,13 +13,12 @@ from hypothesis import strategies as st
 import echelon as ec
 from echelon.errors import InputError
 from echelon.identification.physics.prior_information import prior_from
-from echelon.identification.physics.pseudo_inertia import is_physical
 from echelon.mechanism.body import GROUND, Body
 from echelon.mechanism.joint import Joint, Placement, merge, rotation
 from echelon.mechanism.mechanism import Mechanism
 from support import textbook_arms as arms
 from support.measured_logs import measured
-from support.physical_robots import body_of_points, states
+from support.physical_robots import body_of_points, is_physical, states
 from support.robot_files import robot_file
 
 LWR4 = """

@@ -11,11 +11,10 @@ from echelon.errors import InputError
 from echelon.identification.physics.pseudo_inertia import (
     divergence,
     factor,
-    is_physical,
     margins,
 )
 from echelon.inertia.spatial import move, pseudo_inertia
-from support.physical_robots import body_of_points
+from support.physical_robots import body_of_points, is_physical
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -8,8 +8,7 @@ import pytest
 from echelon.errors import InputError
 from echelon.identification.physics.fit import CANDIDATES, by_stretches, physical_fit
 from echelon.identification.physics.prior_information import reference
-from echelon.identification.physics.pseudo_inertia import is_physical
-from support.physical_robots import model, observed, robot
+from support.physical_robots import is_physical, model, observed, robot
 
 
 def test_more_weight_comes_nearer_to_the_prior_and_fits_worse() -> None:

@@ -10,9 +10,12 @@ import numpy.typing as npt
 
 import echelon as ec
 from echelon.base.model import BaseModel
+from echelon.conventions import PER_BODY
+from echelon.errors import InputError
 from echelon.formats.schema.schema_log import IdentificationEntry
 from echelon.identification.physics.bounds import Bounds, Roles, roles
-from echelon.inertia.spatial import from_pseudo_inertia
+from echelon.identification.physics.pseudo_inertia import factor
+from echelon.inertia.spatial import from_pseudo_inertia, parameter_array, pseudo_inertia
 from echelon.mechanism.stated import characteristic_length
 from echelon.observe.observation import Observation
 
@@ -72,3 +75,20 @@ def bounds_of(given: dict[str, Any]) -> Bounds:
     """Bounds as the section ``identification`` of a set-up states them."""
     stated = IdentificationEntry.model_validate(given)
     return Bounds(stated.bodies, stated.parameters, stated.total_mass)
+
+
+def is_physical(values: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+    """Whether bodies can exist, with J ≻ 0 beyond rounding; shape (...)."""
+    array = parameter_array(values)
+    flat = array.reshape(-1, PER_BODY)
+    return np.array([_definite(body) for body in flat], dtype=bool).reshape(array.shape[:-1])
+
+
+def _definite(body: Floats) -> bool:
+    try:
+        unit = factor(body)
+    except InputError:
+        return False
+    # the squares of L's diagonal are the exact pivots; those beneath rounding decide nothing
+    pivots = np.square(np.diagonal(unit)) / np.diagonal(pseudo_inertia(body))
+    return bool(pivots.min() > 16 * np.finfo(float).eps)

@@ -36,7 +36,6 @@ class Bounds:
     bodies: Mapping[str, BodyBoundsEntry] = field(default_factory=dict)  # by body name
     parameters: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # by parameter name, SI units
     total_mass: tuple[float, float] | None = None  # of all bodies, kg
-    margin: float = 0.0  # each body's pseudo-inertia is at least this multiple of its prior's or of its scale
 
     def check(self, mechanism: Mechanism) -> None:
         """Check that bodies and parameters exist and carry what is bounded."""

@@ -17,9 +17,8 @@ from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.conventions import LENGTH_DEGREE
 from echelon.errors import EchelonError, InputError
-from echelon.identification.physics.bounds import Bounds, linear_limits, roles
+from echelon.identification.physics.bounds import roles
 from echelon.identification.physics.interior import holds, put_inside
-from echelon.identification.physics.prior_information import common_mass, reference
 from echelon.identification.physics.programme import SOLVED, Programme
 from echelon.mechanism.stated import characteristic_length
 
@@ -56,31 +55,15 @@ _WEIGHT = 1e-6
 """Of the divergence that makes the nearest robot unique, in squared standard deviations."""
 
 
-def physical_lift(
-    base: BaseModel,
-    values: npt.ArrayLike,
-    *,
-    prior: npt.ArrayLike | None = None,
-    bounds: Bounds | None = None,
-) -> Floats:
-    """Standard parameters of a robot that can exist and has exactly given base parameters.
+def physical_lift(base: BaseModel, values: npt.ArrayLike) -> Floats | None:
+    """Standard parameters of a robot that can exist and has exactly given base parameters; None where none was found.
 
-    Of all such robots it is the one nearest to the prior, by the sum of the bodies' divergences; without a prior,
-    nearest to bodies of a plain shape that explain the values best, which keeps it well inside of what can exist.
+    Of all such robots it is the one nearest to bodies of a plain shape that explain the values best, which keeps it
+    well inside of what can exist; shape (p,).
     """
-    target = checked_values(base, values)
-    standard = exact_lift(base, target, prior, bounds)
-    if standard is None:
-        raise InputError(_difference(base, target, prior, bounds))
-    return standard
-
-
-def exact_lift(
-    base: BaseModel, target: Floats, prior: npt.ArrayLike | None = None, bounds: Bounds | None = None
-) -> Floats | None:
-    """Standard parameters of the robot of :func:`physical_lift`, shape (p,), or None where none was found."""
-    B = base.B_float()
-    programme = _programme(base, B, target, np.eye(len(target)) / sizes_of(base, target)[:, None], prior, bounds)
+    B, target = base.B_float(), checked_values(base, values)
+    sizes = sizes_of(base, target)
+    programme = Programme.of(base, B / sizes[:, None], target / sizes)
     standard, found = programme.fit(B, target, np.ones(len(programme.role.bodies)), 1.0, exact=True)
     if found.status != SOLVED:
         return None
@@ -90,18 +73,12 @@ def exact_lift(
 
 
 def nearest_physical(
-    base: BaseModel,
-    values: npt.ArrayLike,
-    covariance: npt.ArrayLike | None = None,
-    *,
-    prior: npt.ArrayLike | None = None,
-    bounds: Bounds | None = None,
+    base: BaseModel, values: npt.ArrayLike, covariance: npt.ArrayLike | None = None
 ) -> tuple[Floats, float]:
-    """Standard parameters of the physical robot whose base parameters are nearest to given ones; shape (p,)."""
-    target = checked_values(base, values)
+    """Standard parameters, shape (p,), of the robot whose base parameters are nearest to given ones, and how near."""
+    target, B = checked_values(base, values), base.B_float()
     root = _root(base, target, covariance)
-    B = base.B_float()
-    programme = _programme(base, B, target, root, prior, bounds)
+    programme = Programme.of(base, root @ B, root @ target)
     weights = np.full(len(programme.role.bodies), _WEIGHT)
     standard, found = programme.fit(root @ B, root @ target, weights, _WEIGHT)
     if found.status != SOLVED:
@@ -126,19 +103,6 @@ def on_pivots(base: BaseModel, B: Floats, target: Floats, standard: Floats) -> F
     for _ in range(2):  # the second time for what the first one rounded
         moved[list(base.matrix.pivots)] += target - B @ moved
     return moved
-
-
-def _programme(
-    base: BaseModel,
-    B: Floats,
-    target: Floats,
-    root: Floats,
-    prior: npt.ArrayLike | None,
-    bounds: Bounds | None,
-) -> Programme:
-    role, limits = roles(base.mechanism), bounds or Bounds()
-    mass = common_mass(role, root @ B, root @ target)
-    return Programme(role, linear_limits(role, limits), reference(role, prior, mass), limits.margin)
 
 
 def _root(base: BaseModel, target: Floats, covariance: npt.ArrayLike | None) -> Floats:
@@ -170,18 +134,6 @@ def sizes_of(base: BaseModel, target: Floats) -> Floats:
     return np.array([others if p is None else mass * length**p for p in powers])
 
 
-def _difference(base: BaseModel, target: Floats, prior: npt.ArrayLike | None, bounds: Bounds | None) -> str:
-    standard, _ = nearest_physical(base, target, prior=prior, bounds=bounds)
-    change = base.B_float() @ standard - target
-    worst = int(np.argmax(np.abs(change) / sizes_of(base, target)))
-    name, unit = base.pivots[worst], base.units[worst]
-    within = " within the bounds" if bounds is not None else ""
-    return (
-        f"no robot that can exist{within} has these base parameters; the nearest one differs most in [{name}], by "
-        f"{change[worst]:.3g} {unit}: see nearest_physical()"
-    )
-
-
 _DISTINCT = 2e-3
 """Distance from which on values are not those of the nearest robot: solvers and margins account for less."""
 
@@ -199,7 +151,7 @@ def feasibility(
     target, role = checked_values(base, values), roles(base.mechanism)
     signs = f" and {len(role.positive)} signs" if role.positive else ""
     with suppress(EchelonError):  # where the solver gives up, the distance decides
-        lift = exact_lift(base, target)
+        lift = physical_lift(base, target)
         if lift is not None:
             text = f"a robot has these base parameters: {len(role.bodies)} pseudo-inertias{signs} were verified"
             return Feasibility(True, text, standard=lift)

@@ -37,9 +37,8 @@ from echelon.arrays import Floats
 from echelon.base.base_set import Identifiability
 from echelon.base.model import BaseModel
 from echelon.errors import EchelonError, InputError
-from echelon.identification.physics.bounds import Bounds, linear_limits, roles
+from echelon.identification.physics.bounds import Bounds
 from echelon.identification.physics.interior import active, interior_point, put_inside
-from echelon.identification.physics.prior_information import common_mass, reference
 from echelon.identification.physics.programme import INFEASIBLE, SOLVED, ConeSolution, Programme
 from echelon.identification.physics.pseudo_inertia import divergence
 from echelon.observe.observation import Observation
@@ -221,11 +220,8 @@ class _Problem:
 
     @staticmethod
     def of(base: BaseModel, triangle: Triangle, bounds: Bounds | None, prior: npt.ArrayLike | None) -> _Problem:
-        role, limits = roles(base.mechanism), bounds or Bounds()
         B = base.B_float()
-        mass = common_mass(role, triangle.R @ B, triangle.qty)
-        told = _told(base, triangle)
-        programme = Programme(role, linear_limits(role, limits), reference(role, prior, mass), limits.margin, told)
+        programme = Programme.of(base, triangle.R @ B, triangle.qty, bounds, prior, _told(base, triangle))
         if bounds is not None:
             interior_point(programme)
         return _Problem(B, programme)

@@ -27,7 +27,6 @@ from echelon.base.model import BaseModel
 from echelon.conventions import PER_BODY
 from echelon.errors import InputError
 from echelon.identification.physics.bounds import Roles
-from echelon.identification.physics.pseudo_inertia import unwhitening
 from echelon.inertia.spatial import from_pseudo_inertia, move, pseudo_inertia
 from echelon.logs.finding import Finding, Severity
 from echelon.mechanism.body import GROUND
@@ -152,12 +151,7 @@ def common_mass(role: Roles, design: Floats, target: Floats) -> float:
     return max(found, least) if least > 0 else 1.0
 
 
-def unwhitenings(bodies: Floats, roots: Floats) -> Floats:
-    """For every body the map from the ten parameters of K to those of J, shape (b, 10, 10)."""
-    return np.array([unwhitening(root) for root in roots]).reshape(len(bodies), PER_BODY, PER_BODY)
-
-
-TOLERANCE = 1e-3
+_TOLERANCE = 1e-3
 """How far apart joint axes may be, m and rad; files round both."""
 _ACROSS = 0.1
 """Sine of the least angle between axes that show where the base stands."""
@@ -176,7 +170,7 @@ class Prior:
         return f"Prior({self.name}: {known} of {len(self.values)} standard parameters)"
 
 
-def prior_from(base: BaseModel, other: Mechanism, *, tolerance: float = TOLERANCE) -> Prior:
+def prior_from(base: BaseModel, other: Mechanism) -> Prior:
     """Standard parameters of a set-up as another description of the robot states them.
 
     Bodies are matched by the names of their joints where all of the set-up's are there, else in order.  Bodies that
@@ -189,7 +183,7 @@ def prior_from(base: BaseModel, other: Mechanism, *, tolerance: float = TOLERANC
     ours, theirs = _Posed.of(mechanism), _Posed.of(other)
     theirs = theirs.shifted(_offset(ours, theirs, pairs))
     for mine, yours in pairs.items():
-        _compare(ours, theirs, mine, yours, tolerance)
+        _compare(ours, theirs, mine, yours)
     totals = _lumped(other, theirs, set(pairs.values()))
     values = np.full(len(mechanism.columns), np.nan)
     findings = _locked(other, set(pairs.values()))
@@ -319,7 +313,7 @@ def _offset(ours: _Posed, theirs: _Posed, pairs: Mapping[int, int]) -> Floats:
     return offset
 
 
-def _compare(ours: _Posed, theirs: _Posed, mine: int, yours: int, tolerance: float) -> None:
+def _compare(ours: _Posed, theirs: _Posed, mine: int, yours: int) -> None:
     names = [posed.mechanism.bodies[k].joint.name for posed, k in ((ours, mine), (theirs, yours))]
     where = f"joint '{names[0]}' of the set-up and '{names[1]}' of the prior"
     first, second = ours.axes[mine], theirs.axes[yours]
@@ -332,12 +326,12 @@ def _compare(ours: _Posed, theirs: _Posed, mine: int, yours: int, tolerance: flo
             apart = float(np.linalg.norm(a.frame[:3, :3] - b.frame[:3, :3]))
         else:
             apart = float(np.linalg.norm(a.direction - b.direction))
-        if apart > tolerance:
+        if apart > _TOLERANCE:
             angle = np.degrees(2 * np.arcsin(min(1.0, apart / 2)))
             problem = f"their axes are {angle:.4g}° apart at the zero pose; the descriptions must have the same zero "
             raise InputError(problem + "pose, directions of joints and axes of the base", element=where)
         distance = float(np.linalg.norm(a.fixed @ (a.frame[:3, 3] - b.frame[:3, 3])))
-        if distance > tolerance:
+        if distance > _TOLERANCE:
             raise InputError(f"their axes are {distance:.4g} m apart at the zero pose", element=where)
 
 

@@ -19,15 +19,17 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from echelon.arrays import Floats
+from echelon.base.model import BaseModel
 from echelon.conventions import PER_BODY
 from echelon.errors import EchelonError
 from echelon.extras import extra
-from echelon.identification.physics.bounds import LinearLimits, Roles
-from echelon.identification.physics.prior_information import Reference, unwhitenings
+from echelon.identification.physics.bounds import Bounds, LinearLimits, Roles, linear_limits, roles
+from echelon.identification.physics.prior_information import Reference, common_mass, reference
 from echelon.identification.physics.pseudo_inertia import SIZE, factor, margins
-from echelon.inertia.spatial import pseudo_inertia
+from echelon.inertia.spatial import frame_change, pseudo_inertia
 from echelon.mechanism.output import Parameter
 
 
@@ -37,26 +39,12 @@ def svec(matrix: Floats) -> Floats:
     return np.array([matrix[i, j] * (1.0 if i == j else np.sqrt(2)) for j in range(n) for i in range(j + 1)])
 
 
-def order(length: int) -> int:
+def _order(length: int) -> int:
     """Rows of the matrix whose triangle has ``length`` entries."""
     return round((float(np.sqrt(8 * length + 1)) - 1) / 2)
 
 
-def unpacked(triangle: Floats) -> Floats:
-    """The matrix of :func:`svec`, shape (n, n)."""
-    n = order(len(triangle))
-    matrix = np.zeros((n, n))
-    places = [(i, j) for j in range(n) for i in range(j + 1)]
-    for value, (i, j) in zip(triangle, places, strict=True):
-        matrix[i, j] = matrix[j, i] = value if i == j else value / np.sqrt(2)
-    return matrix
-
-
-def _svec_of_parameters() -> Floats:
-    return np.stack([svec(pseudo_inertia(unit)) for unit in np.eye(PER_BODY)], axis=1)
-
-
-SVEC = _svec_of_parameters()
+SVEC = np.stack([svec(pseudo_inertia(unit)) for unit in np.eye(PER_BODY)], axis=1)
 """svec(J) = SVEC · (XX … M), shape (10, 10)."""
 
 
@@ -140,7 +128,7 @@ def _clarabel(program: ConeProgram, P: Any, q: Floats, A: Any, b: Floats) -> Con
     cones = [clarabel.ZeroConeT(k) for k in program.lengths("zero")]
     cones += [clarabel.NonnegativeConeT(k) for k in program.lengths("nonnegative")]
     cones += [clarabel.SecondOrderConeT(k) for k in program.lengths("second_order")]
-    cones += [clarabel.PSDTriangleConeT(order(k)) for k in program.lengths("semidefinite")]
+    cones += [clarabel.PSDTriangleConeT(_order(k)) for k in program.lengths("semidefinite")]
     cones += [clarabel.ExponentialConeT() for k in program.lengths("exponential") for _ in range(k // 3)]
     settings = clarabel.DefaultSettings()
     settings.verbose = False
@@ -171,8 +159,21 @@ class Programme:
     role: Roles
     limits: LinearLimits
     reference: Reference
-    margin: float = 0.0  # least eigenvalue of K
     told: Mapping[int, float] = field(default_factory=dict)  # magnitudes that data alone give to columns
+
+    @staticmethod
+    def of(
+        base: BaseModel,
+        design: Floats,
+        target: Floats,
+        bounds: Bounds | None = None,
+        prior: npt.ArrayLike | None = None,
+        told: Mapping[int, float] | None = None,
+    ) -> Programme:
+        """Fits of a robot within bounds; where there is no prior, bodies are those that explain the target best."""
+        role = roles(base.mechanism)
+        mass = common_mass(role, design, target)
+        return Programme(role, linear_limits(role, bounds or Bounds()), reference(role, prior, mass), told or {})
 
     @cached_property
     def roots(self) -> Floats:
@@ -188,12 +189,11 @@ class Programme:
     def unwhiten(self) -> Floats:
         """Standard parameters from the unknowns: ten per body, then the others; shape (p, p)."""
         matrix = np.zeros((self.role.size, self.role.size))
-        blocks = unwhitenings(self.reference.bodies, self.roots)
-        for number, (start, block) in enumerate(zip(self.role.starts, blocks, strict=True)):
+        for number, (start, root) in enumerate(zip(self.role.starts, self.roots, strict=True)):
             place = PER_BODY * number
-            matrix[start : start + PER_BODY, place : place + PER_BODY] = block
-        for number, column in enumerate(self.others):
-            matrix[column, PER_BODY * len(blocks) + number] = 1.0
+            matrix[start : start + PER_BODY, place : place + PER_BODY] = frame_change(root)
+        for number, column in enumerate(self.others, PER_BODY * len(self.roots)):
+            matrix[column, number] = 1.0
         return matrix
 
     def fit(
@@ -211,7 +211,7 @@ class Programme:
         if not exact:
             whole[:, size - k :] = -np.eye(k)
         program.add("zero", whole, -target)
-        self._add_limits(program, size)
+        self.add_limits(program)
         self._add_bodies(program, size, p, logs)
         diagonal, linear = np.zeros(size), np.zeros(size)
         for body, weight in enumerate(weights):
@@ -268,17 +268,24 @@ class Programme:
                 diagonal[number] += 2 * drawing / square
                 linear[number] -= 2 * drawing * prior / square
 
-    def _add_limits(self, program: ConeProgram, size: int) -> None:
+    def add_limits(self, program: ConeProgram, slack: int | None = None) -> None:
+        """Signs and bounds, rows scaled to a largest entry of 1; inequalities leave as much room as a variable says."""
         p = self.role.size
         for kind, rows in (("zero", self.limits.equal), ("nonnegative", self.limits.least)):
-            moved = np.zeros((len(rows), size))
+            moved = np.zeros((len(rows), program.size))
             moved[:, :p] = rows[:, :p] @ self.unwhiten
             scale = np.maximum(np.abs(moved).max(axis=1, initial=0.0), 1e-300)
-            program.add(kind, moved / scale[:, None], rows[:, p] / scale)
+            moved /= scale[:, None]
+            if slack is not None and kind == "nonnegative":
+                moved[:, slack] = -1.0
+            program.add(kind, moved, rows[:, p] / scale)
         for cone in self.limits.cones:
-            moved = np.zeros((len(cone), size))
+            moved = np.zeros((len(cone), program.size))
             moved[:, :p] = cone @ self.unwhiten
-            program.add("second_order", moved / np.abs(moved).max(), np.zeros(len(cone)))
+            moved /= np.abs(moved).max()
+            if slack is not None:
+                moved[0, slack] = -1.0
+            program.add("second_order", moved, np.zeros(len(cone)))
 
     def _add_bodies(self, program: ConeProgram, size: int, triangles: int, logs: int) -> None:
         """log det K ≥ Σ u for every body, by a triangle Z of ten numbers and four logarithms u."""
@@ -294,10 +301,6 @@ class Programme:
                 shape=(12, size),
             )
             program.add("exponential", exponential, np.tile([0.0, 1.0, 0.0], SIZE))
-            if self.margin:
-                identity = svec(np.eye(SIZE))
-                lower = coo_array((SVEC.ravel(), _grid(10, k)), shape=(10, size))
-                program.add("semidefinite", lower, -self.margin * identity)
 
     def margins(self, values: Floats) -> Floats:
         """Smallest eigenvalue of every K, shape (b,)."""

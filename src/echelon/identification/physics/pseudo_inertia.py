@@ -13,9 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Floats
-from echelon.conventions import PER_BODY
 from echelon.errors import InputError
-from echelon.inertia.spatial import frame_change, parameter_array, pseudo_inertia
+from echelon.inertia.spatial import parameter_array, pseudo_inertia
 
 SIZE = 4
 """Rows of a pseudo-inertia."""
@@ -56,28 +55,6 @@ def whiten(values: npt.ArrayLike, root: Floats) -> Floats:
     return np.asarray((whitened + np.swapaxes(whitened, -1, -2)) / 2, dtype=np.float64)
 
 
-def unwhitening(root: Floats) -> Floats:
-    """The matrix that takes the ten parameters of K to those of J = L K Lᵀ, shape (10, 10)."""
-    return np.asarray(frame_change(root), dtype=np.float64)
-
-
 def margins(values: npt.ArrayLike, reference: npt.ArrayLike) -> Floats:
     """Smallest eigenvalue of each body's J relative to a reference body's, shape (...); not positive: cannot exist."""
     return np.asarray(np.linalg.eigvalsh(whiten(values, factor(reference)))[..., 0], dtype=np.float64)
-
-
-def is_physical(values: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-    """Whether bodies can exist, with J ≻ 0 beyond rounding; shape (...)."""
-    array = parameter_array(values)
-    flat = array.reshape(-1, PER_BODY)
-    return np.array([_definite(body) for body in flat], dtype=bool).reshape(array.shape[:-1])
-
-
-def _definite(body: Floats) -> bool:
-    try:
-        unit = factor(body)
-    except InputError:
-        return False
-    # the squares of L's diagonal are the exact pivots; those beneath rounding decide nothing
-    pivots = np.square(np.diagonal(unit)) / np.diagonal(pseudo_inertia(body))
-    return bool(pivots.min() > 16 * np.finfo(float).eps)
