@@ -31,9 +31,9 @@ from echelon.errors import EchelonError as EchelonError
 from echelon.errors import InputError as InputError
 from echelon.errors import MissingExtraError as MissingExtraError
 from echelon.errors import UnknownRelationsError as UnknownRelationsError
+from echelon.excite.excite import ExcitingTrajectory as ExcitingTrajectory
 from echelon.excite.excite import exciting_trajectory as exciting_trajectory
 from echelon.excite.excite import judged_trajectory as judged_trajectory
-from echelon.excite.exciting_trajectory import ExcitingTrajectory as ExcitingTrajectory
 from echelon.excite.files.trajectory_file import read_trajectory as read_trajectory
 from echelon.excite.files.trajectory_file import write_trajectory as write_trajectory
 from echelon.excite.problem.prior_model import information_of_logs as information_of_logs

@@ -7,7 +7,7 @@ import pytest
 
 import echelon as ec
 from echelon.dynamics.kinematics import Kinematics
-from echelon.excite.exciting_trajectory import conditioning_of
+from echelon.excite.excite import conditioning_of
 from echelon.excite.problem.closed_loops import LoopMotion
 from echelon.excite.problem.task import changed, task_of
 from echelon.excite.solve.design import designed

@@ -12,7 +12,7 @@ import pinocchio as pin
 import pytest
 
 import echelon as ec
-from echelon.excite.exciting_trajectory import ExcitingTrajectory
+from echelon.excite.excite import ExcitingTrajectory
 from support.paths import EXAMPLES
 from support.pinocchio_regressor import pinocchio_regressor
 from support.resampled_motions import resampled

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.excite.exciting_trajectory import ExcitingTrajectory
+from echelon.excite.excite import ExcitingTrajectory
 from echelon.excite.problem.trajectory import Fourier, Trajectory
 from echelon.excite.solve.solver import Best, Solution
 from support.paths import EXAMPLES

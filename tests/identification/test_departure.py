@@ -7,7 +7,7 @@ import numpy as np
 import echelon as ec
 from echelon.formats.robot_file import open_robot
 from echelon.formats.writers.robot_writer import identified_robot
-from echelon.identification.physics.departure import departures
+from echelon.identification.physics.fit import departures
 from support.paths import EXAMPLES
 
 

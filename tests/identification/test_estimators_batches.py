@@ -8,8 +8,7 @@ import pytest
 
 from echelon.errors import InputError
 from echelon.identification.estimators.covariance import clustered
-from echelon.identification.estimators.huber import huber
-from echelon.identification.estimators.least_squares import irls, ols
+from echelon.identification.estimators.least_squares import huber, irls, ols
 from support.estimation_problems import METHODS, dense, line, serial
 from support.observation_rows import ArrayRows
 

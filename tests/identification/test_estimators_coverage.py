@@ -12,8 +12,7 @@ from scipy.stats import binom, kstest
 from echelon.identification.estimators.covariance import clustered
 from echelon.identification.estimators.errors_in_variables import instrumental, tls
 from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.estimators.huber import huber
-from echelon.identification.estimators.least_squares import irls, ols, wls
+from echelon.identification.estimators.least_squares import huber, irls, ols, wls
 from echelon.identification.estimators.ridge import ridge
 from support.estimation_problems import NOISE, TRUTH, Floats, serial
 from support.observation_rows import ArrayRows

@@ -13,8 +13,7 @@ from echelon.errors import InputError
 from echelon.identification.estimators.errors_in_variables import tls
 from echelon.identification.estimators.estimate import Estimate, direction_text, open_directions
 from echelon.identification.estimators.fit import Substitution, fixed
-from echelon.identification.estimators.huber import huber
-from echelon.identification.estimators.least_squares import irls, minimum_norm, ols
+from echelon.identification.estimators.least_squares import huber, irls, minimum_norm, ols
 from echelon.identification.estimators.ridge import ridge
 from support.estimation_problems import TRUTH, Floats, assert_same, dense, line, serial, unseen
 from support.observation_rows import ArrayRows

@@ -7,8 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from echelon.errors import InputError
-from echelon.identification.estimators.huber import gaussian_square, huber
-from echelon.identification.estimators.least_squares import irls
+from echelon.identification.estimators.least_squares import gaussian_square, huber, irls
 from support.estimation_problems import NOISE, TRUTH, assert_same, dense, line, serial
 from support.observation_rows import ArrayRows
 

@@ -4,7 +4,7 @@ from mutation.fault import Fault
 
 ESTIMATORS, ROBUST = "identification/test_estimators.py", "identification/test_estimators_robust.py"
 PRIOR, VALIDATION = "identification/test_estimators_prior.py", "identification/test_validation.py"
-FIT, PSEUDO = "identification/test_physics_fit.py", "identification/test_physics_pseudo_inertia.py"
+FIT, PSEUDO = "identification/test_physics_fit.py", "inertia/test_spatial.py"
 GAINS, WEIGHT = "identification/test_gains.py", "identification/test_physics_weight.py"
 CRITERIA, GRADIENTS = "excite/test_criteria.py", "excite/test_excite_gradients.py"
 FAMILIES, MARGINS = "excite/test_families.py", "excite/test_margins.py"
@@ -26,10 +26,14 @@ FAULTS = (
         ESTIMATORS,
     ),
     Fault(
-        "identification/estimators/huber.py", "- clip * sqrt(2 / pi)", "+ clip * sqrt(2 / pi)", "Huber's noise", ROBUST
+        "identification/estimators/least_squares.py",
+        "- clip * sqrt(2 / pi)",
+        "+ clip * sqrt(2 / pi)",
+        "Huber's noise",
+        ROBUST,
     ),
     Fault(
-        "identification/estimators/huber.py",
+        "identification/estimators/least_squares.py",
         "* (1.0 - share)",
         "* share",
         "Huber's correction",
@@ -51,7 +55,7 @@ FAULTS = (
         "identification/test_estimators_batches.py",
     ),
     Fault(
-        "identification/physics/pseudo_inertia.py",
+        "inertia/spatial.py",
         "eigenvalues - np.log(eigenvalues) - 1",
         "eigenvalues - np.log(eigenvalues)",
         "divergence of equal bodies",

@@ -15,7 +15,7 @@ import pytest
 
 import echelon as ec
 from echelon.errors import MissingExtraError
-from echelon.excite.exciting_trajectory import Conditioning, ExcitingTrajectory
+from echelon.excite.excite import Conditioning, ExcitingTrajectory
 from echelon.excite.problem.task import changed, task_of
 from echelon.excite.problem.trajectory import Fourier, Trajectory
 from echelon.excite.verify.margins import Margin

@@ -11,8 +11,7 @@ import numpy.typing as npt
 from echelon.identification.estimators.covariance import clustered
 from echelon.identification.estimators.errors_in_variables import instrumental, tls
 from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.estimators.huber import huber
-from echelon.identification.estimators.least_squares import irls, ols, wls
+from echelon.identification.estimators.least_squares import huber, irls, ols, wls
 from echelon.identification.estimators.ridge import ridge
 from support.observation_rows import ArrayRows
 from support.stated_regressors import SERIAL

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 import echelon as ec
 from echelon.base.model import BaseModel
-from echelon.excite.exciting_trajectory import ExcitingTrajectory
+from echelon.excite.excite import ExcitingTrajectory
 from echelon.excite.problem.task import task_of
 from echelon.excite.problem.trajectory import Fourier, Trajectory
 from echelon.excite.solve.design import Design, designed

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import echelon as ec
-from echelon.excite.exciting_trajectory import ExcitingTrajectory, Start, conditioning_of
+from echelon.excite.excite import ExcitingTrajectory, Start, conditioning_of
 from echelon.excite.problem.task import changed, task_of
 from echelon.excite.solve.design import designed
 from echelon.excite.verify import margins_of

@@ -18,8 +18,7 @@ from echelon.cli.destination import Destination
 from echelon.cli.screen import say_time, say_written, show, steps
 from echelon.cli.terminal import plain_table, print_findings
 from echelon.errors import one_line
-from echelon.excite.excite import exciting_trajectory, judged_trajectory
-from echelon.excite.exciting_trajectory import ExcitingTrajectory
+from echelon.excite.excite import ExcitingTrajectory, exciting_trajectory, judged_trajectory
 from echelon.excite.files.coefficients import text_of
 from echelon.excite.files.trajectory_file import design_to_json, read_trajectory, trajectory_content
 from echelon.excite.problem.prior_model import information_of_logs

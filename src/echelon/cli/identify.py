@@ -88,7 +88,7 @@ def _cluster(where: str | None) -> Any:
 def _files(result: Identification, setup: Setup, target: str) -> dict[str, str]:
     """Everything that is written, by name, so that nothing is written unless all of it can be."""
     from echelon.formats.writers.robot_writer import identified_robot
-    from echelon.identification.physics.departure import KIND as FAR_FROM_PRIOR
+    from echelon.identification.physics.fit import KIND as FAR_FROM_PRIOR
     from echelon.report.report import report_html
     from echelon.results.identified import identification_to_json
 

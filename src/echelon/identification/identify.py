@@ -27,9 +27,8 @@ from echelon.identification.gains import contradicting_gains, gain_names
 from echelon.identification.missing import Missing, missing_effects
 from echelon.identification.passes_over_data import PassesOverData, Task
 from echelon.identification.physics.bounds import Bounds
-from echelon.identification.physics.departure import departures
 from echelon.identification.physics.feasibility import Feasibility, feasibility
-from echelon.identification.physics.fit import PhysicalFit, physical_fit
+from echelon.identification.physics.fit import PhysicalFit, departures, physical_fit
 from echelon.identification.physics.prior_information import Prior, prior_from
 from echelon.identification.result import FAR, Identification, contradictions, fit_findings, fitted_ranges, limited
 from echelon.identification.rows.ingest import MEMORY

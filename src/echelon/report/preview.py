@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from echelon.errors import InputError, one_line
-from echelon.excite.exciting_trajectory import ExcitingTrajectory
+from echelon.excite.excite import ExcitingTrajectory
 from echelon.excite.problem.state_limits import ORDERS
 from echelon.excite.problem.task import UNCHECKED
 from echelon.excite.verify.margins import ACTIVE, Margin, when_kept

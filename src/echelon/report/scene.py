@@ -15,7 +15,7 @@ import numpy.typing as npt
 from echelon.arrays import Floats
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import EchelonError, one_line
-from echelon.excite.exciting_trajectory import ExcitingTrajectory
+from echelon.excite.excite import ExcitingTrajectory
 from echelon.mechanism.body import GROUND, Body
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism

@@ -18,7 +18,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError, one_line
-from echelon.excite.exciting_trajectory import ExcitingTrajectory
+from echelon.excite.excite import ExcitingTrajectory
 from echelon.excite.files.coefficients import text_of, trajectory_from_json, trajectory_to_json
 from echelon.excite.files.samples import (
     FEWEST,

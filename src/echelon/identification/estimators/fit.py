@@ -19,8 +19,7 @@ from echelon.errors import InputError
 from echelon.identification.estimators.covariance import BATCHED, clustered, clustered_by
 from echelon.identification.estimators.errors_in_variables import instrumental, tls
 from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.estimators.huber import huber
-from echelon.identification.estimators.least_squares import irls, noise_estimate, noise_floor, ols, wls
+from echelon.identification.estimators.least_squares import huber, irls, noise_estimate, noise_floor, ols, wls
 from echelon.identification.estimators.ridge import ridge
 from echelon.identification.rows.ingest import Batch
 from echelon.identification.rows.rows import RowBlock, Rows

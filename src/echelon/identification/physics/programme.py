@@ -28,8 +28,7 @@ from echelon.errors import EchelonError
 from echelon.extras import extra
 from echelon.identification.physics.bounds import Bounds, LinearLimits, Roles, linear_limits, roles
 from echelon.identification.physics.prior_information import Reference, common_mass, reference
-from echelon.identification.physics.pseudo_inertia import SIZE, factor, margins
-from echelon.inertia.spatial import frame_change, pseudo_inertia
+from echelon.inertia.spatial import SIZE, factor, frame_change, margins, pseudo_inertia
 from echelon.mechanism.output import Parameter
 
 

@@ -29,8 +29,7 @@ from echelon.base.derive import base_parameters, base_structure
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.servos.output_error import OutputErrorProblem
-from echelon.identification.servos.servo_motion import ServoMotion, Windows, smooth
+from echelon.identification.servos.servo_motion import OutputErrorProblem, ServoMotion, Windows, smooth
 from echelon.identification.servos.servo_start import (
     inertial,
     positive_parameters,

@@ -8,12 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from echelon.errors import InputError
-from echelon.identification.physics.pseudo_inertia import (
+from echelon.inertia.spatial import (
     divergence,
     factor,
     margins,
+    move,
+    pseudo_inertia,
 )
-from echelon.inertia.spatial import move, pseudo_inertia
 from support.physical_robots import body_of_points, is_physical
 
 seeds = st.integers(0, 2**32 - 1)
