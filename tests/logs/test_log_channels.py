@@ -70,7 +70,7 @@ WRONG_MAPS = [
     ({"velocities": {"j1": Channel("q1", "deg"), "j2": Channel("q2")}}, "angle, not of an angular velocity"),
     ({"positions": {"j1": Channel("q1", "", 0.0), "j2": Channel("q2")}}, "the scale not 0"),
     ({"time": Channel("t", "deg")}, "unit of time: 'deg' is the unit of an angle, not of a time"),
-    ({"time": None}, "name the column with time stamps as time, or give rate: .* could be time stamps: t"),
+    ({"time": None}, "name the column with time stamps as time, or write  rate: 1000 .* could be time stamps: t"),
     ({"time": None, "rate": -5.0}, "rate must be positive"),
     ({"inputs": {"j9": Channel("q1")}}, "input of 'j9'"),
 ]

@@ -98,9 +98,9 @@ def test_torques_beyond_every_robot_and_beyond_this_one() -> None:
 def test_a_log_with_more_joints() -> None:
     used = ColumnMap(positions={f"j{n}": Channel(f"q_rad_{n}") for n in range(1, 7)})
     names = ["t_s", *(f"q_rad_{n}" for n in range(1, 8)), "tau_1"]
-    (found,) = surplus_columns(used, names)
+    (found,) = surplus_columns(used, names, ARM)
     assert "'q_rad_7' beside the 6 columns" in found.text
-    assert not surplus_columns(used, names[:7])
+    assert not surplus_columns(used, names[:7], ARM)
     # columns without names: those of other quantities, mapped or not, are no joints
     numbered = ColumnMap(positions=channels("{n}", ["a", "b"]), outputs=channels("{n}0", ["a", "b"]))
-    assert not surplus_columns(numbered, [str(k) for k in range(12)])
+    assert not surplus_columns(numbered, [str(k) for k in range(12)], ARM)

@@ -104,10 +104,38 @@ def stamped(folder: Path, motion: Motion) -> Path:
     return folder / "log.csv"
 
 
-RECORDERS: dict[str, Callable[[Path, Motion], Path]] = {
+def lists(folder: Path, motion: Motion) -> Path:
+    """Vectors as text, and the stamp of a message in two columns."""
+    time = START + np.round(1e9 * motion["t"]).astype(np.int64)
+    head = {"header.stamp.sec": time // 10**9, "header.stamp.nanosec": time % 10**9}
+    pd.DataFrame(head | {name: motion[name].tolist() for name in ("q", "tau")}).to_csv(folder / "log.csv")
+    return folder / "log.csv"
+
+
+def levels(folder: Path, motion: Motion) -> pd.DataFrame:
+    """A data frame with two levels of columns, and of whose clock the name says nothing."""
+    del folder
+    parts = {name: pd.DataFrame(motion[key], columns=JOINTS) for name, key in (("pos", "q"), ("eff", "tau"))}
+    frame = pd.concat(parts, axis=1)
+    frame["Uhr", ""] = 1e6 * motion["t"]
+    return frame
+
+
+def listing(folder: Path, motion: Motion) -> Path:
+    """A file whose ending says nothing, in degrees, as a German controller names its columns."""
+    frame = pd.DataFrame({"Zeit [ms]": 1e3 * motion["t"]})
+    for k in (0, 1):
+        frame[f"Achse{k + 1}_Istwinkel [Grad]"] = np.degrees(motion["q"][:, k])
+        frame[f"Achse{k + 1}_Sollwinkel [Grad]"] = np.degrees(motion["q"][:, k])
+        frame[f"Achse{k + 1}_Drehmoment [Nm]"] = motion["tau"][:, k]
+    frame.to_csv(folder / "spur.log", sep=";", decimal=",", index=False)
+    return folder / "spur.log"
+
+
+RECORDERS: dict[str, Callable[[Path, Motion], Path | pd.DataFrame]] = {
     "ROS 1": lambda folder, motion: bag(1, folder, motion),
     "ROS 2": lambda folder, motion: bag(2, folder, motion),
-    **{function.__name__: function for function in (matlab, aloha, lerobot, franka, stamped)},
+    **{function.__name__: function for function in (matlab, aloha, lerobot, franka, stamped, lists, levels, listing)},
 }
 
 

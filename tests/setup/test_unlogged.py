@@ -126,3 +126,13 @@ def test_locked_joints_are_read_in_every_form() -> None:
     assert ec.load(text).velocities == ("j1",)
     with pytest.raises(ec.InputError, match="there is no coordinate 'j3' to hold"):
         ec.load(text.replace("j2:", "j3:"))
+
+
+def test_a_joint_that_never_moves_is_locked_if_there_is_no_other_log(motion: Motion) -> None:
+    log = frame(motion)
+    log["q2"], log["tau2"] = 0.4 + 1e-4 * (motion["q"][:, 1] > 0.5), 0.1
+    setup, _, _ = with_logs(ARM, log)
+    assert setup.mechanism.velocities == ("shoulder_joint",)
+    assert any("at rest all the time: elbow_joint, as by  locked: {elbow_joint: 0.4}" in text for text in setup.assumed)
+    setup, _, _ = with_logs(ARM, [log, frame(motion)])
+    assert setup.mechanism.velocities == ("shoulder_joint", "elbow_joint")

@@ -304,9 +304,12 @@ def _unphysical(feasible: Feasibility | None) -> Iterable[Finding]:
             "no physical robot has the estimated base parameters; the nearest one is "
             f"{feasible.distance:.2g} standard deviations away"
         )
+        if feasible.distance <= FAR:
+            yield Finding(Severity.NOTE, "feasibility", "", f"{text}, as noise does")
+            return
         if feasible.distance > IMPOSSIBLE:
             text += ": columns are exchanged, or their signs or units wrong, or the model lacks something"
-        elif feasible.distance > FAR:
+        else:
             text += ": the model lacks something"
         yield Finding(Severity.WARNING, "feasibility", "", text)
 

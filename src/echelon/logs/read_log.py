@@ -65,7 +65,7 @@ def read_log(
     if not outputs:  # a map that has all it names comes before the same without outputs
         columns = [*columns, *(replace(some, outputs={}) for some in columns)]
     chosen = chosen_columns(log, mechanism, columns, outputs=outputs)
-    findings = surplus_columns(chosen, log.names)
+    findings = surplus_columns(chosen, log.names, mechanism)
     tables = log.tables(_needed(chosen, log.names, log.source))
     table, following = next(tables, None), next(tables, None)
     whole = following is None
@@ -167,7 +167,7 @@ def _times(file: LogFile) -> tuple[str, Floats]:
     """The column of times and its values in seconds; none if there is no such column."""
     table = read_table(file.source)
     said = {name: found for name in file.names if (found := meaning(name, {})) is not None and found.kind == "time"}
-    name = clock(table.columns, list(said) or ([] if said else list(file.names)[:1]))
+    name = clock(table.columns, list(said) or list(file.names)[:1], named=bool(said))
     if not name and len(said) > 1:
         raise InputError(f"{listed(said)} could all be the time; leave one in the file", source=file.source)
     name = name or next(iter(said), "")

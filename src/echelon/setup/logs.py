@@ -45,7 +45,7 @@ def with_logs(setup: Any, logs: Any, others: Any = ()) -> tuple[Setup, tuple[Pat
         file = opened(path)
         kinds.setdefault(tuple(file.names), file)
     for file in kinds.values():
-        found = understood(file, setup)
+        found = understood(file, setup, only=len(fitted) + len(unseen) == 1)
         if found.problems:
             raise InputError("; ".join(found.problems), source=file.source)
         notes = tuple(text for text in found.notes if text not in setup.assumed)
@@ -65,11 +65,11 @@ class Understood:
     choices: tuple[dict[str, float], ...] = ()  # the same, where only the user can tell which joints rest
 
 
-def understood(file: LogFile, setup: Setup, *, by_values: bool = False) -> Understood:
+def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = False) -> Understood:
     """What the columns of a log are, by their names, and by their values where that is asked for.
 
-    Joints that are not in the log rest, and so do those that never move and whose outputs are absent or zero; with
-    ``by_values`` all that never move.
+    Joints that are not in the log rest, and so do those that never move there; if it is not the ``only`` log, those of
+    which moreover no output is measured.
     """
     found = guess(file.names, setup.mechanism, lambda: first_table(file), by_values=by_values)
     notes, columns, silent = list(found.notes), found.columns, set(found.unmeasured)
@@ -81,7 +81,8 @@ def understood(file: LogFile, setup: Setup, *, by_values: bool = False) -> Under
         columns, findings = with_units(columns, table, setup.mechanism)
         notes += [finding.text for finding in findings]
         silent |= {name for name, some in columns.outputs.items() if not np.any(table.columns[some.column])}
-        resting = {name: at for name, at in _still(columns, table).items() if by_values or name in silent}
+        still = {} if setup.mechanism.closures else _still(columns, table)
+        resting = {name: at for name, at in still.items() if only or name in silent}
         if len(silent | resting.keys()) < len(columns.outputs) + len(found.unmeasured):
             locked |= resting
             notes += [f"at rest all the time: {listed(resting)}, {_line(resting)}"] if resting else []

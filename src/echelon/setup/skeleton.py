@@ -60,7 +60,7 @@ def skeleton(robot: str | os.PathLike[str], logs: Sequence[str | os.PathLike[str
     setup = load_setup(file)
     paths = joined(log_paths(logs), setup.mechanism)
     log = opened(paths[0])
-    found = understood(log, setup, by_values=True)
+    found = understood(log, setup, only=len(paths) == 1, by_values=True)
     problems = found.problems
     if found.columns.positions and found.columns.time is None and not first_table(log).clocks:
         problems += ("no column is the time: state the rate of the samples",)

@@ -95,19 +95,22 @@ def blocks(names: Sequence[str], count: int) -> tuple[Family, ...]:
     return tuple(Family(tuple(names[start : start + count])) for start in range(0, len(names), count))
 
 
-def clock(columns: Mapping[str, Floats], names: Sequence[str]) -> str:
-    """The first column that grows evenly as a clock does; empty if none does."""
+def clock(columns: Mapping[str, Floats], names: Sequence[str], *, named: bool = False) -> str:
+    """The first column that grows evenly as a clock does; empty if none does.
+
+    What counts samples is no clock, unless it is ``named`` so: the time may be in ms at 1 kHz.
+    """
     for name in names:
         steps = np.diff(columns[name])
         period = float(np.median(steps)) if len(steps) else 0.0
         if len(steps) < 3 or not np.isfinite(period) or period <= 0:
             continue
         even = np.mean(np.abs(steps - period) < _UNIFORM * period)
-        plain_count = period == 1 and set(np.unique(steps)) == {1.0} and len(names) > 1
-        if np.mean(steps > 0) <= _FORWARD or even <= 0.5:
+        counts = period == 1 and set(np.unique(steps)) == {1.0}
+        if np.mean(steps > 0) <= _FORWARD or even <= 0.5 or (counts and not named):
             continue
         # a counter of rows is none if something beside it is
-        if not plain_count or not clock(columns, [other for other in names if other != name]):
+        if not counts or not clock(columns, [other for other in names if other != name], named=True):
             return name
     return ""
 

@@ -108,8 +108,10 @@ def _of_all(
         problems = problems if absent else []
     if absent and not problems:
         problems.append(_question(absent, names, meanings, mechanism, look))
-    unnamed = names if headerless else [name for name in names if name not in meanings and by_values]
+    unnamed = names if headerless else [name for name in names if name not in meanings]
     time, trouble = _time(meanings, unnamed, look)
+    if time is not None and time.column not in meanings and not headerless:
+        notes.append(f"'{time.column}' taken for the time, because it grows as a clock does")
     outputs_from = {channel.column for channel in groups["output"].values()}
     said_of = [said for column, said in meanings.items() if column in outputs_from]
     if any(said.kind == "current" for said in said_of):
@@ -172,7 +174,8 @@ def _time(meanings: Meanings, unnamed: Sequence[str], look: Look | None) -> tupl
     found = [name for name, said in meanings.items() if said.kind == "time" and not name.startswith("/")]
     found = [name for name in found if _fits(meanings[name].unit, "s")]
     if look is not None and (len(found) > 1 or (unnamed and not found)):
-        chosen = clock(look().columns, found or unnamed)
+        table = look()
+        chosen = "" if table.clocks and not found else clock(table.columns, found or unnamed, named=bool(found))
         found = [chosen] if chosen else found
     if len(found) > 1:
         return None, [f"{listed(found)} could all be the time; name one as time under log"]

@@ -33,7 +33,7 @@ _WEAK = frozenset("a v i t d")
 _OTHERS = {
     "reference": "ref refs reference target targets des desired cmd cmds command commanded setpoint sp goal ipo d "
     "action qref qdes qcmd soll sollwert consigne",
-    "motor": "motor motors actuator actuators mot m",
+    "motor": "motor motors actuator actuators mot mtr m",
     "joint": "joint joints jnt jnts j axis axes ax a rax robax achse eje axe asse gelenk articulacion giunto link",
     "state": "observation observations obs state states ist istwert",
     "rate": "dot",

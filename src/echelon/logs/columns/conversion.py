@@ -98,7 +98,8 @@ class Alignment:
         if own is None:
             candidates = time_candidates(tuple(self.table.columns))
             hint = f": by their names, these could be time stamps: {listed(candidates)}" if candidates else ""
-            problem = "its samples have no time: name the column with time stamps as time, or give rate" + hint
+            problem = "its samples have no time: name the column with time stamps as time, or write  rate: 1000  (Hz)  "
+            problem += f"under log, which  echelon setup ROBOT LOG -o setup.yaml  writes{hint}"
             raise InputError(problem, source=self.table.source, element=f"column '{name}'")
         return own
 
@@ -288,7 +289,8 @@ def _say_missing(mechanism: Mechanism, kind: str, missing: Sequence[str]) -> str
     text = f"columns are missing for {listed(missing)}"
     motors = [a.name for a in actuators(mechanism) if any(joint in missing for joint, _ in a.terms)]
     text += f", or for the actuators {listed(motors)}" if motors else ""
-    return text if kind == "position" else f"{text}; give all or none"
+    rests = f"; of a joint that rests, state where:  locked: {{{missing[0]}: 0}}"
+    return text + (rests if kind == "position" else "; give all or none")
 
 
 def _behind_gears(mechanism: Mechanism, kind: str, motors: Given, joints: Given, symbols: Symbols) -> dict[str, Floats]:

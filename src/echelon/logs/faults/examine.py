@@ -144,7 +144,8 @@ def _constant(
             moving.append(channel)
         elif whole and len(values) > 1:
             what = {
-                "q": "parameters that only its motion excites cannot be identified",
+                "q": "parameters that only its motion excites cannot be identified; without them it is  locked: "
+                f"{{{channel.name}: {values[0]:.6g}}}",
                 "y": "is the sensor connected, and is this its column?",
             }.get(channel.signal, "is this its column?")
             text = f"is {values[0]:.6g} in all {len(values)} samples: {what}"

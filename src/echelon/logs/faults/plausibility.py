@@ -81,13 +81,14 @@ def check_plausible(
     return tuple(findings)
 
 
-def surplus_columns(columns: ColumnMap, names: Sequence[str]) -> tuple[Finding, ...]:
+def surplus_columns(columns: ColumnMap, names: Sequence[str], mechanism: Mechanism) -> tuple[Finding, ...]:
     """Positions that a file has beyond those that are used, such as ``q_7`` beside ``q_1`` … ``q_6``."""
+    locked = sum(body.joint.is_fixed for body in mechanism.bodies)
     used = {channel.column for channel in columns.positions.values()}
     known = {channel.column for group in columns.channels.values() for channel in group.values()}
     patterns = {re.sub(r"\d+(?=\D*$)", "#", name) for name in used if re.search(r"\d", name)} - {"#"}
     more = [n for n in names if n not in known and re.search(r"\d", n) and re.sub(r"\d+(?=\D*$)", "#", n) in patterns]
-    if not more or len(patterns) > 1 or len(used) < 2:
+    if len(more) <= locked or len(patterns) > 1 or len(used) < 2:
         return ()
     shown = listed(f"'{name}'" for name in more)
     text = f"the log has {shown} beside the {len(used)} columns that are used: is it a log of another robot?"

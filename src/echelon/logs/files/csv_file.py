@@ -16,7 +16,7 @@ import gzip
 import io
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import date
 from itertools import chain
@@ -41,6 +41,7 @@ _STAMP = re.compile(
     r"(?:(\d{4})[-/](\d\d)[-/](\d\d)[T ])?(\d\d?):(\d\d):(\d\d)(?:[.,](\d+))? ?(?:Z|UTC|([+-]\d\d):?(\d\d))?",
     re.ASCII | re.IGNORECASE,
 )
+_LIST = re.compile(rb'"?\[([^\[\]]*)\]"?')
 _NULLS = ["", "nan", "NaN", "NAN", "NA", "N/A", "null", "NULL", "None"]
 _SHOWN = 40
 _FEW = 0.01
@@ -64,6 +65,7 @@ class Dialect:
     start: int  # lines before the first row of numbers
     stamps: frozenset[int] = frozenset()  # columns of times such as 12:30:00.25
     origin: int = 0  # second from which these count
+    vectors: bool = False  # whether cells hold lists, ``[0.1, 0.2]``, whose entries are columns
 
     @property
     def decimal_comma(self) -> bool:
@@ -132,12 +134,23 @@ def sniff(lines: list[str], source: str) -> Dialect:
     begun = {k: found for k, cell in enumerate(usual) if (found := stamp(cell))}
     times = frozenset(begun), min((whole for whole, _ in begun.values()), default=0)
     if any(_value(cell, delimiter) is None for cell in row):
-        return Dialect(delimiter, _names(row, source, first), first + 1, *times)
+        names = _names(row, source, first)
+        if any(cell.startswith("[") for cell in usual) and len(usual) == len(names):
+            entries = [len(_LIST.sub(_flat(" "), cell.encode()).split()) for cell in usual]
+            pairs = zip(names, usual, entries, strict=True)
+            names = tuple(f"{n}[{k}]" if c.startswith("[") else n for n, c, count in pairs for k in range(count))
+            return Dialect(delimiter, names, first + 1, *times, vectors=True)
+        return Dialect(delimiter, names, first + 1, *times)
     above = lines[first - 1].strip().lstrip("#").strip() if first else ""
     titles = cells(above, delimiter)
     if above and len(titles) == len(row) and any(_value(cell, delimiter) is None for cell in titles):
         return Dialect(delimiter, _names(titles, source, first - 1), first, *times)
     return Dialect(delimiter, tuple(str(index) for index in range(len(row))), first, *times)
+
+
+def _flat(delimiter: str | None) -> Callable[[re.Match[bytes]], bytes]:
+    """Writes a list as cells of its own."""
+    return lambda found: (delimiter or " ").encode().join(found.group(1).replace(b",", b" ").split())
 
 
 def _delimiter(lines: list[str]) -> str | None:
@@ -185,6 +198,8 @@ class BlockParser:
         Blank lines and comments give no row.  Rows are left out if they are few beside these and those ``before``, or
         if the last one is cut off.
         """
+        if self.dialect.vectors:
+            lines = [_LIST.sub(_flat(self.dialect.delimiter), line) for line in lines]
         text = b"\n".join(lines)
         if b"#" in text:
             text = _COMMENT.sub(b"", text)
@@ -281,7 +296,8 @@ class CsvFile:
     Names stand in the first line or in the comment right above the numbers; without them columns are named ``0``,
     ``1``, ….  Lines that begin with ``#`` are comments.  Empty cells, ``nan`` and ``NA`` are missing values, NaN;
     ``true`` and ``false`` are 1 and 0.  Where cells are not cut by commas, a comma is a decimal point.  Times such as
-    ``2026-05-01T12:30:00.25Z`` are in seconds, from a whole second near the beginning.
+    ``2026-05-01T12:30:00.25Z`` are in seconds, from a whole second near the beginning.  Lists in cells are a column per
+    entry.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:

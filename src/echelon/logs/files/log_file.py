@@ -11,7 +11,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -49,6 +49,39 @@ class LogFile(Protocol):
     def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
         """The content in pieces of at most ``rows`` rows, in order; files that cannot be cut come as one piece."""
         ...
+
+
+_SECONDS = re.compile(r"(.*[^A-Za-z]|)secs?", re.IGNORECASE)
+
+
+def with_stamps(file: LogFile) -> LogFile:
+    """The file with one column of times for whole seconds and nanoseconds in two, as messages of ROS have them."""
+    for name in file.names:
+        before = _SECONDS.fullmatch(name)
+        for word in ("nanosec", "nsec", "nsecs", "nanosecs") if before else ():
+            rest = f"{before[1]}{word}"  # type: ignore[index]
+            if rest in file.names:
+                return StampedFile(file, name, rest)
+    return file
+
+
+class StampedFile:
+    """A file whose times stand in two columns."""
+
+    def __init__(self, file: LogFile, seconds: str, rest: str) -> None:
+        self.source, self._file, self._parts = file.source, file, (seconds, rest)
+        self._stamp = f"{seconds.rstrip('secSEC')}time [s]"
+        self.names: tuple[str, ...] = (self._stamp, *file.names)
+
+    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
+        """Pieces of the file."""
+        chosen = selected(self.source, names, self.names)
+        parts = self._parts if self._stamp in chosen else ()
+        for table in self._file.tables([*parts, *(name for name in chosen if name != self._stamp)], rows):
+            columns = dict(table.columns)
+            if parts:
+                columns[self._stamp] = columns[parts[0]] + 1e-9 * columns[parts[1]]
+            yield replace(table, columns={name: columns[name] for name in chosen})
 
 
 def existing_file(path: str | os.PathLike[str]) -> Path:

@@ -309,7 +309,12 @@ def _by_name(samples: Any) -> dict[str, Any]:
         return dict(samples)
     if hasattr(samples, "column_names"):  # a table of pyarrow
         return {name: samples.column(name).to_numpy() for name in samples.column_names}
-    columns = {str(name): samples[name].to_numpy() for name in samples.columns}
+    # several levels of names are one, such as position/elbow
+    names = {
+        name: "/".join(filter(None, map(str, name))) if isinstance(name, tuple) else str(name)
+        for name in samples.columns
+    }
+    columns = {label: samples[name].to_numpy() for name, label in names.items()}
     if len(columns) < len(samples.columns):
         raise InputError("two columns of the data frame have the same name")
     index = getattr(samples, "index", None)

@@ -18,7 +18,7 @@ from echelon.extras import extra
 from echelon.logs.files.bag_file import BagFile
 from echelon.logs.files.csv_file import CsvFile
 from echelon.logs.files.lerobot import episodes, is_dataset, is_episode
-from echelon.logs.files.log_file import LogFile, Table, existing_file
+from echelon.logs.files.log_file import LogFile, Table, existing_file, with_stamps
 from echelon.logs.files.mat_file import Hdf5File, MatFile
 from echelon.logs.files.numpy_file import MemoryLog, NpzFile, is_samples
 
@@ -72,6 +72,7 @@ _SUFFIXES = {
     ".db3": Kind.BAG,
     ".mcap": Kind.BAG,
 }
+_ALSO_TEXT = ("", ".log", ".asc", ".prn", ".out")
 _MARKS = {
     b"PAR1": Kind.PARQUET,
     b"\x93NUMPY": Kind.NUMPY,
@@ -95,7 +96,7 @@ def open_log(path: str | os.PathLike[str]) -> LogFile:
         if not is_bag(found):
             raise InputError(f"is a directory, not a log{_content(found)}", source=os.fspath(path))
         return BagFile(path)
-    return _READERS[_kind(existing_file(path))](path)
+    return with_stamps(_READERS[_kind(existing_file(path))](path))
 
 
 def log_paths(logs: object) -> list[Path]:
@@ -168,6 +169,8 @@ def _kind(path: Path) -> Kind:
         if start.startswith(mark):
             return kind
     by_name = _kind_by_name(path)
+    if by_name is None and path.suffix.lower() in _ALSO_TEXT:  # in a directory they are notes rather than logs
+        return Kind.TEXT
     if by_name is None:
         raise InputError(f"its kind is not known; {_VALID}", source=os.fspath(path))
     return by_name
