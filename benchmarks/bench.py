@@ -160,7 +160,7 @@ def main() -> None:
     parser.add_argument("--output", type=Path, help="folder of the results (default benchmarks/results)")
     options = parser.parse_args()
     if importlib.util.find_spec("pinocchio") is None:
-        parser.error("Pinocchio is not installed: pip install 'echelon[bench]'")
+        parser.error("Pinocchio is not installed: pip install 'echelon-robotics[bench]'")
     chosen = set(options.only or (BASE, MACHINE))
     parts = chosen | set(PARTS) if MACHINE in chosen else chosen
     with progress() as report:

@@ -119,7 +119,7 @@ def find_urdf(file: str) -> Path:
         root = Path(packages) / "cmeel.prefix" / "share" / "example-robot-data"
         for path in sorted(root.rglob(file)):
             return path
-    raise SystemExit(f"{file} not found: pip install 'echelon[bench]' brings the package example-robot-data")
+    raise SystemExit(f"{file} not found: pip install 'echelon-robotics[bench]' brings the package example-robot-data")
 
 
 def serial_model(mechanism: Mechanism) -> Any:

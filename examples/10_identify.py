@@ -1,6 +1,6 @@
 """From a log to a validated model: here a log that is made from known parameters, with noise.
 
-python examples/10_identify.py        needs  pip install "echelon[identify]"
+python examples/10_identify.py        needs  pip install "echelon-robotics[identify]"
 """
 
 from pathlib import Path

@@ -36,7 +36,9 @@ USES: dict[str, list[str]] = {
 }
 """A command that needs each extra."""
 
-MISSING = re.compile(r'echelon: this needs the package \'\w+\': install it with  pip install "echelon\[(\w+)\]"\n')
+MISSING = re.compile(
+    r'echelon: this needs the package \'\w+\': install it with  pip install "echelon-robotics\[(\w+)\]"\n'
+)
 COMPILED = """
 import echelon as ec, numpy as np
 base = ec.base_parameters(ec.load("{robot}"))
@@ -126,8 +128,8 @@ def write_sizes(page: Path, sizes: dict[str, int]) -> None:
     """Put what was measured between the marks of the page; extras that were not tried keep their rows."""
     head, begin, rest = page.read_text(encoding="utf-8").partition("<!-- sizes -->\n")
     table, end, tail = rest.partition("<!-- /sizes -->")
-    known = dict(re.findall(r"\| `echelon(?:\[(\w+)\])?` \| (\d+) MB \|", table)) | sizes
-    rows = [f"| `echelon{f'[{extra}]' if extra else ''}` | {size} MB |" for extra, size in known.items()]
+    known = dict(re.findall(r"\| `echelon-robotics(?:\[(\w+)\])?` \| (\d+) MB \|", table)) | sizes
+    rows = [f"| `echelon-robotics{f'[{extra}]' if extra else ''}` | {size} MB |" for extra, size in known.items()]
     system = f"{platform.system()}, Python {sys.version_info.major}.{sys.version_info.minor}"
     text = "\n".join([f"| {system} | installed |", "|---|--:|", *rows, ""])
     page.write_text(head + begin + text + end + tail, encoding="utf-8")

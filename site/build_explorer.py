@@ -209,13 +209,16 @@ def _wheel_of_echelon(vendor: Path) -> Path:
     files = [
         file for file in sorted((source / "echelon").rglob("*")) if file.is_file() and "__pycache__" not in file.parts
     ]
-    wheel = vendor / "echelon-0-py3-none-any.whl"
+    wheel = vendor / "echelon_robotics-0-py3-none-any.whl"
     with zipfile.ZipFile(wheel, "w", zipfile.ZIP_DEFLATED) as archive:
         for file, name in [(f, str(f.relative_to(source))) for f in files] + [(PAGE / "explorer.py", "explorer.py")]:
             archive.writestr(zipfile.ZipInfo(name), file.read_bytes(), zipfile.ZIP_DEFLATED)
-        about = {"METADATA": "Metadata-Version: 2.1\nName: echelon\nVersion: 0\n", "WHEEL": "Wheel-Version: 1.0\n"}
+        about = {
+            "METADATA": "Metadata-Version: 2.1\nName: echelon-robotics\nVersion: 0\n",
+            "WHEEL": "Wheel-Version: 1.0\n",
+        }
         for name, text in about.items():
-            archive.writestr(zipfile.ZipInfo(f"echelon-0.dist-info/{name}"), text)
+            archive.writestr(zipfile.ZipInfo(f"echelon_robotics-0.dist-info/{name}"), text)
     return wheel
 
 

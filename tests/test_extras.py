@@ -30,7 +30,7 @@ def packages(requirements: list[str]) -> set[str]:
     found: set[str] = set()
     for requirement in requirements:
         name, inner = re.fullmatch(r"([\w-]+)(?:\[([\w,]+)\])?[^\[]*", requirement).groups()  # type: ignore[union-attr]
-        if name == "echelon":
+        if name == PROJECT["name"]:
             found |= {p for e in inner.split(",") for p in packages(PROJECT["optional-dependencies"][e])}
         else:
             found.add(name.replace("-", "_"))
@@ -177,7 +177,7 @@ def test_commands_work_with_the_core_or_name_the_extra(command: str, name: str |
         return
     assert (code, out) == (2, "")
     assert re.fullmatch(
-        rf'echelon: this needs the package \'\w+\': install it with  pip install "echelon\[{name}\]"\n', err
+        rf'echelon: this needs the package \'\w+\': install it with  pip install "echelon-robotics\[{name}\]"\n', err
     )
 
 

@@ -86,7 +86,7 @@ def pinocchio_headers() -> list[str]:
     """Flags that lead to the headers of Pinocchio, Boost and Eigen which packages brought along."""
     roots = [_header_root("libpinocchio", "pinocchio/config.hpp") or _header_root("pin", "pinocchio/config.hpp")]
     if roots[0] is None:
-        raise UnavailableError("the headers of Pinocchio are not installed: pip install 'echelon[bench]'")
+        raise UnavailableError("the headers of Pinocchio are not installed: pip install 'echelon-robotics[bench]'")
     with_eigen = [
         roots[0] / "eigen3",
         _header_root("casadi", "eigen3/Eigen/Core", "eigen3"),

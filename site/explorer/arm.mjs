@@ -6,7 +6,8 @@ import {
 import { OrbitControls } from "./vendor/OrbitControls.js";
 import { element, fill } from "./elements.mjs";
 
-const SHADES = ["#8b929b", "#cfe1f2", "#8fbce0", "#4a90c8", "#0b5394"]; // of a link: from nothing to everything is seen
+const BLUES = ["#cfe1f2", "#8fbce0", "#4a90c8", "#0b5394"]; // the more is seen of a link, the further from the paper
+const SHADES = ["#8b929b", ...(matchMedia("(prefers-color-scheme: dark)").matches ? BLUES.toReversed() : BLUES)];
 const WORDS = ["nothing of the link is seen", "less than a third", "less than two thirds", "most", "everything"];
 const LIT = "#e07b00";
 const STUB = 0.12; // length of a last body, of the robot's extent
@@ -32,11 +33,11 @@ export class Arm {
     canvas.addEventListener("keydown", (event) => this.key(event));
     canvas.addEventListener("click", (event) => this.pick(event));
     const swatch = (shade) => {
-      const box = element("span", { className: "swatch" });
+      const box = element("i", { className: "swatch" });
       box.style.background = shade;
       return box;
     };
-    fill(legend, SHADES.flatMap((shade, level) => [swatch(shade), WORDS[level]]));
+    fill(legend, SHADES.map((shade, level) => element("span", {}, swatch(shade), WORDS[level])));
   }
 
   show({ picture, bodies }) {

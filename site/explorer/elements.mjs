@@ -27,5 +27,5 @@ export function toggle(words, on, act, name = words) {
 
 /** A legend of marks and words. */
 export function labelled(id, pairs) {
-  byId(id).textContent = pairs.map(([mark, words]) => `${mark} ${words}`).join("   ");
+  fill(byId(id), pairs.map(([mark, words]) => element("span", {}, `${mark} ${words}`)));
 }

@@ -74,7 +74,7 @@ async function deriveOnce() {
   if (reply.error) return showError(reply.error);
   const seconds = performance.now() / 1000 - Math.max(started / 1000, ready ?? 0);
   byId("error").hidden = true;
-  byId("result").hidden = false;
+  byId("result").hidden = byId("arm").hidden = false;
   byId("status").textContent = `Answered in ${seconds.toFixed(2)} s; ready ${ready?.toFixed(1)} s after the visit began.`;
   showAnswer(reply, shown, { preferred: state.changes.prefer, prefer, light });
   shown = reply;
@@ -95,7 +95,7 @@ async function requested() {
 function showError(text) {
   byId("error").textContent = text;
   byId("error").hidden = false;
-  byId("result").hidden = true;
+  byId("result").hidden = byId("arm").hidden = true;
   byId("headline").textContent = "No answer";
   byId("status").textContent = "";
   byId("answer").removeAttribute("aria-busy");

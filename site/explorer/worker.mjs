@@ -10,7 +10,7 @@ async function start() {
   if (missing.length) throw new Error(`this copy of the site was built without ${missing.join(", ")}`);
   const pyodide = await loadPyodide({ indexURL });
   say("Echelon is loading …");
-  await pyodide.loadPackage("echelon", { messageCallback() {} });
+  await pyodide.loadPackage("echelon-robotics", { messageCallback() {} });
   const { answer } = pyodide.pyimport("explorer");
   self.postMessage({ ready: performance.now() });
   return answer;

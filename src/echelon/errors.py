@@ -54,7 +54,9 @@ class MissingExtraError(EchelonError):
     """An optional dependency is not installed; the message names the extra that brings it."""
 
     def __init__(self, package: str, extra: str) -> None:
-        super().__init__(f"this needs the package '{package}': install it with  pip install \"echelon[{extra}]\"")
+        super().__init__(
+            f"this needs the package '{package}': install it with  pip install \"echelon-robotics[{extra}]\""
+        )
 
 
 class AssemblyWarning(UserWarning):

@@ -155,5 +155,5 @@ def test_a_table_cut_off_inside_a_line_is_refused(tmp_path: Path) -> None:
 
 def test_packages_that_are_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(MissingExtraError, match=r"echelon\[excite\]"):
+    with pytest.raises(MissingExtraError, match=r"echelon-robotics\[excite\]"):
         write_trajectory(smooth(), tmp_path / "run.parquet", 100)

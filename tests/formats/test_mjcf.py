@@ -357,5 +357,5 @@ def test_other_encodings_are_refused() -> None:
 
 def test_missing_package_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(MissingExtraError, match=r"echelon\[mjcf\]"):
+    with pytest.raises(MissingExtraError, match=r"echelon-robotics\[mjcf\]"):
         read(model(""))

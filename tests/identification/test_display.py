@@ -43,7 +43,7 @@ def test_measured_and_predicted_are_drawn(result: ec.Identification) -> None:
 def test_absent_packages_name_the_extra(result: ec.Identification, monkeypatch: pytest.MonkeyPatch) -> None:
     for package in ("pandas", "plotly.graph_objects"):
         monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(ec.MissingExtraError, match=r"echelon\[notebook\]"):
+    with pytest.raises(ec.MissingExtraError, match=r"echelon-robotics\[notebook\]"):
         result.to_dataframe()
-    with pytest.raises(ec.MissingExtraError, match=r"echelon\[identify\]"):
+    with pytest.raises(ec.MissingExtraError, match=r"echelon-robotics\[identify\]"):
         result.plot()

@@ -462,5 +462,5 @@ def test_bags_of_ros_1(compression: str, tmp_path: Path) -> None:
 def test_bags_need_the_extra(package: str, file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write(tmp_path / "run", robot(3), "mcap") / file
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(MissingExtraError, match=r"echelon\[ros\]"):
+    with pytest.raises(MissingExtraError, match=r"echelon-robotics\[ros\]"):
         open_log(path)

@@ -219,7 +219,7 @@ def test_parquet_needs_pyarrow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     path = write(tmp_path / "run.parquet")
     monkeypatch.delitem(sys.modules, "echelon.logs.files.parquet_file")
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
-    with pytest.raises(MissingExtraError, match=r"pyarrow.*echelon\[identify\]"):
+    with pytest.raises(MissingExtraError, match=r"pyarrow.*echelon-robotics\[identify\]"):
         open_log(path)
 
 

@@ -55,5 +55,5 @@ def test_columns_are_those_of_machine_code(request: pytest.FixtureRequest) -> No
 def test_what_takes_long_says_how_to_make_it_fast(monkeypatch: pytest.MonkeyPatch) -> None:
     Kernel(MADE)(VALUES)  # warnings are errors here
     monkeypatch.setattr(interpreted, "_LARGE", SAMPLES)
-    with pytest.warns(SlowWarning, match=r'pip install "echelon\[fast\]"'):
+    with pytest.warns(SlowWarning, match=r'pip install "echelon-robotics\[fast\]"'):
         Kernel(MADE)(VALUES)

@@ -165,7 +165,7 @@ def test_size_of_a_large_report() -> None:
 
 def test_without_plotly(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "plotly.offline", None)
-    with pytest.raises(MissingExtraError, match=r"echelon\[identify\]"):
+    with pytest.raises(MissingExtraError, match=r"echelon-robotics\[identify\]"):
         report_html(bare())
 
 

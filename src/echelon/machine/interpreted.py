@@ -16,7 +16,7 @@ from echelon.program.schedule import FloatArithmetic, Schedule
 
 _TOGETHER = 1 << 17  # values of nodes that are computed together, which stay in the cache
 _LARGE = 10**9  # operations: several seconds
-_SLOW = 'NumPy computes this; machine code takes a tenth of the time or less: pip install "echelon[fast]"'
+_SLOW = 'NumPy computes this; machine code takes a tenth of the time or less: pip install "echelon-robotics[fast]"'
 
 
 class Interpreted:
