@@ -6,6 +6,7 @@ import doctest
 import re
 import shlex
 from pathlib import Path
+from string import Template
 
 import pytest
 
@@ -44,6 +45,27 @@ def test_python_example(block: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert test.examples, "a python block is a session with >>>"
     results = doctest.DocTestRunner(optionflags=FLAGS, verbose=False).run(test)
     assert results.failed == 0
+
+
+@pytest.mark.slow
+def test_the_commands_of_readme_work_as_they_stand(tmp_path: Path) -> None:
+    """All but the installation, and the search for a motion, which takes a minute."""
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    lines = [
+        line
+        for kind, body in FENCE.findall((ROOT / "README.md").read_text())
+        if kind == "sh"
+        for line in body.splitlines()
+    ]
+    names = dict(line.split("=") for line in lines if re.match(r"[A-Z]+=", line))
+    commands = [
+        shlex.split(Template(line).substitute(names), comments=True) for line in lines if line.startswith("echelon ")
+    ]
+    tried = [command for command in commands if "examples/excite/ur10.yaml" not in command]
+    assert {command[1] for command in tried} == {"derive", "verify", "generate", "identify", "predict"}
+    for _, *arguments in tried:
+        done = run(*arguments, cwd=tmp_path)
+        assert done.returncode == 0, (arguments, done.stderr)
 
 
 def test_numbers_come_from_the_benchmark() -> None:
