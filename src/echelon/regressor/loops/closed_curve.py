@@ -6,7 +6,7 @@ From a closed pose, random series of some coordinates are continued to closed se
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -86,26 +86,23 @@ def tangent(jacobian: Residues, choice: Choice, free: Residues, field: PrimeFiel
     return result
 
 
+@dataclass(frozen=True)
 class ClosedCurve:
     """One random curve of closed configurations for every sample, and a random motion along it."""
 
-    def __init__(
-        self,
-        positions: Positions,
-        pose: Pose,
-        rng: np.random.Generator,
-        order: int,
-        given: Mapping[str, int] | None,
-        speeds: Schedule,
-        signs: Mapping[int, Residues],
-        exponentials: Exponentials,
-    ) -> None:
-        self.positions, self.pose, self.rng = positions, pose, rng
-        self.field, self.order = positions.field, order
-        self._given, self._speeds, self._signs, self._exponentials = given, speeds, signs, exponentials
-        self.arithmetic = SeriesArithmetic(self.field, order)
-        self._drawn: dict[str, Residues] = {}
-        self.moving = lift(positions, pose, order, rng)
+    positions: Positions
+    moving: MovingCoordinates
+    rng: np.random.Generator
+    given: Mapping[str, int] | None  # freedoms whose virtual velocities are given
+    speeds: Schedule  # of these
+    signs: Mapping[int, Residues]  # values of the nodes that are signs
+    exponentials: Exponentials
+    _drawn: dict[str, Residues] = field(default_factory=dict)
+
+    @property
+    def arithmetic(self) -> SeriesArithmetic:
+        """That of the series along the curves."""
+        return SeriesArithmetic(self.positions.field, self.moving.order)
 
     def leaves(self, schedule: Schedule) -> dict[int, Residues]:
         """Values of a schedule's leaves along the curves."""
@@ -114,9 +111,9 @@ class ClosedCurve:
     # -- values of leaves ------------------------------------------------------------------------------------------
 
     def _leaf(self, node: int) -> Residues:
-        if node in self._signs:
-            return series.constant(self._signs[node], self.order)
-        if node in self._exponentials.nodes:
+        if node in self.signs:
+            return series.constant(self.signs[node], self.moving.order)
+        if node in self.exponentials.nodes:
             return self._exponential[node]
         recorded = self.positions.recorded
         entry = recorded.program.inputs.get(node)
@@ -133,15 +130,15 @@ class ClosedCurve:
         if kind == "q":
             return self.positions.leaf(node, self.moving)
         if entry.name not in self._drawn:  # virtual velocities of outputs, measured inputs
-            self._drawn[entry.name] = self.field.draw(self.rng, (self.positions.samples, self.order))
+            self._drawn[entry.name] = self.positions.field.draw(self.rng, (self.positions.samples, self.moving.order))
         return self._drawn[entry.name]
 
     @cached_property
     def _exponential(self) -> dict[int, Residues]:
-        schedule, samples = self._exponentials.arguments, self.positions.samples
+        schedule, samples = self.exponentials.arguments, self.positions.samples
         arguments = schedule.run(self.arithmetic, self.leaves(schedule), samples)
-        starts = self._exponentials.starts(self._signs, self.field, self.rng, samples)
-        return self._exponentials.series(starts, arguments, self._signs, self.field)
+        starts = self.exponentials.starts(self.signs, self.positions.field, self.rng, samples)
+        return self.exponentials.series(starts, arguments, self.signs, self.positions.field)
 
     @cached_property
     def _rates(self) -> Residues:
@@ -149,22 +146,24 @@ class ClosedCurve:
 
     @cached_property
     def _accelerations(self) -> Residues:
-        return series.derivative(self._rates, self.field)
+        return series.derivative(self._rates, self.positions.field)
 
     @cached_property
     def _virtual(self) -> dict[str, Residues]:
         """Virtual velocities that keep the loops closed, of freedoms that are not given."""
         coordinates = self.positions.recorded.layout.names
-        names = [*coordinates, *(name for name in self._given or () if name not in coordinates)]
+        names = [*coordinates, *(name for name in self.given or () if name not in coordinates)]
         jacobian = self.positions.slopes(self.moving, names)
-        if self._given is None:
-            choice = choose(jacobian[0, :, :, 0], self.field)
-            free = self.field.draw(self.rng, (self.positions.samples, len(choice.independent), self.order))
+        if self.given is None:
+            choice = choose(jacobian[0, :, :, 0], self.positions.field)
+            free = self.positions.field.draw(
+                self.rng, (self.positions.samples, len(choice.independent), self.moving.order)
+            )
         else:
-            choice = _choice_of(jacobian[0, :, :, 0], names, list(self._given), self.field)
-            values = self._speeds.run(self.arithmetic, self.leaves(self._speeds), self.positions.samples)
+            choice = _choice_of(jacobian[0, :, :, 0], names, list(self.given), self.positions.field)
+            values = self.speeds.run(self.arithmetic, self.leaves(self.speeds), self.positions.samples)
             free = values.transpose(1, 0, 2)
-        speeds = tangent(jacobian, choice, free, self.field)
+        speeds = tangent(jacobian, choice, free, self.positions.field)
         return {name: speeds[:, k] for k, name in enumerate(names)}
 
 

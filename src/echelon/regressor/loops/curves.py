@@ -29,12 +29,12 @@ from echelon.program.sampling import FieldSampler, generators_of
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.surfaces import find_surfaces, monomials
 from echelon.program.tape import Program
-from echelon.regressor.loops.closed_curve import ClosedCurve
+from echelon.regressor.loops.closed_curve import ClosedCurve, lift
 from echelon.regressor.loops.closures import Loops
 from echelon.regressor.loops.exponentials import Exponentials
 from echelon.regressor.loops.moving import Layout, Pose
 from echelon.regressor.loops.poses import PoseFinder
-from echelon.regressor.loops.positions import Constants, Positions, Recorded
+from echelon.regressor.loops.positions import Positions, Recorded
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 _LOST = 2  # coefficients that are not known of accelerations
@@ -143,7 +143,8 @@ class CurveSampler(FieldSampler):
         geometries, curves = positions.samples, self._curves(states)
         positions = positions.at(np.repeat(np.arange(geometries), curves))
         signs = self._signs(field, rng, geometries * curves)
-        curve = self._curve(positions, pose.repeated(curves), rng, self.order + _LOST, signs)
+        moving = lift(positions, pose.repeated(curves), self.order + _LOST, rng)
+        curve = ClosedCurve(positions, moving, rng, self.loops.speeds, self._speeds, signs, self._exponentials)
         values = self._main.run(curve.arithmetic, curve.leaves(self._main), geometries * curves)[..., : self.order]
         return _mixed(values.reshape(len(values), geometries, curves * self.order), states, field, rng)
 
@@ -166,18 +167,13 @@ class CurveSampler(FieldSampler):
         def found(pose: Pose) -> Residues:
             try:
                 if order:
-                    self._curve(positions, pose, rng, order, {})
+                    lift(positions, pose, order, rng)
             except SingularPoseError:
                 raise ShakyPoseError("at closed poses, velocities are possible from which no motion goes on") from None
             jacobian: Residues = positions.jacobian(pose)[0]
             return jacobian
 
         return self.from_pose(field, rng, geometry, found)
-
-    def _curve(
-        self, positions: Positions, pose: Pose, rng: np.random.Generator, order: int, signs: Mapping[int, Residues]
-    ) -> ClosedCurve:
-        return ClosedCurve(positions, pose, rng, order, self.loops.speeds, self._speeds, signs, self._exponentials)
 
     # -- signs -----------------------------------------------------------------------------------------------------
 
@@ -252,7 +248,8 @@ class CurveSampler(FieldSampler):
         everywhere = np.arange(samples)
         for node in forms.keys() - self._recorded.turns.keys():
             values[node] = self._combined(node, [((), everywhere)], generators, circles, field, samples)
-        return Positions(self._recorded, field, Constants(values, circles, dict(geometry)), samples)
+        points = {name: np.stack(point, axis=-1) for name, point in circles.items()}
+        return Positions(self._recorded, field, samples, values, points, geometry)
 
 
 def _mixed(values: Residues, states: int, field: PrimeField, rng: np.random.Generator) -> Residues:

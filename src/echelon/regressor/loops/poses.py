@@ -196,7 +196,7 @@ class PoseFinder:
             return owners, pose
         _, first = np.unique(owners, return_index=True)  # which is any of them, as these come in random order
         pose, owners = pose.at(first), owners[first]
-        geometry = positions.at(owners).constants.geometry
+        geometry = positions.at(owners).geometry
         good = np.flatnonzero(self._accepts(positions.field, rng, geometry, pose))
         return owners[good], pose.at(good)
 

@@ -66,32 +66,21 @@ class Recorded:
 
 
 @dataclass(frozen=True)
-class Constants:
-    """What does not move, one value for each sample."""
-
-    leaves: Mapping[int, Residues]  # values of leaves
-    circles: Mapping[str, tuple[Residues, Residues]]  # circle points of angles, by generator
-    geometry: Mapping[str, Residues]  # the symbols' values that they were found from
-
-    def at(self, samples: Integers) -> Constants:
-        """Those of some samples."""
-        leaves = {node: value[samples] for node, value in self.leaves.items()}
-        circles = {name: (c[samples], s[samples]) for name, (c, s) in self.circles.items()}
-        return Constants(leaves, circles, {name: value[samples] for name, value in self.geometry.items()})
-
-
-@dataclass(frozen=True)
 class Positions:
     """Evaluates what depends on positions, for the constants of some samples."""
 
     recorded: Recorded
     field: PrimeField
-    constants: Constants
     samples: int
+    leaves: Mapping[int, Residues]  # values of leaves that do not move
+    circles: Mapping[str, Residues]  # circle points (samples, 2) of angles that do not, by generator
+    geometry: Mapping[str, Residues]  # the symbols' values that they were found from
 
     def at(self, samples: Integers) -> Positions:
         """Positions of the samples with the given indices, which may repeat."""
-        return replace(self, constants=self.constants.at(samples), samples=len(samples))
+        leaves = {node: x[samples] for node, x in self.leaves.items()}
+        circles, geometry = ({k: x[samples] for k, x in part.items()} for part in (self.circles, self.geometry))
+        return replace(self, samples=len(samples), leaves=leaves, circles=circles, geometry=geometry)
 
     def resting(self, pose: Pose) -> MovingCoordinates:
         """Coordinates at a pose, as series of one coefficient."""
@@ -147,8 +136,8 @@ class Positions:
     def leaf(self, node: int, moving: MovingCoordinates) -> Residues:
         """Value of a constant, of a function of positions, or of a position, (samples, order)."""
         recorded = self.recorded
-        if node in self.constants.leaves:
-            return series.constant(self.constants.leaves[node], moving.order)
+        if node in self.leaves:
+            return series.constant(self.leaves[node], moving.order)
         if node in recorded.turns:
             return self._turned(node, moving)
         name = recorded.program.inputs[node].name
@@ -169,7 +158,7 @@ class Positions:
             if generator in recorded.turning:
                 point = moving.turns[:, recorded.turning[generator]]
             else:
-                point = series.constant(np.stack(self.constants.circles[generator], axis=-1), moving.order)
+                point = series.constant(self.circles[generator], moving.order)
             points.append(_multiplied(point, count, self.field))
         point = reduce(lambda a, b: times(a, b, self.field), points)
         return point[:, 0 if recorded.program.ops[node] == Op.COS else 1]
