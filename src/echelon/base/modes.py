@@ -156,8 +156,7 @@ def _relations_at_poses(
 
 
 def _distinct(pose: Pose) -> npt.NDArray[np.intp]:
-    flat = np.concatenate([part.reshape(len(part), -1) for part in pose.parts[:3]], axis=1)
-    _, first = np.unique(flat, axis=0, return_index=True)
+    _, first = np.unique(pose.numbers, axis=0, return_index=True)
     return np.sort(first)
 
 
@@ -204,7 +203,7 @@ class InMode:
         """Which poses are in the mode."""
         sampler = self.rows.forms.sampler(self.mode.order)
         assert isinstance(sampler, CurveSampler)
-        count = len(pose.turns)
+        count = len(pose.numbers)
         # symbols that the asking forms do not depend on have any value
         own = {s: geometry[s] if s in geometry else field.draw(rng, (count,)) for s in sampler.symbols}
         own[_ANY] = np.zeros(count, dtype=np.int64)

@@ -25,8 +25,6 @@ from echelon.regressor.loops.moving import Pose
 from echelon.regressor.loops.positions import Positions, Recorded
 
 _SEED, _LARGEST = 2016, 1 << 15  # of the directions of planes
-_QUATERNION = 4
-_TURNS, _SLIDES, _BALLS = range(3)  # arrays of a pose
 
 Polynomial = dict[tuple[int, ...], Residues]
 
@@ -66,7 +64,7 @@ class ClosureBlock:
             if present.size:
                 equations.append({monomials[k]: values[k] for k in present})
         for part, offset in zip(self._parts, self._offsets, strict=True):
-            if part.kind == _SLIDES:
+            if len(part.columns) == 1:  # of what slides
                 continue
             before, after = (0,) * offset, (0,) * (self._variables - offset - part.width)
             sizes = np.stack([part.size(pose, point, field) - 1 for point in _points(part.width, 2)])
@@ -76,7 +74,7 @@ class ClosureBlock:
 
     def _coefficients(self, positions: Positions, pose: Pose) -> Residues:
         """Coefficients, (samples, monomials of every unknown …, equations)."""
-        field, samples = positions.field, len(pose.turns)
+        field, samples = positions.field, len(pose.numbers)
         points = [_points(part.width, part.degree) for part in self._parts]
         corners = np.indices([len(point) for point in points]).reshape(len(points), prod(map(len, points)))
         probes = pose.repeated(corners.shape[1])
@@ -94,8 +92,7 @@ class ClosureBlock:
 class _Part:
     """An unknown coordinate, or those of a ball: a combination of directions, from zero or from what is drawn."""
 
-    kind: int  # of the arrays of a pose
-    place: int  # among the coordinates of its kind
+    columns: list[int]  # of the numbers of a pose
     directions: Integers  # (variables, components)
     degree: int = 1  # of the equations in the variables
     drawn: bool = False
@@ -107,16 +104,12 @@ class _Part:
 
     def put(self, pose: Pose, point: Residues, field: PrimeField) -> None:
         """Write values of the variables, (variables, samples), into a pose."""
-        self._values(pose)[:] = self._at(self._values(pose), point, field)
+        pose.numbers[:, self.columns] = self._at(pose.numbers[:, self.columns], point, field)
 
     def size(self, pose: Pose, point: Residues, field: PrimeField) -> Residues:
         """Square of the point's size at every sample: 1 on circles and spheres."""
-        values = self._at(self._values(pose), point, field)
+        values = self._at(pose.numbers[:, self.columns], point, field)
         return np.asarray((values * values % field.p).sum(axis=1))
-
-    def _values(self, pose: Pose) -> Residues:
-        values = pose.parts[self.kind]
-        return values.reshape(*values.shape[:2], -1)[:, self.place]
 
     def _at(self, values: Residues, point: Residues, field: PrimeField) -> Residues:
         start = values if self.drawn else np.zeros_like(values)
@@ -155,19 +148,16 @@ def _interpolated(values: Residues, variables: int, degree: int, field: PrimeFie
 
 def _parts(recorded: Recorded, unknown: tuple[int, ...]) -> list[_Part]:
     layout = recorded.layout
-    turn = {int(column): place for place, column in enumerate(layout.turn_places)}
-    slide = {int(column): place for place, column in enumerate(layout.slide_places)}
     ball = {int(column): place for place, columns in enumerate(layout.ball_places) for column in columns}
-    circle, line = np.eye(2, dtype=np.int64), np.eye(1, dtype=np.int64)
-    single = [c for c in unknown if c not in ball]
-    parts = [_Part(_TURNS, turn[c], circle) if c in turn else _Part(_SLIDES, slide[c], line) for c in single]
+    single = [layout.columns[layout.names[c]] for c in unknown if c not in ball]
+    parts = [_Part(columns, np.eye(len(columns), dtype=np.int64)) for columns in single]
     several = [ball[c] for c in unknown if c in ball]
-    return parts + [_ball(place, several.count(place) + 1) for place in dict.fromkeys(several)]
+    return parts + [_ball(place, layout.balls[place], several.count(place) + 1) for place in dict.fromkeys(several)]
 
 
-def _ball(place: int, width: int) -> _Part:
+def _ball(place: int, columns: Integers, width: int) -> _Part:
     """A quaternion in a plane of as many dimensions as there are variables."""
-    if width == _QUATERNION:
-        return _Part(_BALLS, place, np.eye(_QUATERNION, dtype=np.int64), 2)
+    if width == len(columns):
+        return _Part(columns.tolist(), np.eye(width, dtype=np.int64), 2)
     rng = np.random.default_rng([_SEED, place])
-    return _Part(_BALLS, place, rng.integers(1, _LARGEST, size=(width, _QUATERNION)), 2, drawn=True)
+    return _Part(columns.tolist(), rng.integers(1, _LARGEST, size=(width, len(columns))), 2, drawn=True)

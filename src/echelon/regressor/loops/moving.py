@@ -18,7 +18,7 @@ from echelon.arrays import Integers
 from echelon.exact import series
 from echelon.exact.expressions import STEPS_PER_HALF_TURN
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.numbers import cosine_of_turn, parse_decimal, sine_of_turn
+from echelon.exact.numbers import Number, cosine_of_turn, parse_decimal, sine_of_turn
 from echelon.mechanism.joint import Motion, MotionKind
 
 _ROUNDING = 1e-9  # of a step of 15°
@@ -28,75 +28,72 @@ _ROUNDING = 1e-9  # of a step of 15°
 class Pose:
     """Values of all coordinates modulo p, one row for each sample."""
 
-    # (samples, turning coordinates, 2): cosine and sine of the angle, divided by the coordinate's unit
-    turns: Residues
-    slides: Residues  # (samples, sliding coordinates)
-    balls: Residues  # (samples, balls, 4): unit quaternions (w, x, y, z)
+    # (samples, numbers): cosine and sine of an angle, divided by the coordinate's unit, for what turns; displacements;
+    # unit quaternions (w, x, y, z)
+    numbers: Residues
     # (samples, turning coordinates): for springs and screws; nothing algebraic ties them to their cosines and sines
     angles: Residues
 
-    @property
-    def parts(self) -> tuple[Residues, Residues, Residues, Residues]:
-        """All arrays."""
-        return self.turns, self.slides, self.balls, self.angles
-
     def at(self, samples: Integers) -> Pose:
         """A copy of some samples."""
-        return Pose(*(part[samples] for part in self.parts))
+        return Pose(self.numbers[samples], self.angles[samples])
 
     def repeated(self, count: int) -> Pose:
         """Every sample repeated."""
-        return Pose(*(np.repeat(part, count, axis=0) for part in self.parts))
+        return self.at(np.repeat(np.arange(len(self.numbers)), count))
+
+
+_WIDTHS = {MotionKind.ROTATION: 2, MotionKind.SCREW: 2, MotionKind.TRANSLATION: 1, MotionKind.BALL: 4}
 
 
 class Layout:
-    """Which velocity coordinates turn, slide, or belong to a ball."""
+    """Where the values of coordinates that turn, slide, or belong to a ball are among numbers and velocities."""
 
     def __init__(self, motions: Sequence[Motion]) -> None:
         self.names = tuple(name for motion in motions for name in motion.velocities)
         self.turning = [m for m in motions if m.kind in (MotionKind.ROTATION, MotionKind.SCREW)]
-        self.sliding = [m for m in motions if m.kind is MotionKind.TRANSLATION]
-        self.balls = [m for m in motions if m.kind is MotionKind.BALL]
-        # where the values of inputs are among those of moving coordinates
-        self.inputs: dict[str, tuple[str | int, ...]] = {
-            **{f"q[{m.name}]": ("angles", k) for k, m in enumerate(self.turning)},
-            **{f"q[{m.name}]": ("slides", k) for k, m in enumerate(self.sliding)},
-            **{f"q[{n}]": ("balls", k, i) for k, m in enumerate(self.balls) for i, n in enumerate(m.positions)},
-        }
-        place = {name: k for k, name in enumerate(self.names)}
-        self.turn_places = np.array([place[m.name] for m in self.turning], dtype=np.intp)
-        self.slide_places = np.array([place[m.name] for m in self.sliding], dtype=np.intp)
-        self.ball_places = np.array([[place[n] for n in m.velocities] for m in self.balls], dtype=np.intp).reshape(
-            -1, 3
+        sliding, balls = ([m for m in motions if m.kind is k] for k in (MotionKind.TRANSLATION, MotionKind.BALL))
+        self.count, self.columns = 0, dict[str, list[int]]()  # of numbers, and which are a motion's own
+        for motion in motions:
+            self.columns[motion.name] = list(range(self.count, self.count + _WIDTHS[motion.kind]))
+            self.count += _WIDTHS[motion.kind]
+        # an array and the place there, for inputs
+        self.inputs = {f"q[{m.name}]": ("angles", k) for k, m in enumerate(self.turning)}
+        for motion in (*sliding, *balls):
+            values = zip(motion.positions, self.columns[motion.name], strict=True)
+            self.inputs |= {f"q[{name}]": ("numbers", column) for name, column in values}
+        self.turns, self.slides, self.balls = (  # (turning coordinates, 2), (sliding coordinates, 1), (balls, 4)
+            np.array([self.columns[m.name] for m in some], dtype=np.intp).reshape(-1, width)
+            for some, width in ((self.turning, 2), (sliding, 1), (balls, 4))
         )
+        self.turn_places, self.slide_places, self.ball_places = (  # the same of velocities; 1, 1 and 3 of them
+            np.array([[self.names.index(n) for n in m.velocities] for m in some], dtype=np.intp).reshape(-1, width)
+            for some, width in ((self.turning, 1), (sliding, 1), (balls, 3))
+        )
+        self._motions = motions
 
     def stated_pose(self, values: Mapping[str, float], units: Residues, field: PrimeField, samples: int) -> Pose | None:
         """The pose of positions, zero where absent; None if it has no exact sines, cosines or quaternions."""
-        pose = self.zero_pose(samples)
-        for k, motion in enumerate(self.turning):
-            if motion.kind is MotionKind.SCREW and values.get(motion.name, 0.0):
-                return None
-            steps = values.get(motion.name, 0.0) * STEPS_PER_HALF_TURN / pi / int(units[k])
-            if abs(steps - round(steps)) > _ROUNDING:
-                return None
-            pose.turns[:, k] = [field.embed(f(round(steps))) for f in (cosine_of_turn, sine_of_turn)]
-        for k, motion in enumerate(self.sliding):
-            pose.slides[:, k] = field.embed(parse_decimal(repr(float(values.get(motion.name, 0.0)))))
-        for k, motion in enumerate(self.balls):
-            parts = [parse_decimal(repr(float(values.get(n, n == motion.positions[0])))) for n in motion.positions]
-            if sum(x * x for x in parts) != 1:
-                return None
-            pose.balls[:, k] = [field.embed(x) for x in parts]
+        pose = self.empty_pose(samples)
+        for motion in self._motions:
+            stated = [values.get(name, 0.0) for name in motion.positions]
+            if motion in self.turning:
+                steps = stated[0] * STEPS_PER_HALF_TURN / pi / int(units[self.turning.index(motion)])
+                if (motion.kind is MotionKind.SCREW and stated[0]) or abs(steps - round(steps)) > _ROUNDING:
+                    return None
+                exact: list[Number] = [cosine_of_turn(round(steps)), sine_of_turn(round(steps))]
+            else:
+                if motion.kind is MotionKind.BALL:
+                    stated[0] = values.get(motion.positions[0], 1.0)
+                exact = [parse_decimal(repr(float(x))) for x in stated]
+                if motion.kind is MotionKind.BALL and sum(x * x for x in exact) != 1:
+                    return None
+            pose.numbers[:, self.columns[motion.name]] = [field.embed(x) for x in exact]
         return pose
 
-    def zero_pose(self, samples: int) -> Pose:
-        """All coordinates zero."""
-        turns = np.zeros((samples, len(self.turning), 2), dtype=np.int64)
-        turns[..., 0] = 1
-        balls = np.zeros((samples, len(self.balls), 4), dtype=np.int64)
-        balls[..., 0] = 1
-        slides, angles = (np.zeros((samples, len(c)), dtype=np.int64) for c in (self.sliding, self.turning))
-        return Pose(turns, slides, balls, angles)
+    def empty_pose(self, samples: int) -> Pose:
+        """A pose to be filled in; angles as such are zero."""
+        return Pose(*(np.zeros((samples, n), dtype=np.int64) for n in (self.count, len(self.turning))))
 
 
 @dataclass(frozen=True)
@@ -106,16 +103,13 @@ class MovingCoordinates:
     layout: Layout
     units: Residues  # (turning coordinates,): in how many parts their angles count
     field: PrimeField
-    turns: Residues  # (samples, turning coordinates, 2, order)
-    slides: Residues  # (samples, sliding coordinates, order)
-    balls: Residues  # (samples, balls, 4, order)
+    numbers: Residues  # (samples, numbers, order)
     start: Residues  # (samples, turning coordinates): angles as such at t = 0
 
     @staticmethod
     def resting(layout: Layout, units: Residues, field: PrimeField, pose: Pose) -> MovingCoordinates:
         """Coordinates at poses, as series of one coefficient."""
-        turns, slides, balls = (part[..., None] for part in pose.parts[:3])
-        return MovingCoordinates(layout, units, field, turns, slides, balls, pose.angles)
+        return MovingCoordinates(layout, units, field, pose.numbers[..., None], pose.angles)
 
     @property
     def samples(self) -> int:
@@ -125,32 +119,32 @@ class MovingCoordinates:
     @property
     def order(self) -> int:
         """Number of coefficients."""
-        return int(self.turns.shape[-1])
+        return int(self.numbers.shape[-1])
 
     def extended(self, order: int) -> MovingCoordinates:
         """With more coefficients, at most twice as many; the new ones are zero but for what keeps unit sizes."""
-        turns, slides, balls = (series.padded(x, order) for x in (self.turns, self.slides, self.balls))
-        return replace(self, turns=_unit(turns, self.field), slides=slides, balls=_unit(balls, self.field))
+        numbers = series.padded(self.numbers, order)
+        for places in (self.layout.turns, self.layout.balls):
+            numbers[:, places] = _unit(numbers[:, places], self.field)
+        return replace(self, numbers=numbers)
 
     def moved(self, change: Residues) -> MovingCoordinates:
         """Moved on by small turns and slides (samples, velocities, order), of which products vanish to this order."""
-        layout, field = self.layout, self.field
-        turned = change[:, layout.turn_places] * field.invert_array(self.units)[:, None]
-        halves = change[:, layout.ball_places] * field.invert(2)
-        return replace(
-            self,
-            turns=_moved(self.turns, turned[:, :, None] % field.p, field),
-            slides=(self.slides + change[:, layout.slide_places]) % field.p,
-            balls=_moved(self.balls, halves % field.p, field),
-        )
+        layout, field, numbers = self.layout, self.field, self.numbers.copy()
+        turned = change[:, layout.turn_places] * field.invert_array(self.units)[:, None, None] % field.p
+        halves = change[:, layout.ball_places] * field.invert(2) % field.p
+        for places, by in ((layout.turns, turned), (layout.balls, halves)):
+            numbers[:, places] = _moved(numbers[:, places], by, field)
+        numbers[:, layout.slides] = (numbers[:, layout.slides] + change[:, layout.slide_places]) % field.p
+        return replace(self, numbers=numbers)
 
     def rates(self) -> Residues:
         """Velocity coordinates, (samples, velocities, order); the last coefficient is not known."""
         layout, field = self.layout, self.field
         result = np.empty((self.samples, len(layout.names), self.order), dtype=np.int64)
-        result[:, layout.turn_places] = self._turning
-        result[:, layout.slide_places] = series.derivative(self.slides, field)
-        result[:, layout.ball_places] = 2 * _rates(self.balls, field) % field.p
+        result[:, layout.turn_places] = self._turning[:, :, None]
+        result[:, layout.slide_places] = series.derivative(self.numbers[:, layout.slides], field)
+        result[:, layout.ball_places] = 2 * _rates(self.numbers[:, layout.balls], field) % field.p
         return result
 
     @cached_property
@@ -162,7 +156,7 @@ class MovingCoordinates:
 
     @property
     def _turning(self) -> Residues:
-        return _rates(self.turns, self.field)[:, :, 0] * self.units[:, None] % self.field.p
+        return _rates(self.numbers[:, self.layout.turns], self.field)[:, :, 0] * self.units[:, None] % self.field.p
 
 
 # signs of a_j b_k in component i of a product of quaternions, where i, j and k are tied by k = i xor j; complex numbers

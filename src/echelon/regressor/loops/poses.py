@@ -83,8 +83,8 @@ class PoseFinder:
             _, others = self._completed(positions, rng, one, pose.at(one), self._blocks, max(count, _LEAST_KEPT))
         except UnsolvedSystemError:  # links that lie upon each other leave infinitely many
             return pose
-        chosen = np.sort(rng.permutation(len(others.turns))[:count])
-        return Pose(*(np.concatenate(parts) for parts in zip(pose.parts, others.at(chosen).parts, strict=True)))
+        others = others.at(np.sort(rng.permutation(len(others.numbers))[:count]))
+        return Pose(np.concatenate([pose.numbers, others.numbers]), np.concatenate([pose.angles, others.angles]))
 
     def leave_stated(self) -> bool:
         """No longer take the zero or assembly pose, because it is singular; returns whether it was taken so far."""
@@ -158,7 +158,7 @@ class PoseFinder:
     # -- solutions -------------------------------------------------------------------------------------------------
 
     def _solved(self, positions: Positions, rng: np.random.Generator, samples: int, blocks: list[ClosureBlock]) -> Pose:
-        found = positions.recorded.layout.zero_pose(samples)
+        found = positions.recorded.layout.empty_pose(samples)
         # a loop closes at about half of the random points, one with more unknowns more rarely, in one way on average;
         # loops that share what is drawn all close at few points, but there in many ways
         most, count = max(len(b.unknown) for b in blocks), len(blocks)
@@ -174,8 +174,7 @@ class PoseFinder:
                 break
             owners, pose = self._in_mode(positions, rng, owners, pose)
             _, first = np.unique(owners, return_index=True)
-            for target, source in zip(found.parts, pose.parts, strict=True):
-                target[owners[first]] = source[first]
+            found.numbers[owners[first]], found.angles[owners[first]] = pose.numbers[first], pose.angles[first]
             pending = np.setdiff1d(pending, owners)
             if not pending.size:
                 return found
@@ -263,10 +262,13 @@ def _involved(jacobian: Residues, positions: Positions) -> list[int]:
 
 def _random_pose(positions: Positions, rng: np.random.Generator, samples: int) -> Pose:
     layout, field = positions.recorded.layout, positions.field
-    turns = np.stack(field.circle(field.draw(rng, (samples, len(layout.turning)))), axis=-1)
-    balls = np.moveaxis(field.sphere(field.draw(rng, (3, samples, len(layout.balls)))), 0, -1)
-    slides, angles = (field.draw(rng, (samples, len(c))) for c in (layout.sliding, layout.turning))
-    return Pose(turns, slides, balls, angles)
+    pose = layout.empty_pose(samples)
+    pose.numbers[:, layout.turns] = np.stack(field.circle(field.draw(rng, (samples, len(layout.turns)))), axis=-1)
+    balls = field.sphere(field.draw(rng, (3, samples, len(layout.balls))))
+    pose.numbers[:, layout.balls] = np.moveaxis(balls, 0, -1)
+    pose.numbers[:, layout.slides] = field.draw(rng, (samples, len(layout.slides), 1))
+    pose.angles[:] = field.draw(rng, pose.angles.shape)
+    return pose
 
 
 def _thinned(drawn: Indices, most: int, rng: np.random.Generator) -> Indices:

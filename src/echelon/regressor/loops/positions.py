@@ -48,7 +48,7 @@ class Recorded:
         """Turning coordinates whose angle as such occurs in the closure equations."""
         inputs = self.program.inputs
         names = {inputs[node].name for node in self.equations.leaves if node in inputs}
-        places = zip(self.layout.turning, self.layout.turn_places.tolist(), strict=True)
+        places = zip(self.layout.turning, self.layout.turn_places[:, 0].tolist(), strict=True)
         return [place for motion, place in places if f"q[{motion.name}]" in names]
 
     @property
@@ -58,7 +58,7 @@ class Recorded:
         found = {
             self.turning[g] for turn in turns for g, n in turn.multiples.items() if g in self.turning and abs(n) > 1
         }
-        return [int(self.layout.turn_places[k]) for k in sorted(found)]
+        return [int(self.layout.turn_places[k, 0]) for k in sorted(found)]
 
     def schedule(self, nodes: Sequence[int]) -> Schedule:
         """Schedule of some nodes that depend on positions."""
@@ -113,19 +113,15 @@ class Positions:
         if not recorded.closing_motions:
             return None
         values = self._run(recorded.closed_at, self.resting(pose))[..., 0]
-        for name, parts, count in recorded.closing_motions:
-            own, values = values[:count], values[count:]
-            motion = next(m for m in (*layout.turning, *layout.sliding, *layout.balls) if m.name == name)
-            if motion in layout.turning:
-                place = layout.turning.index(motion)
-                times, rest = divmod(parts, int(recorded.units[place]))
+        for name, parts, size in recorded.closing_motions:
+            own, values = values[:size], values[size:]
+            place = next((k for k, motion in enumerate(layout.turning) if motion.name == name), None)
+            if place is not None:
+                count, rest = divmod(parts, int(recorded.units[place]))
                 if rest:
                     return None
-                pose.turns[:, place] = np.stack(self.field.multiply_angle((own[0], own[1]), times), axis=1)
-            elif motion in layout.sliding:
-                pose.slides[:, layout.sliding.index(motion)] = own[0]
-            else:
-                pose.balls[:, layout.balls.index(motion)] = own.T
+                own = np.stack(self.field.multiply_angle((own[0], own[1]), count))
+            pose.numbers[:, layout.columns[name]] = own.T
         return pose
 
     def jacobian(self, pose: Pose) -> Residues:
@@ -143,8 +139,8 @@ class Positions:
         name = recorded.program.inputs[node].name
         if name not in recorded.layout.inputs:
             raise UnknownRelationsError(f"{name} in a mechanism with loops")
-        kind, *place = recorded.layout.inputs[name]
-        values: Residues = getattr(moving, str(kind))[(slice(None), *place)]
+        kind, place = recorded.layout.inputs[name]
+        values: Residues = getattr(moving, kind)[:, place]
         return values
 
     def _run(self, schedule: Schedule, moving: MovingCoordinates) -> Residues:
@@ -156,7 +152,7 @@ class Positions:
         recorded, points = self.recorded, []
         for generator, count in recorded.turns[node].multiples.items():
             if generator in recorded.turning:
-                point = moving.turns[:, recorded.turning[generator]]
+                point = moving.numbers[:, recorded.layout.turns[recorded.turning[generator]]]
             else:
                 point = series.constant(self.circles[generator], moving.order)
             points.append(_multiplied(point, count, self.field))
