@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -38,7 +38,6 @@ from echelon.mechanism.stated import placement_matrix
 
 if TYPE_CHECKING:
     from echelon.formats.schema.robot_schema import RobotDescription
-    from echelon.formats.schema.schema_setup import RobotFile
 
 
 def build_description(
@@ -86,22 +85,13 @@ def _added_to_file(
     for key in ("gravity", "floating_base", "couplings"):
         if key in robot.model_fields_set:
             raise document.error(key, "belongs to the geometry, which is that of the robot file")
-    joints = tuple(_file_joints(document, robot.robot))
-    options = replace(options, separate=cut_off(robot), joints=joints)
+    joints = []
+    for name, entry in robot.robot.joints.items():
+        axes = tuple(coordinate_axis(axis) for axis in (entry.axis, entry.axis2) if axis is not None)
+        joints.append(StatedJoint(name, entry.type, axes, partial(document.error, f"robot.joints.{name}")))
+    options = replace(options, separate=cut_off(robot), joints=tuple(joints))
     # the loops of a geometry in numbers close at these numbers only
     stated = base(replace(options, symbolic=False) if robot.loops else options)
-    return _with_additions(document, robot, options, stated)
-
-
-def _file_joints(document: Document, file: RobotFile) -> Iterator[StatedJoint]:
-    """What joints of a robot file really are."""
-    for name, entry in file.joints.items():
-        axes = tuple(coordinate_axis(axis) for axis in (entry.axis, entry.axis2) if axis is not None)
-        yield StatedJoint(name, entry.type, axes, partial(document.error, f"robot.joints.{name}"))
-
-
-def _with_additions(document: Document, robot: RobotDescription, options: ReadingOptions, stated: Built) -> Built:
-    """What a robot file states with what a description adds to it."""
     mechanism = stated.mechanism
     symbols, bare = declared_symbols(robot, document)
     known = {n: s for n, s in symbols.items() if n not in bare}
@@ -144,20 +134,18 @@ class _FileParts:
         if name in self.names:
             return self.names[name], Placement()
         if name is not None and name in self.riders:
-            return self._rider(self.riders[name], path)
+            rider, known = self.riders[name], self.expressions.snapping.symbols
+            for symbol in rider.symbols:
+                if known.setdefault(symbol.name, symbol) != symbol:
+                    problem = f"the robot file has an angle '{symbol.name}': rename the symbol"
+                    raise self.expressions.error(path, problem)
+            self.snaps += rider.snaps
+            return rider.body, rider.placement
         if name != BASE and name in self._joints:  # a joint marks the frame that it moves
             return self._joints[name], Placement()
         if name is not None:
             self.expressions.check(name, [BASE, *self.names, *self.riders], path, "body or frame")
         return GROUND, Placement()
-
-    def _rider(self, rider: Rider, path: str) -> tuple[int, Placement]:
-        known = self.expressions.snapping.symbols
-        for symbol in rider.symbols:
-            if known.setdefault(symbol.name, symbol) != symbol:
-                raise self.expressions.error(path, f"the robot file has an angle '{symbol.name}': rename the symbol")
-        self.snaps += rider.snaps
-        return rider.body, rider.placement
 
 
 class _Tree:
@@ -177,7 +165,10 @@ class _Tree:
         self._riders: dict[int, list[Part]] = {}
         self._coordinates: dict[str, str] = {}
         if floating and (first is None or (first.moves and first.kind != "floating")):
-            self._float_base()
+            # the base becomes a body, because the first part moves against it
+            name, joint = unused(BASE, {part.name for part in parts}), Joint(BASE, "floating", floating_motions(BASE))
+            self.lumped.add_base(Body(name, "0", GROUND, joint, () if BASE in options.massless else ALL))
+            self._check_coordinates("floating_base")
         for part in parts:
             self._add(replace(part, carried=()) if part.name in self.massless else part)
         for index, riders in self._riders.items():
@@ -189,13 +180,6 @@ class _Tree:
         return self.lumped.made
 
     # -- bodies ----------------------------------------------------------------------------------------------------
-
-    def _float_base(self) -> None:
-        """The base becomes a body, because the first part moves against it."""
-        name = unused(BASE, {part.name for part in self.parts})
-        joint = Joint(BASE, "floating", floating_motions(BASE))
-        self.lumped.add_base(Body(name, "0", GROUND, joint, () if BASE in self.options.massless else ALL))
-        self._check_coordinates("floating_base")
 
     def _add(self, part: Part) -> None:
         floats = self.floating and not self.bodies and not part.moves

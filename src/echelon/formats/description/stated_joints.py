@@ -49,7 +49,6 @@ if TYPE_CHECKING:
         Frame,
         HelicalJoint,
         Joint,
-        MotionStep,
         SplineFunction,
         SplineThrough,
     )
@@ -149,17 +148,13 @@ class Joints:
         for index, step in enumerate(joint.steps):
             here = f"{path}.steps[{index}]"
             if isinstance(step, MotionStep):
-                steps.append(self._elementary(step, here))
+                (axis, sign), pitch = coordinate_axis(step.axis), self.expressions.length(step.pitch, f"{here}.pitch")
+                if pitch and step.motion != "screw":
+                    raise self.expressions.error(f"{here}.pitch", f"only a screw has a pitch, not a {step.motion}")
+                steps.append(Motion(MotionKind(step.motion), step.name, axis, sign, pitch))
             else:
                 steps.append(self.frame(step, here, stem))
         return tuple(steps)
-
-    def _elementary(self, step: MotionStep, path: str) -> Motion:
-        axis, sign = coordinate_axis(step.axis)
-        pitch = self.expressions.length(step.pitch, f"{path}.pitch")
-        if pitch and step.motion != "screw":
-            raise self.expressions.error(f"{path}.pitch", f"only a screw has a pitch, not a {step.motion}")
-        return Motion(MotionKind(step.motion), step.name, axis, sign, pitch)
 
     # -- frames ----------------------------------------------------------------------------------------------------
 
@@ -176,7 +171,9 @@ class Joints:
     def _rotation(self, rows: tuple[tuple[str, str, str], ...], path: str) -> Matrix:
         a, b, c = (self.expressions.vector(row, f"{path}[{i}]") for i, row in enumerate(rows))
         matrix: Matrix = (a, b, c)
-        if multiply(matrix, transpose(matrix)) != IDENTITY or not _is_right_handed(matrix):
+        # the third row of a rotation is the cross product of the first two
+        third = tuple(a[i] * b[j] - a[j] * b[i] for i, j in ((1, 2), (2, 0), (0, 1)))
+        if multiply(matrix, transpose(matrix)) != IDENTITY or c != third:
             problem = "this is not exactly a rotation matrix: use entries such as sqrt(3)/2, cos(beta), or rpy angles"
             raise self.expressions.error(path, problem)
         return matrix
@@ -191,13 +188,6 @@ def joint_name(body: BodyEntry) -> str:
 def coordinate_axis(direction: str) -> tuple[int, int]:
     """Axis and sign of a direction such as ``-x``."""
     return "xyz".index(direction[-1]), -1 if direction.startswith("-") else 1
-
-
-def _is_right_handed(matrix: Matrix) -> bool:
-    """Whether the third row of an orthogonal matrix is the cross product of the first two."""
-    (a, b, c), (d, e, f), third = matrix
-    cross: tuple[Polynomial, ...] = (b * f - c * e, c * d - a * f, a * e - b * d)
-    return cross == third
 
 
 def read_couplings(

@@ -282,19 +282,15 @@ class _Additions:
         aim = self._aim(entry, path, stem)
         kind = _ALIASES.get(entry.joint) or ClosureKind(entry.joint)
         frame = offset @ self.joints.frame(entry.at, f"{path}.at", stem) @ aim
-        meets = "at" not in entry.model_fields_set and all(self._is_frame(part) for part in entry.connects)
+        # what is only fixed to something that moves can have no other use than to mark a place
+        moving = {BASE, None, *(body.name for body in self.mechanism.bodies if not body.joint.is_fixed)}
+        meets = "at" not in entry.model_fields_set and moving.isdisjoint(entry.connects)
         if entry.on_second is None and not meets:
             met = self._met(kind, first, second, frame, path)
         else:
             stated = entry.at if entry.on_second is None else entry.on_second
             met = other @ self.joints.frame(stated, f"{path}.on_second", stem) @ aim
         return Closure(name, kind, first, second, frame, met)
-
-    def _is_frame(self, part: str | None) -> bool:
-        """Whether a part is only fixed to what moves, so that it can have no other use than to mark a place."""
-        if part is None or part == BASE:
-            return False
-        return all(body.name != part or body.joint.is_fixed for body in self.mechanism.bodies)
 
     def _aim(self, entry: LoopEntry, path: str, stem: str) -> Placement:
         """A frame whose z axis lies along the joint's axis."""

@@ -207,7 +207,9 @@ def compile_spec(spec: Any, document: MjcfDocument) -> CompiledModel:
         unknown = {body.name for body in spec.bodies}
     if unknown:
         notes.append(f"inertias of {_bodies(unknown)} are unknown: they come from meshes that cannot be read")
-    _check_compiled(model, document.source)
+    for name in _COMPILED:
+        if not np.all(np.isfinite(getattr(model, name))):
+            raise InputError(f"the compiled model has infinite values in {name}", source=document.source)
     inferred = _inferred(spec, model) - unknown
     if inferred:
         notes.append(f"inertias of {_bodies(inferred)} are computed from their geoms: the file does not state them")
@@ -215,12 +217,6 @@ def compile_spec(spec: Any, document: MjcfDocument) -> CompiledModel:
 
 
 # -- messages ----------------------------------------------------------------------------------------------------------
-
-
-def _check_compiled(model: Any, source: str) -> None:
-    for name in _COMPILED:
-        if not np.all(np.isfinite(getattr(model, name))):
-            raise InputError(f"the compiled model has infinite values in {name}", source=source)
 
 
 def _bodies(names: Collection[str]) -> str:

@@ -100,7 +100,8 @@ def _read(document: MjcfDocument, mimics: bool) -> LiteralTree:
     relations = [read_relation(e, spec, source) for e in couples if mimics or (e.name1 and not e.name2)]
     relations = [relation for relation in relations if mimics or len(relation.terms) == 1]
     name_all("joint", spec.joints)
-    driven, drives, keyframes = driven_joints(spec), stated_drives(spec), read_keyframes(spec)
+    driven = tuple(dict.fromkeys(str(actuator.target) for actuator in spec.actuators if drives_joint(actuator)))
+    drives, keyframes = stated_drives(spec), {str(k.name) or str(n): list(k.qpos) for n, k in enumerate(spec.keys)}
     sensors = Sensors(spec)
     reader = _Reader(compile_spec(spec, document), source)
     loops = [equality for equality in equalities if equality not in couples]
@@ -125,7 +126,7 @@ def _read(document: MjcfDocument, mimics: bool) -> LiteralTree:
         drives=drives,
         has_mimics=bool(couplings) or len(relations) < len(couples),
         sensors=measured,
-        frames=tuple(named_frames(model, spec)),
+        frames=tuple(LiteralFrame(s.name, *site_frame(model, s, "frame")) for s in spec.sites if s.name),
     )
 
 
@@ -298,11 +299,6 @@ _ANCHOR, _POSITION, _QUATERNION, _TORQUE_SCALE = slice(0, 3), slice(3, 6), slice
 _BALL = ("w", "x", "y", "z")
 
 
-def driven_joints(spec: Any) -> tuple[str, ...]:
-    """Names of the joints that actuators drive directly."""
-    return tuple(dict.fromkeys(str(actuator.target) for actuator in spec.actuators if drives_joint(actuator)))
-
-
 def slides(spec: Any) -> list[str]:
     """Names of the joints that slide."""
     return [str(joint.name) for joint in spec.joints if joint.type == import_mujoco().mjtJoint.mjJNT_SLIDE]
@@ -341,11 +337,6 @@ def read_poses(model: Any, keyframes: Mapping[str, Sequence[float]]) -> dict[str
     }
 
 
-def read_keyframes(spec: Any) -> dict[str, Sequence[float]]:
-    """Positions of the keyframes, by name or number."""
-    return {str(key.name) or str(number): list(key.qpos) for number, key in enumerate(spec.keys)}
-
-
 def read_closures(equalities: Sequence[Any], model: Any, spec: Any) -> Iterator[LiteralClosure]:
     """The closures of a compiled model."""
     sites = {site.name: site for site in spec.sites}
@@ -373,14 +364,6 @@ def site_frame(model: Any, site: Any, label: str) -> tuple[int, tuple[LiteralPla
     compiled = model.site(site.name)
     xyz = exact_triple(compiled.pos, site.pos)
     return int(compiled.bodyid[0]), placements(f"{label} site '{site.name}'", xyz, compiled.quat)
-
-
-def named_frames(model: Any, spec: Any) -> Iterator[LiteralFrame]:
-    """The sites that have names."""
-    for site in spec.sites:
-        if site.name:
-            body, at = site_frame(model, site, "frame")
-            yield LiteralFrame(str(site.name), body, at)
 
 
 def _between_bodies(equality: Any, model: Any, label: str, name: str, kind: ClosureKind) -> LiteralClosure:

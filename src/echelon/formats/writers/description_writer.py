@@ -17,7 +17,7 @@ from echelon.formats.description.stated_expressions import GENERIC
 from echelon.formats.schema.schema_setup import COMPONENTS
 from echelon.mechanism.body import ALL, GROUND, Body, Symbol
 from echelon.mechanism.closure import Closure
-from echelon.mechanism.coupling import Coupling, Spline
+from echelon.mechanism.coupling import Spline
 from echelon.mechanism.effect import Effect
 from echelon.mechanism.joint import IDENTITY, ORIGIN, Joint, Motion, MotionKind, Placement, Step, Vector
 from echelon.mechanism.mechanism import Mechanism, setup_expressions
@@ -148,7 +148,10 @@ def write_description(mechanism: Mechanism, *, elementary: bool = False) -> dict
         document["symbols"] = symbols
     document["gravity"] = _gravity(mechanism.gravity)
     if mechanism.couplings:
-        document["couplings"] = [_coupling(coupling) for coupling in mechanism.couplings]
+        document["couplings"] = [
+            {c.coordinate: {"terms": {name: _function(function) for name, function in c.terms}}}
+            for c in mechanism.couplings
+        ]
     document |= write_loops(mechanism)
     document |= write_setup(mechanism)
     document["bodies"] = [_body(body, mechanism, joints) for body in mechanism.bodies]
@@ -159,10 +162,6 @@ def _gravity(gravity: Vector | None) -> str | list[str]:
     if gravity is None:
         return "none"
     return "generic" if gravity == GENERIC else [expression_text(part) for part in gravity]
-
-
-def _coupling(coupling: Coupling) -> dict[str, Any]:
-    return {coupling.coordinate: {"terms": {name: _function(function) for name, function in coupling.terms}}}
 
 
 def _function(function: Spline) -> str | dict[str, Any]:

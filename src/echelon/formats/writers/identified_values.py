@@ -156,12 +156,9 @@ def reading_notes(mechanism: Mechanism, values: IdentifiedValues, root: Any, fil
             f"{len(moved)} numbers of the geometry stay as written although they were read as exact ones, "
             f"up to {np.max(moved):.2g} away; predictions of this file differ accordingly"
         )
-    if any(_is_relative(value) for e in root.iter() for key, value in e.items() if key in ("filename", "file")):
+    files = [value for e in root.iter() for key, value in e.items() if key in ("filename", "file")]
+    if any("://" not in file and not PurePath(file).is_absolute() for file in files):
         yield "files that it refers to are looked for relative to the folder of the input"
-
-
-def _is_relative(path: str) -> bool:
-    return "://" not in path and not PurePath(path).is_absolute()
 
 
 VISCOUS, COULOMB, ROTOR_INERTIA = "viscous friction", "Coulomb friction", "rotor inertia"
