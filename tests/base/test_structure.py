@@ -22,6 +22,7 @@ from echelon.mechanism.joint import (
     Placement,
     ball,
     floating_motions,
+    merge,
     rotate,
     rotation,
     translation,
@@ -202,7 +203,8 @@ def test_base_frame_does_not_matter(axis: int, steps: int) -> None:
     """Turning the base frame turns gravity and the first joint's mounting alike."""
     arm = arms.modified_dh("puma", *PUMA)
     back = turn(axis, Angle(Fraction(steps, 12)))
-    first = replace(arm.bodies[0], joint=arm.bodies[0].joint.preceded_by(back))
+    joint = arm.bodies[0].joint
+    first = replace(arm.bodies[0], joint=replace(joint, steps=merge((back, *joint.steps))))
     assert arm.gravity is not None
     moved = replace(arm, bodies=(first, *arm.bodies[1:]), gravity=rotate(back.rotation, arm.gravity))
     assert rank(moved) == rank(arm)

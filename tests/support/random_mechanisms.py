@@ -11,13 +11,11 @@ from echelon.mechanism.body import Body
 from echelon.mechanism.joint import (
     Motion,
     ball,
-    cylindrical_motions,
     floating_motions,
     planar_motions,
     rotation,
     screw,
     translation,
-    universal_motions,
 )
 from echelon.mechanism.mechanism import Mechanism
 from support import textbook_arms as arms
@@ -29,8 +27,8 @@ MOTIONS: dict[str, Callable[[str, int, int], tuple[Motion, ...]]] = {
     "revolute": lambda name, axis, sign: (rotation(name, axis, sign),),
     "prismatic": lambda name, axis, sign: (translation(name, axis, sign),),
     "helical": lambda name, axis, sign: (screw(name, Polynomial.generator("h"), axis, sign),),
-    "cylindrical": lambda name, axis, _: cylindrical_motions(name, axis),
-    "universal": lambda name, axis, _: universal_motions(name, axis, (axis + 1) % 3),
+    "cylindrical": lambda name, axis, _: arms.cylindrical_motions(name, axis),
+    "universal": lambda name, axis, _: arms.universal_motions(name, axis, (axis + 1) % 3),
     "spherical": lambda name, _, __: (ball(name),),
     "planar": lambda name, axis, _: planar_motions(name, axis),
     "floating": lambda name, _, __: floating_motions(name),

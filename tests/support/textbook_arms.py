@@ -9,11 +9,14 @@ from echelon.mechanism.body import ALL, GROUND, Body, Symbol
 from echelon.mechanism.coupling import Coupling, linear
 from echelon.mechanism.joint import (
     Joint,
+    Motion,
     Placement,
     Step,
     Vector,
+    X,
+    Y,
+    Z,
     ball,
-    cylindrical_motions,
     floating_motions,
     merge,
     planar_motions,
@@ -22,12 +25,21 @@ from echelon.mechanism.joint import (
     shift,
     translation,
     turn,
-    universal_motions,
 )
 from echelon.mechanism.mechanism import Mechanism
 
 DOWN = "0 0 -g"
 GENERIC = "gx gy gz"
+
+
+def cylindrical_motions(name: str, axis: int = Z) -> tuple[Motion, ...]:
+    """Independent translation along and rotation about one axis."""
+    return (translation(f"{name}.slide", axis), rotation(f"{name}.turn", axis))
+
+
+def universal_motions(name: str, first: int = X, second: int = Y) -> tuple[Motion, ...]:
+    """Two rotations about intersecting perpendicular axes; the first is fixed in the parent."""
+    return (rotation(f"{name}.1", first), rotation(f"{name}.2", second))
 
 
 def vector(text: str | None) -> Vector | None:

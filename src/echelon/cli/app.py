@@ -180,26 +180,15 @@ def with_parameters(run: Command, command: Command, parameters: Iterable[Paramet
     return run
 
 
-def reading(
-    floating: bool = False,
-    gravity: str = "file",
-    snap_tolerance: float | None = None,
-    mimic: str = "coupled",
-    keep_fixed_links: bool = False,
-    numeric: bool = False,
-    massless: list[str] | None = None,
-    symbols: str = "shared",
-    measured: str = "drives",
-) -> dict[str, Any]:
-    """Keyword arguments of :func:`echelon.load`."""
+def reading(**given: Any) -> dict[str, Any]:
+    """Keyword arguments of :func:`echelon.load`; what is not given is read as usual."""
+    chosen = {name: default for name, (_, default) in _READING.items()} | given
+    tolerance = chosen["snap_tolerance"]
     return {
-        "floating": floating,
-        "gravity": gravity,
-        "symbolic": not numeric,
-        "independent_mimics": mimic == "independent",
-        "keep_fixed_links": keep_fixed_links,
-        "massless": tuple(massless or ()),
-        "separate_symbols": symbols == "separate",
-        "measured": measured,
-        **({} if snap_tolerance is None else {"snap_tolerance": snap_tolerance}),
+        **{name: chosen[name] for name in ("floating", "gravity", "keep_fixed_links", "measured")},
+        "symbolic": not chosen["numeric"],
+        "independent_mimics": chosen["mimic"] == "independent",
+        "massless": tuple(chosen["massless"] or ()),
+        "separate_symbols": chosen["symbols"] == "separate",
+        **({} if tolerance is None else {"snap_tolerance": tolerance}),
     }

@@ -48,8 +48,6 @@ def run_identify(
     setup = load_setup(setup_file, prior=prior, **read)
     setup = replace(setup, seed=changed.pop("seed", setup.seed)).with_settings(**changed)
     if servo_joints(setup.mechanism):
-        from echelon.cli.identify import run_servos
-
         return run_servos(setup, [*logs, *validate], output, as_json=as_json)
     with steps() as step, _cluster(dask) as client:
         result = identify(setup, tuple(logs), tuple(validate), client=client, on_step=step)

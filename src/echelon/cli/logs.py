@@ -19,7 +19,6 @@ from echelon.identification.predict import Prediction, predict_log
 from echelon.identification.result import limited
 from echelon.identification.survey import FirstLook, first_look
 from echelon.identification.validation import Score
-from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.finding import counted
 from echelon.results.identified import load_identified, score_record
 from echelon.setup.logs import with_logs
@@ -118,7 +117,10 @@ def _lines(found: FirstLook, logs: int) -> Iterator[str]:
     looked = f"{found.seconds:.4g} s of {counted(logs, 'log')} looked at"
     yield f"{of.name}: {counted(found.base.rank, 'base parameter')}, {outputs}; {looked}"
     for columns in found.survey.columns:
-        yield from _channel_lines(columns)
+        for kind, channels in columns.channels.items():
+            if channels:
+                shown = ", ".join(f"{name} ← '{channel.column}'" for name, channel in channels.items())
+                yield f"{kind}: {shown}"
     for finding in limited(found.survey.findings):
         yield f"{finding.severity.value}: {finding}"
     for travel in found.travels:
@@ -129,13 +131,6 @@ def _lines(found: FirstLook, logs: int) -> Iterator[str]:
     yield seen.verdict
     for text in found.missing:
         yield f"missing: {text}"
-
-
-def _channel_lines(columns: ColumnMap) -> Iterator[str]:
-    for kind, channels in columns.channels.items():
-        if channels:
-            shown = ", ".join(f"{name} ← '{channel.column}'" for name, channel in channels.items())
-            yield f"{kind}: {shown}"
 
 
 def _record(found: FirstLook) -> dict[str, Any]:

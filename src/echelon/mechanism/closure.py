@@ -32,51 +32,29 @@ class ClosureKind(Enum):
     @property
     def positions(self) -> tuple[int, ...]:
         """Components of p that vanish."""
-        return _POSITIONS[self]
+        return _KINDS[self][0]
 
     @property
     def directions(self) -> tuple[tuple[int, int, int], ...]:
         """Entries (row, column, value) of R that are fixed; they may depend on one another."""
-        return _DIRECTIONS[self]
+        return _KINDS[self][1]
 
     @property
     def freedoms(self) -> int:
         """Degrees of freedom that the closing joint leaves."""
-        return _FREEDOMS[self]
+        return _KINDS[self][2]
 
 
-_POSITIONS = {
-    ClosureKind.WELD: (0, 1, 2),
-    ClosureKind.REVOLUTE: (0, 1, 2),
-    ClosureKind.PRISMATIC: (0, 1),
-    ClosureKind.CYLINDRICAL: (0, 1),
-    ClosureKind.PLANAR: (2,),
-    ClosureKind.UNIVERSAL: (0, 1, 2),
-    ClosureKind.SPHERICAL: (0, 1, 2),
-    ClosureKind.POINT_ON_AXIS: (0, 1),
-    ClosureKind.POINT_ON_PLANE: (2,),
-}
-_DIRECTIONS = {
-    ClosureKind.WELD: _ALIGNED,
-    ClosureKind.REVOLUTE: _ALONG_Z,
-    ClosureKind.PRISMATIC: _ALIGNED,
-    ClosureKind.CYLINDRICAL: _ALONG_Z,
-    ClosureKind.PLANAR: _ALONG_Z,
-    ClosureKind.UNIVERSAL: ((0, 1, 0),),
-    ClosureKind.SPHERICAL: (),
-    ClosureKind.POINT_ON_AXIS: (),
-    ClosureKind.POINT_ON_PLANE: (),
-}
-_FREEDOMS = {
-    ClosureKind.WELD: 0,
-    ClosureKind.REVOLUTE: 1,
-    ClosureKind.PRISMATIC: 1,
-    ClosureKind.CYLINDRICAL: 2,
-    ClosureKind.PLANAR: 3,
-    ClosureKind.UNIVERSAL: 2,
-    ClosureKind.SPHERICAL: 3,
-    ClosureKind.POINT_ON_AXIS: 4,
-    ClosureKind.POINT_ON_PLANE: 5,
+_KINDS: dict[ClosureKind, tuple[tuple[int, ...], tuple[tuple[int, int, int], ...], int]] = {
+    ClosureKind.WELD: ((0, 1, 2), _ALIGNED, 0),
+    ClosureKind.REVOLUTE: ((0, 1, 2), _ALONG_Z, 1),
+    ClosureKind.PRISMATIC: ((0, 1), _ALIGNED, 1),
+    ClosureKind.CYLINDRICAL: ((0, 1), _ALONG_Z, 2),
+    ClosureKind.PLANAR: ((2,), _ALONG_Z, 3),
+    ClosureKind.UNIVERSAL: ((0, 1, 2), ((0, 1, 0),), 2),
+    ClosureKind.SPHERICAL: ((0, 1, 2), (), 3),
+    ClosureKind.POINT_ON_AXIS: ((0, 1), (), 4),
+    ClosureKind.POINT_ON_PLANE: ((2,), (), 5),
 }
 
 

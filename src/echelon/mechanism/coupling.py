@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise
@@ -101,17 +101,17 @@ class Spline:
     def floats(self, x: Floats | float, symbols: Mapping[str, float]) -> tuple[Any, Any, Any]:
         """f, f′ and f″ in double precision, at one point or at an array of points."""
         point: Any = x
-        return self.derivatives(point, lambda c: _float(c, symbols), lambda distance: 1.0 * (distance > 0))
+        return self.derivatives(point, lambda c: c.at(symbols), lambda distance: 1.0 * (distance > 0))
 
     def steepest(self, reach: float, symbols: Mapping[str, float]) -> float:
         """What |f′| does not exceed while |x| stays within a reach: values on a grid, and what can lie between them."""
         if self.ratio is not None:
-            return abs(_float(self.ratio, symbols))
+            return abs(self.ratio.at(symbols))
         if not isfinite(reach):
             return inf
         slopes = self.floats(np.linspace(-reach, reach, 2 * _CELLS + 1)[1::2], symbols)[1]
         # |f″| is at most what the sizes of all terms add up to at the end, each knot counted from zero on
-        sizes = self.mapped(lambda c: Polynomial.constant(Fraction(abs(_float(c, symbols)))))
+        sizes = self.mapped(lambda c: Polynomial.constant(Fraction(abs(c.at(symbols)))))
         bend = Spline(sizes.coefficients, tuple((0, size) for _, size in sizes.knots)).floats(reach, {})[2]
         return float(np.abs(slopes).max() + bend * reach / _CELLS)
 
@@ -165,10 +165,6 @@ def _bends(steps: Sequence[Fraction], chords: Sequence[Fraction]) -> list[Fracti
     return found
 
 
-def _float(value: Polynomial, symbols: Mapping[str, float]) -> float:
-    return value.at(symbols)
-
-
 def _horner(coefficients: Sequence[Polynomial], x: T, number: Callable[[Polynomial], T]) -> T:
     total: Any = number(_ZERO)
     for coefficient in reversed(coefficients):
@@ -177,11 +173,11 @@ def _horner(coefficients: Sequence[Polynomial], x: T, number: Callable[[Polynomi
 
 
 def _product(a: Sequence[Polynomial], b: Sequence[Polynomial]) -> list[Polynomial]:
-    return [Polynomial.sum(_terms(a, b, k)) for k in range(len(a) + len(b) - 1)]
-
-
-def _terms(a: Sequence[Polynomial], b: Sequence[Polynomial], k: int) -> Iterator[Polynomial]:
-    return (a[i] * b[k - i] for i in range(len(a)) if 0 <= k - i < len(b))
+    found = [_ZERO] * (len(a) + len(b) - 1)
+    for i, x in enumerate(a):
+        for j, y in enumerate(b):
+            found[i + j] = found[i + j] + x * y
+    return found
 
 
 @dataclass(frozen=True)

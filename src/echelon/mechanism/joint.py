@@ -7,7 +7,7 @@ that is not a coordinate axis is a placement that turns it into one.  So the dyn
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 
@@ -160,10 +160,6 @@ class Joint:
             found.update(step.symbols() if isinstance(step, Placement) else step.pitch.symbols())
         return sorted(found)
 
-    def preceded_by(self, placement: Placement) -> Joint:
-        """The same joint mounted on a frame that is placed in the parent's."""
-        return replace(self, steps=merge((placement, *self.steps)))
-
 
 def merge(steps: tuple[Step, ...]) -> tuple[Step, ...]:
     """Join neighbouring placements and drop identities."""
@@ -209,13 +205,3 @@ def planar_motions(name: str, normal: int = Z) -> tuple[Motion, ...]:
 def floating_motions(name: str) -> tuple[Motion, ...]:
     """Three translations along the parent's axes, then free rotation."""
     return (*(translation(f"{name}.t{'xyz'[axis]}", axis) for axis in (X, Y, Z)), ball(f"{name}.r"))
-
-
-def cylindrical_motions(name: str, axis: int = Z) -> tuple[Motion, ...]:
-    """Independent translation along and rotation about one axis."""
-    return (translation(f"{name}.slide", axis), rotation(f"{name}.turn", axis))
-
-
-def universal_motions(name: str, first: int = X, second: int = Y) -> tuple[Motion, ...]:
-    """Two rotations about intersecting perpendicular axes; the first is fixed in the parent."""
-    return (rotation(f"{name}.1", first), rotation(f"{name}.2", second))

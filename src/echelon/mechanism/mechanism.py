@@ -13,7 +13,7 @@ from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.body import GROUND, Body, Symbol
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.coupling import Coupling
-from echelon.mechanism.effect import Action, Effect, Side
+from echelon.mechanism.effect import Effect, Side
 from echelon.mechanism.joint import Motion, MotionKind, Placement, Vector
 from echelon.mechanism.output import ActuatorForce, Cut, JointForce, Output, Parameter, inertial_parameter, plain
 from echelon.mechanism.reading import Reading
@@ -180,18 +180,16 @@ class Mechanism:
         """The measured outputs, the rows of X."""
         if self.measured is not None:
             return self.measured
+        sliding = {n for m in self.motions if m.kind is MotionKind.TRANSLATION for n in m.velocities}
         return tuple(
-            plain(a.name, self._force_unit(a.terms[0][0]), ActuatorForce(a.name)) for a in self.transmission.actuators
+            plain(a.name, "N" if a.terms[0][0] in sliding else "N·m", ActuatorForce(a.name))
+            for a in self.transmission.actuators
         )
 
     @property
     def measures_every_force(self) -> bool:
         """Whether the outputs are the forces of all independent coordinates, through a transmission or not."""
         return self.measured is None
-
-    def _force_unit(self, velocity: str) -> str:
-        sliding = {n for m in self.motions if m.kind is MotionKind.TRANSLATION for n in m.velocities}
-        return "N" if velocity in sliding else "N·m"
 
     def standard_values(self) -> tuple[float | None, ...]:
         """Standard parameters stated by the file, None where it is silent."""
@@ -237,7 +235,12 @@ def _check_tree(mechanism: Mechanism) -> None:
             raise InputError("its parent must come before it", element=where)
         if body.inertial is not None and len(body.inertial) != PER_BODY:
             raise InputError(f"expected {PER_BODY} inertial values, got {len(body.inertial)}", element=where)
-        _check_shared(body, mechanism.bodies[mechanism.sharing[index][0]])
+        first = mechanism.bodies[mechanism.sharing[index][0]]
+        shared = f"it shares the label '{body.label}', and so its parameters, with '{first.name}'"
+        if body.carried != first.carried:
+            raise InputError(f"{shared}, which carries others of the ten", element=where)
+        if None not in (body.inertial, first.inertial) and body.inertial != first.inertial:
+            raise InputError(f"{shared}, for which other inertial values are stated", element=where)
         for motion in body.joint.motions:
             if motion.name in coordinates:
                 raise InputError(f"coordinate '{motion.name}' occurs twice", element=f"joint '{body.joint.name}'")
@@ -246,15 +249,6 @@ def _check_tree(mechanism: Mechanism) -> None:
     twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
     if twice:
         raise InputError(f"labels such as 1 and X1 give two parameters the name '{twice[0]}'; choose other labels")
-
-
-def _check_shared(body: Body, first: Body) -> None:
-    where = f"body '{body.name}'"
-    shared = f"it shares the label '{body.label}', and so its parameters, with '{first.name}'"
-    if body.carried != first.carried:
-        raise InputError(f"{shared}, which carries others of the ten", element=where)
-    if None not in (body.inertial, first.inertial) and body.inertial != first.inertial:
-        raise InputError(f"{shared}, for which other inertial values are stated", element=where)
 
 
 def _check_couplings(mechanism: Mechanism) -> None:
@@ -295,22 +289,18 @@ def _check_effects(mechanism: Mechanism) -> None:
     clash = next((name for name in sorted(symbols) if name in taken), None)
     if clash is not None:
         raise InputError(f"the symbol '{clash}' has the name of a standard parameter; rename it")
+    drives = [actuator.name for actuator in mechanism.transmission.actuators]
+    joints = [name for motion in mechanism.motions for name in motion.velocities]
     for effect in mechanism.effects:
         where = f"effect '{effect.parameter}'"
         if effect.parameter in taken or effect.parameter in symbols:
             raise InputError("another parameter or symbol has this name; choose another label", element=where)
         taken.add(effect.parameter)
         for action in effect.actions:
-            _check_action(mechanism, action, where)
-
-
-def _check_action(mechanism: Mechanism, action: Action, where: str) -> None:
-    drives = [actuator.name for actuator in mechanism.transmission.actuators]
-    joints = [name for motion in mechanism.motions for name in motion.velocities]
-    valid = drives if action.side is Side.ACTUATOR else joints
-    if action.at not in valid:
-        names = ", ".join(valid) or "none"
-        raise InputError(f"there is no {action.side} '{action.at}' (valid: {names})", element=where)
+            valid = drives if action.side is Side.ACTUATOR else joints
+            if action.at not in valid:
+                names = ", ".join(valid) or "none"
+                raise InputError(f"there is no {action.side} '{action.at}' (valid: {names})", element=where)
 
 
 def _check_outputs(mechanism: Mechanism) -> None:

@@ -87,13 +87,9 @@ def has_values(mechanism: Mechanism) -> bool:
 
 def placement_matrix(placement: Placement, symbols: Mapping[str, float]) -> npt.NDArray[np.float64]:
     """A placement as a homogeneous matrix, shape (4, 4)."""
-
-    def number(entry: Polynomial) -> float:
-        return entry.at(symbols)
-
     matrix = np.eye(4)
-    matrix[:3, :3] = [[number(entry) for entry in row] for row in placement.rotation]
-    matrix[:3, 3] = [number(entry) for entry in placement.translation]
+    matrix[:3, :3] = [[entry.at(symbols) for entry in row] for row in placement.rotation]
+    matrix[:3, 3] = [entry.at(symbols) for entry in placement.translation]
     return matrix
 
 

@@ -23,7 +23,7 @@ from echelon.errors import InputError, one_line
 from echelon.extras import extra
 from echelon.inputs.json_text import parse_json
 from echelon.logs.files.log_file import decoding, existing_file
-from echelon.logs.files.unpacked_size import BoundedUnpacking, check_bag, check_chunks
+from echelon.logs.files.unpacked_size import bounded, check_bag, check_chunks
 
 END_OF_TIME = 2**63
 """Nanoseconds that do not fit into 64 bits any more."""
@@ -139,8 +139,8 @@ class Rosbag:
             bags = import_module(f"rosbags.rosbag{self._ros}")
         with bags.Reader(self._path) as reader:
             if self._ros == 1:
-                unpack = BoundedUnpacking(self._path.stat().st_size)
-                reader.chunks = {place: unpack.of(chunk) for place, chunk in reader.chunks.items()}
+                size = self._path.stat().st_size
+                reader.chunks = {place: bounded(chunk, size) for place, chunk in reader.chunks.items()}
             yield reader
 
 

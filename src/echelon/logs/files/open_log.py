@@ -56,22 +56,15 @@ _READERS: dict[Kind, Callable[[str | os.PathLike[str]], LogFile]] = {
     Kind.HDF5: Hdf5File,
     Kind.BAG: BagFile,
 }
-_SUFFIXES = {
-    ".csv": Kind.TEXT,
-    ".tsv": Kind.TEXT,
-    ".txt": Kind.TEXT,
-    ".dat": Kind.TEXT,
-    ".parquet": Kind.PARQUET,
-    ".pq": Kind.PARQUET,
-    ".npz": Kind.NUMPY,
-    ".npy": Kind.NUMPY,
-    ".mat": Kind.MATLAB,
-    ".h5": Kind.HDF5,
-    ".hdf5": Kind.HDF5,
-    ".bag": Kind.BAG,
-    ".db3": Kind.BAG,
-    ".mcap": Kind.BAG,
+_NAMES = {
+    Kind.TEXT: ".csv .tsv .txt .dat",
+    Kind.PARQUET: ".parquet .pq",
+    Kind.NUMPY: ".npz .npy",
+    Kind.MATLAB: ".mat",
+    Kind.HDF5: ".h5 .hdf5",
+    Kind.BAG: ".bag .db3 .mcap",
 }
+_SUFFIXES = {suffix: kind for kind, suffixes in _NAMES.items() for suffix in suffixes.split()}
 _ALSO_TEXT = ("", ".log", ".asc", ".prn", ".out")
 _MARKS = {
     b"PAR1": Kind.PARQUET,

@@ -100,7 +100,7 @@ def leaves(leaf: Leaf, sample: Any) -> Iterator[tuple[Leaf, str]]:
     if pa.types.is_struct(kind):
         for field in kind:
             yield from leaves(replace(leaf, steps=(*leaf.steps, field.name)), pc.struct_field(sample, field.name))
-    elif _is_list(kind):
+    elif pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind):
         length, reason = _length(sample)
         if reason:
             yield leaf, reason
@@ -110,10 +110,6 @@ def leaves(leaf: Leaf, sample: Any) -> Iterator[tuple[Leaf, str]]:
     else:
         valued = kind.value_type if pa.types.is_dictionary(kind) else kind
         yield leaf, "" if _is_number(valued) else f"holds {kind}, not numbers"
-
-
-def _is_list(kind: Any) -> bool:
-    return bool(pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind))
 
 
 def _is_number(kind: Any) -> bool:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import sqlite3
 import struct
-from bz2 import BZ2Decompressor
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -68,29 +67,22 @@ def _lz4_size(stream: IO[bytes], end: int, size: int) -> int:
     return stated or len(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most_unpacked(size) + 1))
 
 
-class BoundedUnpacking:
-    """Unpacks the chunks of a ROS 1 bag of so many bytes, none to far more than that."""
+def bounded(chunk: Any, size: int) -> Any:
+    """A chunk of a ROS 1 bag of so many bytes, as rosbags describes it, that unpacks to no more than such a bag may."""
+    package = chunk.decompressor.__module__.split(".")[0]
+    if package not in ("bz2", "lz4"):
+        return chunk
 
-    def __init__(self, size: int) -> None:
-        self._size = size
-
-    def of(self, chunk: Any) -> Any:
-        """A chunk as rosbags describes it, with a bound."""
-        unpackers = {"bz2": self._bz2, "lz4": self._lz4}
-        package = chunk.decompressor.__module__.split(".")[0]
-        return chunk._replace(decompressor=unpackers.get(package, chunk.decompressor))
-
-    def _bz2(self, data: bytes) -> bytes:
-        return self._checked(BZ2Decompressor().decompress(data, most_unpacked(self._size) + 1))
-
-    def _lz4(self, data: bytes) -> bytes:
-        import lz4.frame
-
-        return self._checked(lz4.frame.LZ4FrameDecompressor().decompress(data, most_unpacked(self._size) + 1))
-
-    def _checked(self, unpacked: bytes) -> bytes:
-        check_unpacked(len(unpacked), self._size)
+    def unpack(data: bytes) -> bytes:
+        if package == "lz4":
+            from lz4.frame import LZ4FrameDecompressor as Decompressor
+        else:
+            from bz2 import BZ2Decompressor as Decompressor
+        unpacked: bytes = Decompressor().decompress(data, most_unpacked(size) + 1)
+        check_unpacked(len(unpacked), size)
         return unpacked
+
+    return chunk._replace(decompressor=unpack)
 
 
 def check_bag(path: Path, databases: list[Path]) -> None:
@@ -104,7 +96,9 @@ def check_bag(path: Path, databases: list[Path]) -> None:
         with file.open("rb") as stream:
             check_chunks(stream, file.stat().st_size)
     for file in path.glob("*.zstd") if packing == "file" else ():
-        _check_packed(file)
+        size = file.stat().st_size
+        with file.open("rb") as stream:
+            check_unpacked(_unpacked_size(stream, most_unpacked(size)), size, str(file))
 
 
 def _check_metadata(path: Path) -> str:
@@ -143,12 +137,6 @@ def _message_sizes(connection: sqlite3.Connection, size: int) -> Iterator[int]:
             (data,) = connection.execute("SELECT data FROM messages WHERE rowid = ?", (row,)).fetchone()
             stated = _unpacked_size(data, most_unpacked(size))
         yield stated
-
-
-def _check_packed(file: Path) -> None:
-    size = file.stat().st_size
-    with file.open("rb") as stream:
-        check_unpacked(_unpacked_size(stream, most_unpacked(size)), size, str(file))
 
 
 def _unpacked_size(packed: bytes | IO[bytes], most: int) -> int:
