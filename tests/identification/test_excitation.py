@@ -178,10 +178,10 @@ def test_loops_get_advice() -> None:
 
 
 def test_balls_get_advice() -> None:
-    base = ec.base_parameters(spherical())
+    base = ec.base_parameters(spherical("0 0 -9.81"))
     N = 5
     log = {"q": np.tile([1.0, 0, 0, 0], (N, 1)), "qd": np.zeros((N, 3)), "qdd": np.zeros((N, 3)), "y": np.zeros((N, 3))}
-    found = conditioning(base.accumulate(log, {"g": 9.81}), base=base, symbols={"g": 9.81})
+    found = conditioning(base.accumulate(log), base=base)
     assert found.weak
     assert all("move" in d.advice for d in found.weak)
 

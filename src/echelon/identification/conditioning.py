@@ -110,7 +110,6 @@ def conditioning(
     observation: Observation,
     weights: Sequence[float] | Floats | None = None,
     base: BaseModel | None = None,
-    symbols: Mapping[str, float] | None = None,
 ) -> Conditioning:
     """Conditioning of data, and the combinations of parameters that they hardly show.
 
@@ -129,7 +128,7 @@ def conditioning(
         Direction(
             value,
             _shares(triangle.parameters, v),
-            advice(triangle.parameters, v, _unscaled(triangle, v), base, value, symbols),
+            advice(triangle.parameters, v, _unscaled(triangle, v), base, value),
         )
         for value, v in _weak(triangle, singular, directions, rank)
     )
@@ -210,7 +209,6 @@ def _unscaled(triangle: Triangle, direction: Floats) -> Floats:
 
 
 State = dict[str, Floats]
-Symbols = Mapping[str, float] | None
 
 _STATES = 256
 """Random states: indices are wanted to a tenth or so."""
@@ -228,7 +226,6 @@ def advice(
     change: Floats,
     base: BaseModel | None,
     seen: float = 0.0,
-    symbols: Symbols = None,
 ) -> str:
     """What the data do not show and how to show it, in a sentence."""
     size = np.abs(direction)
@@ -241,16 +238,16 @@ def advice(
         else f"the data {how} tell {', '.join(shown[:-1])} and {shown[-1]} apart"
     )
     # what hardly belongs to the direction would only blur its sensitivity
-    motion = None if base is None else _motion(base, np.where(size >= _NAMED * size.max(), change, 0.0), symbols)
+    motion = None if base is None else _motion(base, np.where(size >= _NAMED * size.max(), change, 0.0))
     return f"{problem}: {motion}" if motion else f"{problem}: move in other ways"
 
 
-def _motion(base: BaseModel, change: Floats, symbols: Symbols) -> str:
+def _motion(base: BaseModel, change: Floats) -> str:
     """Which joints to move, and how."""
     if base.mechanism.closures:
         # positions that close the loops cannot be drawn one by one
         return f"move {_listed(base.mechanism.independent_velocities)} further, faster and with larger accelerations"
-    found = sensitivities(base, change, symbols)
+    found = sensitivities(base, change)
     largest = max((value for values in found.values() for value in values.values()), default=0.0)
     if largest == 0:
         return "the outputs they change do not depend on the motion; record more samples"
@@ -271,13 +268,11 @@ def _motion(base: BaseModel, change: Floats, symbols: Symbols) -> str:
     return "move " + "; ".join(parts)
 
 
-def sensitivities(
-    base: BaseModel, change: Floats, symbols: Symbols = None, seed: int = DEFAULT_SEED
-) -> dict[str, dict[str, float]]:
+def sensitivities(base: BaseModel, change: Floats) -> dict[str, dict[str, float]]:
     """Total Sobol indices of the change of outputs X̄(x) δ."""
-    rng = random_generator(seed)
+    rng = random_generator(DEFAULT_SEED)
     first, second = (_random_states(base.mechanism, rng) for _ in range(2))
-    start = _outputs(base, first, change, symbols)
+    start = _outputs(base, first, change)
     variance = start.var(axis=0)
     # rounding of an output that δ does not change is no variance
     counted = variance > 1e-20 * np.maximum((start**2).mean(axis=0).max(), 1e-300)
@@ -287,13 +282,13 @@ def sensitivities(
     for kind, name, columns in _variables(base.mechanism):
         mixed = {key: value.copy() for key, value in first.items()}
         mixed[kind][:, columns] = second[kind][:, columns]
-        moved = ((_outputs(base, mixed, change, symbols) - start) ** 2).mean(axis=0) / 2
+        moved = ((_outputs(base, mixed, change) - start) ** 2).mean(axis=0) / 2
         found[kind][name] = float((moved[counted] / variance[counted]).mean())
     return found
 
 
-def _outputs(base: BaseModel, state: State, change: Floats, symbols: Symbols) -> Floats:
-    values = base.regressor(state["q"], state["qd"], state["qdd"], symbols, _inputs(base.mechanism, state))
+def _outputs(base: BaseModel, state: State, change: Floats) -> Floats:
+    values = base.regressor(state["q"], state["qd"], state["qdd"], inputs=_inputs(base.mechanism, state))
     result: Floats = values @ change
     return result
 

@@ -102,7 +102,6 @@ def drive_gains(
     *,
     known: Mapping[str, float] | None = None,
     method: Method = "currents",
-    symbols: Mapping[str, float] | None = None,
 ) -> GainEstimate:
     """Drive gains and base parameters together.
 
@@ -121,8 +120,6 @@ def drive_gains(
     method : "currents", "ls" or "tls"
         Maximum likelihood with noise in the currents; least squares, whose gains are too small where currents are
         noisy; or total least squares with errors in all columns alike.
-    symbols : mapping of str to float, optional
-        Values of geometry symbols that replace or complete those of the file.
 
     Returns
     -------
@@ -147,7 +144,7 @@ def drive_gains(
         load = payload.base(base)
         carrying = _observation(loaded, base.pivots + load.pivots, "the loaded runs")
         free, units = _extended(free, carrying.layout) + carrying, units + load.units
-        fixed |= _load_values(payload, load, symbols)
+        fixed |= _load_values(payload, load)
         words.append(f"the payload on {payload.body}, of which {', '.join(payload.known)} known")
     _check_zero(free, gains)
     substitution = fixed_parameters(free.layout.parameters, units, fixed)
@@ -202,8 +199,8 @@ def _extended(observation: Observation, layout: Layout) -> Observation:
     return Observation(layout, tuple(factors), observation.counts)
 
 
-def _load_values(payload: Payload, load: BaseModel, symbols: Mapping[str, float] | None) -> dict[str, float]:
-    found = payload.known_values(load, symbols)
+def _load_values(payload: Payload, load: BaseModel) -> dict[str, float]:
+    found = payload.known_values(load)
     if not any(found.values()):
         raise InputError(
             f"its known parameters ({', '.join(payload.known)}) cannot be separated from the unknown ones, or no "

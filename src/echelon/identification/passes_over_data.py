@@ -77,7 +77,7 @@ class PassesOverData:
 
     def rows(self) -> Rows:
         """The rows of what is fitted, for methods that go through them again and again."""
-        return KeptRows(ModelRows(self.plan.base, self.fitted, self.plan.symbols))
+        return KeptRows(ModelRows(self.plan.base, self.fitted))
 
     def validations(
         self, models: Models, tasks: Sequence[Task], reference: Validation | None = None

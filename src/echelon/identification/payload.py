@@ -20,10 +20,10 @@ from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS, PER_BODY
 from echelon.errors import InputError
 from echelon.hints import nearest_of
-from echelon.identification.rows.rows import ModelRows, RowBlock, Rows, observed
+from echelon.identification.rows.rows import ModelRows, RowBlock, Rows
 from echelon.logs.recording import Samples
 from echelon.mechanism.body import ALL
-from echelon.observe.observation import Layout, Observation
+from echelon.observe.observation import Layout
 
 LABEL = "_payload"
 """Ends the names of a payload's parameters: ``M_payload``."""
@@ -118,15 +118,13 @@ class Payload:
             raise InputError(f"no output sees a load on '{self.body}': put it on a body that moves", element="payload")
         return found
 
-    def known_values(self, load: BaseModel, symbols: Mapping[str, float] | None = None) -> dict[str, float]:
+    def known_values(self, load: BaseModel) -> dict[str, float]:
         """Base parameters of the payload that follow from what is known.
 
         Parameters
         ----------
         load : BaseModel
             From :meth:`base`.
-        symbols : mapping of str to float, optional
-            Values of geometry symbols that replace or complete those of the file.
 
         Returns
         -------
@@ -134,7 +132,7 @@ class Payload:
         """
         standard = np.array([self.known.get(kind, np.nan) for kind in PARAMETERS])
         found = {}
-        for name, row in zip(load.pivots, load.B_float(symbols), strict=True):
+        for name, row in zip(load.pivots, load.B_float(), strict=True):
             used = row != 0
             if np.isfinite(standard[used]).all():
                 found[name] = float(row[used] @ standard[used])
@@ -142,7 +140,7 @@ class Payload:
 
 
 @dataclass(frozen=True, repr=False)
-class JoinedRows:
+class JoinedRows(Rows):
     """Rows whose columns are those of two sets of rows side by side."""
 
     first: Rows  # of the same samples; measured outputs are the first's
@@ -166,11 +164,6 @@ class JoinedRows:
         """SI units of the parameters of both."""
         return self.first.units + self.second.units
 
-    @property
-    def output_units(self) -> tuple[str, ...]:
-        """SI units of the outputs."""
-        return self.first.output_units
-
     def blocks(self) -> Iterator[RowBlock]:
         """All rows, in the order of time, log after log."""
         for one, two in zip(self.first.blocks(), self.second.blocks(), strict=True):
@@ -179,21 +172,11 @@ class JoinedRows:
             pairs = zip(one.matrices, two.matrices, strict=True)
             yield replace(one, matrices=tuple(np.concatenate(pair, axis=1) for pair in pairs))
 
-    def observation(self) -> Observation:
-        """The R-factors of all rows."""
-        layout = self.layout
-        total = Observation(layout, tuple(np.zeros((k, k)) for k in layout.sizes), (0,) * len(layout.outputs))
-        for block in self.blocks():
-            total = total + observed(layout, block)
-        return total
 
-
-def loaded_rows(
-    base: BaseModel, payload: Payload, samples: Sequence[Samples], symbols: Mapping[str, float] | None = None
-) -> JoinedRows:
+def loaded_rows(base: BaseModel, payload: Payload, samples: Sequence[Samples]) -> JoinedRows:
     """Rows of a run with a payload, for :func:`echelon.identification.gains.drive_gains`."""
     filled = [with_zeros(base, some) for some in samples]
-    return JoinedRows(ModelRows.of(base, filled, symbols), ModelRows.of(payload.base(base), filled, symbols))
+    return JoinedRows(ModelRows.of(base, filled), ModelRows.of(payload.base(base), filled))
 
 
 def with_zeros(base: BaseModel, samples: Samples) -> Samples:

@@ -97,9 +97,7 @@ def predict_log(plan: Plan, values: npt.ArrayLike, path: str | Path) -> Predicti
 
 def _pieces(plan: Plan, path: str | Path) -> Iterator[LogPiece]:
     settings = plan.preparation
-    yield from read_log(
-        path, plan.base.mechanism, plan.columns, rate=settings.rate, symbols=plan.symbols, outputs=False
-    )
+    yield from read_log(path, plan.base.mechanism, plan.columns, rate=settings.rate, outputs=False)
 
 
 def _at_rows(plan: Plan, model: ModelRows, values: Floats, piece: LogPiece) -> Floats:

@@ -51,7 +51,7 @@ class Substitution:
 
     def rows(self, rows: Rows) -> Rows:
         """Rows of the unknowns."""
-        return _SubstitutedRows(rows, self, self._layout(rows.layout), self.unknown_units, rows.output_units)
+        return _SubstitutedRows(rows, self, self._layout(rows.layout), self.unknown_units)
 
     def restored(self, estimate: Estimate) -> Estimate:
         """The estimate of all parameters; known ones have variance zero."""
@@ -98,7 +98,6 @@ class _SubstitutedRows:
     substitution: Substitution
     layout: Layout
     units: tuple[str, ...]
-    output_units: tuple[str, ...]
 
     def blocks(self) -> Iterator[RowBlock]:
         pairs = list(zip(self.original.layout.columns, self.layout.columns, strict=True))

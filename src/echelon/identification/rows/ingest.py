@@ -21,7 +21,7 @@ import numpy as np
 
 from echelon.errors import InputError
 from echelon.identification.rows.plan import Plan
-from echelon.identification.rows.rows import ModelRows, Numbering, RowBlock, observed, plain, prefetched, stacked
+from echelon.identification.rows.rows import ModelRows, Numbering, RowBlock, Rows, observed, plain, prefetched, stacked
 from echelon.logs.recording import Samples
 from echelon.observe.observation import Layout, Observation
 
@@ -152,7 +152,7 @@ class Ingested:
 
 
 @dataclass
-class KeptRows:
+class KeptRows(Rows):
     """Rows that stay in memory after the first pass, if there is room for them."""
 
     model: ModelRows
@@ -169,11 +169,6 @@ class KeptRows:
         """SI units of the base parameters."""
         return self.model.units
 
-    @property
-    def output_units(self) -> tuple[str, ...]:
-        """SI units of the outputs."""
-        return self.model.output_units
-
     def blocks(self) -> Iterator[RowBlock]:
         """All rows, in the order of time."""
         if self._kept:
@@ -186,10 +181,6 @@ class KeptRows:
             kept = [*kept, block] if left >= 0 else []
             yield block
         self._kept = tuple(kept) if left >= 0 else ()
-
-    def observation(self) -> Observation:
-        """The R-factors of all rows."""
-        return ModelRows.factored(self.layout, self.blocks())
 
 
 def ingest(plan: Plan, path: Path, count: int, memory: int = 0) -> Ingested:
@@ -232,7 +223,7 @@ class _Ingestion:
             if last > first:
                 part = replace(samples, first=first, stop=last)
                 start, end = (samples.start + k / samples.rate for k in (first, last - 1))
-                found = ModelRows.of(self._plan.base, [part], self._plan.symbols).observation()
+                found = ModelRows.of(self._plan.base, [part]).observation()
                 self.batcher.add(samples.source, start, end, found)
 
     def _keep(self, samples: Samples) -> None:

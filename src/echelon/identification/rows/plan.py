@@ -11,7 +11,7 @@ that logs can be spread over several.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -82,7 +82,6 @@ class Plan:
     columns: tuple[ColumnMap, ...]  # what columns mean; see read_log
     preparation: Preparation  # with every choice made
     holdout: float = 0.0  # share of each stretch that is held out, 0 to 1
-    symbols: Mapping[str, float] | None = None  # values of geometry symbols that replace or complete those of the file
 
     def samples(
         self,
@@ -95,7 +94,7 @@ class Plan:
         """Prepared samples of a log, stretch by stretch; what is too short is left out, unless it is all there is."""
         mechanism, short, any_left = self.base.mechanism, None, False
         rate = self.preparation.rate
-        reading = partial(read_log, rate=rate, symbols=self.symbols, outputs=outputs, named=False)  # the survey does it
+        reading = partial(read_log, rate=rate, outputs=outputs, named=False)  # the survey does it
         for piece in reading(path, mechanism, self.columns):
             for segment in piece.segments:
                 if PreparationPlan(self.preparation, mechanism, segment.rate).is_short(segment):
@@ -112,7 +111,7 @@ class Plan:
 
     def rows(self, paths: Sequence[str | Path], part: Part = "all", *, reference: bool = False) -> ModelRows:
         """The rows of some logs, along the measured or the reference positions; they are read again in every pass."""
-        return ModelRows(self.base, partial(self._samples, tuple(paths), part, reference), self.symbols)
+        return ModelRows(self.base, partial(self._samples, tuple(paths), part, reference))
 
     def _samples(self, paths: Sequence[str | Path], part: Part, reference: bool) -> Iterator[Samples]:
         for path in paths:

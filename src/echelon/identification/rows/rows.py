@@ -11,12 +11,10 @@ fused factorisation, which never forms a row.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property, partial, reduce
-from queue import Empty, Full, Queue
-from threading import Event, Thread
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -31,54 +29,21 @@ from echelon.observe.triangle import upper_triangle
 
 Item = TypeVar("Item")
 
-_END = object()
-_PATIENCE = 0.1  # s after which a reader looks whether anyone still wants its pieces
+_END: Any = object()
 
 
-def prefetched(items: Iterable[Item], depth: int = 1) -> Iterator[Item]:
-    """The same items in the same order, made on another thread."""
+def prefetched(items: Iterable[Item]) -> Iterator[Item]:
+    """The same items in the same order, each made on another thread while the one before is worked on."""
     if isinstance(items, Sequence):
         yield from items
         return
-    waiting: Queue[Any] = Queue(max(depth, 1))
-    stopped = Event()
-    reader = Thread(target=_read, args=(items, waiting, stopped), daemon=True)
-    reader.start()
-    try:
-        while True:
-            item, error = waiting.get()
-            if error is not None:
-                raise error
-            if item is _END:
-                return
+    source = iter(items)
+    with ThreadPoolExecutor(1) as pool:
+        waiting = pool.submit(next, source, _END)
+        while (item := waiting.result()) is not _END:
+            waiting = pool.submit(next, source, _END)
             yield item
-            del item
-    finally:
-        stopped.set()
-        with suppress(Empty):
-            waiting.get_nowait()
-        reader.join()
-
-
-def _read(items: Iterable[Any], waiting: Queue[Any], stopped: Event) -> None:
-    try:
-        for item in items:
-            if not _put((item, None), waiting, stopped):
-                return
-            del item
-    except BaseException as error:
-        _put((None, error), waiting, stopped)
-    else:
-        _put((_END, None), waiting, stopped)
-
-
-def _put(entry: Any, waiting: Queue[Any], stopped: Event) -> bool:
-    """Hand an item over, unless the reader has stopped."""
-    while not stopped.is_set():
-        with suppress(Full):
-            waiting.put(entry, timeout=_PATIENCE)
-            return True
-    return False
+            del item  # it need not be in memory while the next one is waited for
 
 
 @dataclass(frozen=True)
@@ -113,18 +78,14 @@ class Rows(Protocol):
         """SI units of the parameters."""
         ...
 
-    @property
-    def output_units(self) -> tuple[str, ...]:
-        """SI units of the outputs."""
-        ...
-
     def blocks(self) -> Iterator[RowBlock]:
         """The rows that are fitted, in the order of time, log after log."""
         ...
 
     def observation(self) -> Observation:
         """The R-factors of the rows that are fitted."""
-        ...
+        empty = _empty(self.layout)
+        return reduce(stacked, (observed(self.layout, block) for block in self.blocks()), empty)
 
 
 _WINDOW = 1 << 14
@@ -140,13 +101,11 @@ class ModelRows:
 
     base: BaseModel
     source: Callable[[], Iterable[Samples]]  # returns the samples, the same ones every time it is called
-    symbols: Mapping[str, float] | None = None  # values of geometry symbols that replace or complete those of the file
-    threads: int | None = None
 
     @staticmethod
-    def of(base: BaseModel, samples: Sequence[Samples], symbols: Mapping[str, float] | None = None) -> ModelRows:
+    def of(base: BaseModel, samples: Sequence[Samples]) -> ModelRows:
         """The rows of samples that are in memory."""
-        return ModelRows(base, partial(tuple, tuple(samples)), symbols)
+        return ModelRows(base, partial(tuple, tuple(samples)))
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -185,16 +144,9 @@ class ModelRows:
             total = reduce(stacked, parts, total)
         return total
 
-    @staticmethod
-    def factored(layout: Layout, blocks: Iterable[RowBlock]) -> Observation:
-        """The R-factors of blocks of rows."""
-        return reduce(stacked, (observed(layout, block) for block in blocks), _empty(layout))
-
     def predict(self, samples: Samples, values: npt.ArrayLike) -> Floats:
         """The outputs at all samples, before any filter; shape (N, outputs)."""
-        return self.base.predict(
-            samples.q, samples.qd, samples.qdd, values, self.symbols, dict(samples.inputs), threads=self.threads
-        )
+        return self.base.predict(samples.q, samples.qd, samples.qdd, values, inputs=dict(samples.inputs))
 
     # -- windows -----------------------------------------------------------------------------------------------------
 
@@ -230,7 +182,7 @@ class ModelRows:
         """Entries of the regressor, shape (high − low, entries)."""
         q, qd, qdd = (values[low:high] for values in (samples.q, samples.qd, samples.qdd))
         inputs = {name: values[low:high] for name, values in samples.inputs.items()}
-        return self.base.regressor_entries(q, qd, qdd, self.symbols, inputs, threads=self.threads)
+        return self.base.regressor_entries(q, qd, qdd, inputs=inputs)
 
     @cached_property
     def _columns(self) -> tuple[npt.NDArray[np.intp], ...]:
@@ -246,7 +198,7 @@ class ModelRows:
         window = slice(samples.first, samples.stop)
         state = {name: values[window] for name, values in samples.state.items() if name != "inputs"}
         inputs = {name: values[window] for name, values in samples.inputs.items()}
-        return self.base.accumulate({**state, "inputs": inputs}, self.symbols, threads=self.threads)
+        return self.base.accumulate({**state, "inputs": inputs})
 
     def _factors(self, samples: Samples) -> Iterator[Observation]:
         return (observed(self.layout, block) for block in self.blocks_of(samples, 0))
