@@ -46,47 +46,25 @@ _INVOLVED = 1e-6  # share in an open direction from which on a parameter counts 
 
 @dataclass(frozen=True)
 class Direction:
-    """A combination of base parameters that the data hardly show.
+    """A combination of base parameters that the data hardly show."""
 
-    Attributes
-    ----------
-    singular_value : float
-        Of the weighted observation matrix with columns of norm 1, relative to the largest.
-    weights : mapping-like tuple of (str, float)
-        Parameters with their shares in the combination, largest first, small ones left out.
-    advice : str
-        How to excite it, in a sentence.
-    """
-
-    singular_value: float
+    singular_value: float  # of the weighted observation matrix with columns of norm 1, relative to the largest
+    # parameters with their shares in the combination, largest first, small ones left out
     weights: tuple[tuple[str, float], ...]
-    advice: str
+    advice: str  # how to excite it, in a sentence
 
 
 @dataclass(frozen=True)
 class Conditioning:
-    """Conditioning of a set of data.
+    """Conditioning of a set of data."""
 
-    Attributes
-    ----------
-    condition, scaled_condition : float
-        Condition number of the weighted observation matrix, and with columns of norm 1.
-    singular_values : array of shape (n,)
-        Of the scaled matrix, descending.
-    rank : int
-        Directions that the data determine at all.
-    independent_share : array of shape (n,)
-        For each parameter 1/√(VIF): the share of its column that no other column explains, 0 to 1.
-    weak : tuple of Direction
-        Combinations that the data leave open, or nearly so, weakest last.
-    """
-
-    condition: float
-    scaled_condition: float
-    singular_values: Floats
-    rank: int
+    condition: float  # condition number of the weighted observation matrix
+    scaled_condition: float  # the same with columns of norm 1
+    singular_values: Floats  # shape (n,); of the scaled matrix, descending
+    rank: int  # directions that the data determine at all
+    # shape (n,); for each parameter 1/√(VIF): the share of its column that no other column explains, 0 to 1
     independent_share: Floats
-    weak: tuple[Direction, ...]
+    weak: tuple[Direction, ...]  # combinations that the data leave open, or nearly so, weakest last
 
     @property
     def is_complete(self) -> bool:

@@ -51,18 +51,11 @@ _FLOOR = 1e-4  # of an output's spread: smaller residuals count as equal
 
 @dataclass(frozen=True)
 class Culprit:
-    """A change of the set-up that mends it.
+    """A change of the set-up that mends it."""
 
-    Attributes
-    ----------
-    text : str
-        What is wrong and how it is said right, in a sentence.
-    before, after : float
-        Residual of a physical robot without and with the change, as a share of the outputs' spread (geometric mean);
-        of a common unit, the outputs as multiples of what the prior predicts.
-    """
-
-    text: str
+    text: str  # what is wrong and how it is said right, in a sentence
+    # residual of a physical robot without and with the change, as a share of the outputs' spread (geometric
+    # mean); of a common unit, the outputs as multiples of what the prior predicts
     before: float
     after: float
 

@@ -25,28 +25,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FittedRange:
-    """What an output was fitted to; elsewhere the model extrapolates.
-
-    Attributes
-    ----------
-    output : str
-    band : float
-        Highest frequency, Hz.
-    slowest, fastest : float
-        Speeds of its joint or actuator, rad/s or m/s; nan for a wrench.
-    unit : str
-        Of the speeds.
-    rows, left_out : int
-        Rows of the band, and how many of them were left out near standstill.
-    """
+    """What an output was fitted to; elsewhere the model extrapolates."""
 
     output: str
-    band: float
-    slowest: float
+    band: float  # highest frequency, Hz
+    slowest: float  # speed of its joint or actuator, rad/s or m/s; nan for a wrench
     fastest: float
-    unit: str
-    rows: int
-    left_out: int
+    unit: str  # of the speeds
+    rows: int  # of the band
+    left_out: int  # how many of them were left out near standstill
 
     @property
     def speeds(self) -> str:

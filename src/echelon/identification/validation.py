@@ -85,43 +85,24 @@ BESIDE = ("prior", "plain")
 
 @dataclass(frozen=True)
 class Trace:
-    """One output of one log, after the filter of both sides.
-
-    Attributes
-    ----------
-    output, unit : str
-    time, measured, predicted : arrays of shape (k,)
-    prior : array of shape (k,), optional
-        Prediction of the model one had before.
-    """
+    """One output of one log, after the filter of both sides."""
 
     output: str
     unit: str
-    time: Floats
-    measured: Floats
-    predicted: Floats
-    prior: Floats | None = None
+    time: Floats  # shape (k,)
+    measured: Floats  # shape (k,)
+    predicted: Floats  # shape (k,)
+    prior: Floats | None = None  # shape (k,); prediction of the model one had before
 
 
 @dataclass(frozen=True)
 class Fit:
-    """How well a prediction fits some rows of an output.
-
-    Attributes
-    ----------
-    rows : int
-    rms : float
-        Root mean square of measured − predicted, unit of the output.
-    bias : float
-        Mean of measured − predicted.
-    mean, deviation, low, high : float
-        Of the measured values.
-    """
+    """How well a prediction fits some rows of an output."""
 
     rows: int
-    rms: float
-    bias: float
-    mean: float
+    rms: float  # root mean square of measured − predicted, unit of the output
+    bias: float  # mean of measured − predicted
+    mean: float  # of the measured values, as are the others
     deviation: float
     low: float
     high: float
@@ -182,36 +163,17 @@ def fits(measured: Floats, predicted: Floats) -> list[Fit]:
 
 @dataclass(frozen=True)
 class Score:
-    """How well a prediction fits one output.
-
-    Attributes
-    ----------
-    output, unit : str
-    whole : Fit
-        All rows, after the filter of both sides.
-    moving : Fit
-        Those of them that move: what is fitted where dry friction makes rows near rest meaningless.
-    raw : Fit
-        All samples as they were measured, without a filter.
-    noise : float
-        Standard deviation of what is white in the measured samples: the noise of the sensor.
-    correlation_time : float
-        Integrated autocorrelation time of the residual, s: how far it is from white.
-    whiteness : float
-        Probability that white noise has autocorrelations this large (Ljung–Box).
-    fastest : float
-        Largest speed of its joint or actuator, rad/s or m/s; nan for a wrench.
-    """
+    """How well a prediction fits one output."""
 
     output: str
     unit: str
-    whole: Fit
-    moving: Fit
-    raw: Fit
-    noise: float = _NAN
-    correlation_time: float = _NAN
-    whiteness: float = _NAN
-    fastest: float = _NAN
+    whole: Fit  # all rows, after the filter of both sides
+    moving: Fit  # those of them that move: what is fitted where dry friction makes rows near rest meaningless
+    raw: Fit  # all samples as they were measured, without a filter
+    noise: float = _NAN  # standard deviation of what is white in the measured samples: the noise of the sensor
+    correlation_time: float = _NAN  # integrated autocorrelation time of the residual, s: how far it is from white
+    whiteness: float = _NAN  # probability that white noise has autocorrelations this large (Ljung–Box)
+    fastest: float = _NAN  # largest speed of its joint or actuator, rad/s or m/s; nan for a wrench
 
     @property
     def rows(self) -> int:
@@ -267,30 +229,16 @@ class Score:
 
 @dataclass(frozen=True)
 class Validation:
-    """A model's predictions of one log, or of several.
+    """A model's predictions of one log, or of several."""
 
-    Attributes
-    ----------
-    source : str
-        The log.
-    role : str
-        ``"identification"`` or ``"validation"``: whether the fit saw it.
-    scores : tuple of Score
-        Of the model, one per output.
-    prior_scores, plain_scores : tuple of Score
-        Of the model one had before, and of one that was fitted without friction; empty where there is none.
-    traces : tuple of Trace
-    verdict : str
-        In words.
-    """
-
-    source: str
-    role: str
-    scores: tuple[Score, ...]
+    source: str  # the log
+    role: str  # ``"identification"`` or ``"validation"``: whether the fit saw it
+    scores: tuple[Score, ...]  # of the model, one per output
+    # of the model one had before, and of one that was fitted without friction; empty where there is none
     prior_scores: tuple[Score, ...] = ()
     plain_scores: tuple[Score, ...] = ()
     traces: tuple[Trace, ...] = ()
-    verdict: str = ""
+    verdict: str = ""  # in words
 
     def beside(self, output: str) -> dict[str, Score]:
         """Scores of the models that it is compared with, by their names."""

@@ -63,18 +63,10 @@ def verdict(validation: Validation, identification: Validation | None = None) ->
 
 @dataclass(frozen=True)
 class Judgement:
-    """What all logs together say of a model.
+    """What all logs together say of a model."""
 
-    Attributes
-    ----------
-    text : str
-        The verdict in words.
-    reasons : tuple of str
-        Why the model should not be used; empty if nothing speaks against it.
-    """
-
-    text: str
-    reasons: tuple[str, ...]
+    text: str  # the verdict in words
+    reasons: tuple[str, ...]  # why the model should not be used; empty if nothing speaks against it
 
 
 def overall_verdict(judged: Validation, facts: Sequence[str] = ()) -> Judgement:

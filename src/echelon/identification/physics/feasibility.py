@@ -25,27 +25,13 @@ from echelon.mechanism.stated import characteristic_length
 
 @dataclass(frozen=True, repr=False)
 class Feasibility:
-    """Whether any physical robot has given base parameters.
+    """Whether any physical robot has given base parameters."""
 
-    Attributes
-    ----------
-    feasible : bool or None
-        None on the boundary of what robots can have.
-    evidence : str
-        What was found, in a sentence.
-    standard : array of shape (p,), optional
-        If feasible: standard parameters of a physical robot that has them.
-    nearest : array of shape (r,), optional
-        If not: base parameters of the nearest physical robot.
-    distance : float
-        Of the nearest ones, in standard deviations of the estimate (Mahalanobis); 0 if feasible.
-    """
-
-    feasible: bool | None
-    evidence: str
-    standard: Floats | None = None
-    nearest: Floats | None = None
-    distance: float = 0.0
+    feasible: bool | None  # None on the boundary of what robots can have
+    evidence: str  # what was found, in a sentence
+    standard: Floats | None = None  # shape (p,); if feasible: standard parameters of a physical robot that has them
+    nearest: Floats | None = None  # shape (r,); if not: base parameters of the nearest physical robot
+    distance: float = 0.0  # of the nearest ones, in standard deviations of the estimate (Mahalanobis); 0 if feasible
 
     def __repr__(self) -> str:
         return f"Feasibility({self.feasible}: {self.evidence})"

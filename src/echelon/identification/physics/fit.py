@@ -52,42 +52,20 @@ from echelon.observe.triangle import Triangle
 
 @dataclass(frozen=True, repr=False)
 class PhysicalFit:
-    """Standard parameters of a robot that can exist, fitted to data.
+    """Standard parameters of a robot that can exist, fitted to data."""
 
-    Attributes
-    ----------
-    parameters, units : tuple of str
-        The p standard parameters.
-    standard : array of shape (p,)
-        They satisfy every constraint.
-    base : array of shape (r,)
-        Their base parameters B ζ.
-    misfit : float
-        Σ ((W ζ̄ − y)/σ)² of the fit, and
-    unconstrained_misfit : float
-        that of plain (weighted) least squares, which no fit undercuts.
-    margins : mapping of str to float
-        Body → smallest eigenvalue of its pseudo-inertia relative to that of its prior or its scale.
-    prior : str
-        What it was drawn to: name of the prior, or empty.
-    prior_weight : float
-    status : str
-        Of the solver.
-    diagnostics : mapping
-        JSON-able: solver, iterations, active bounds, …
-    """
-
-    parameters: tuple[str, ...]
+    parameters: tuple[str, ...]  # the p standard parameters
     units: tuple[str, ...]
-    standard: Floats
-    base: Floats
-    misfit: float
-    unconstrained_misfit: float
+    standard: Floats  # shape (p,); they satisfy every constraint
+    base: Floats  # shape (r,); their base parameters B ζ
+    misfit: float  # Σ ((W ζ̄ − y)/σ)² of the fit
+    unconstrained_misfit: float  # the same of plain (weighted) least squares, which no fit undercuts
+    # body → smallest eigenvalue of its pseudo-inertia relative to that of its prior or its scale
     margins: Mapping[str, float]
-    prior: str
+    prior: str  # what it was drawn to: name of the prior, or empty
     prior_weight: float
-    status: str
-    diagnostics: Mapping[str, Any] = field(default_factory=dict)
+    status: str  # of the solver
+    diagnostics: Mapping[str, Any] = field(default_factory=dict)  # JSON-able: solver, iterations, active bounds, …
 
     def __repr__(self) -> str:
         least = self.unconstrained_misfit

@@ -55,23 +55,13 @@ _WELL = 0.98  # R² of positions
 
 @dataclass(frozen=True)
 class ServoScore:
-    """How well simulated positions of a joint follow measured ones.
-
-    Attributes
-    ----------
-    joint : str
-    rms : float
-        Of the difference, rad or m.
-    r2 : float
-        1 less the share of the variance of the positions that is left.
-    lag_r2 : float
-        Share of what positions and commands differ by that the model explains: 0 for a joint that is where it is
-        commanded to be.
-    """
+    """How well simulated positions of a joint follow measured ones."""
 
     joint: str
-    rms: float
-    r2: float
+    rms: float  # of the difference, rad or m
+    r2: float  # 1 less the share of the variance of the positions that is left
+    # share of what positions and commands differ by that the model explains: 0 for a joint that is where it is
+    # commanded to be
     lag_r2: float
 
 
