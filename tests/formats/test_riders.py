@@ -19,7 +19,7 @@ def test_fixed_links_are_where_pinocchio_has_them(name: str) -> None:
     built = open_robot(robot_file(name)).built(ReadingOptions(snap_tolerance=0, symbolic=False))
     robot, model = built.mechanism, pinocchio_model(robot_file(name), False)
     frames = {frame.name: frame for frame in model.frames if frame.type == pin.BODY}
-    riders = {link: rider for link, rider in built.riders.items() if link in frames}
+    riders = {link: read() for link, read in built.riders.items() if link in frames}
     assert len(riders) > 2
     for link, rider in riders.items():
         known = known_values(robot) | {symbol.name: symbol.value or 0.0 for symbol in rider.symbols}

@@ -72,7 +72,9 @@ class Destination:
 
 def output_folder(path: Path, force: bool) -> Destination:
     """The destination of a command that will write one or several files; called before it reads any."""
-    watch_reads()
+    _install()
+    _paths.clear()
+    _state["watching"] = True
     return Destination(path, force)
 
 
@@ -97,9 +99,9 @@ def _problem(target: Target) -> str | None:
     """Why a file must not be replaced."""
     if target.found is None or target.stream:
         return None
-    if was_read(target.path):
-        return "this command reads the file"
     with unwatched():
+        if os.fspath(target.path) in {os.path.realpath(found) for found in _paths}:
+            return "this command reads the file"
         if target.found.st_size == 0 or is_as_written(target.path):
             return None
     return "the file is there already, and is not as an earlier command wrote it"
@@ -122,19 +124,6 @@ def _remembered(contents: Mapping[Path, str | bytes]) -> Iterator[None]:
 
 
 # -- which files this process reads ----------------------------------------------------------------------------------
-
-
-def watch_reads() -> None:
-    """Forget what was read so far, and note every file that is opened for reading from now on."""
-    _install()
-    _paths.clear()
-    _state["watching"] = True
-
-
-def was_read(path: Path) -> bool:
-    """Whether a file, behind all symbolic links, was opened for reading."""
-    with unwatched():
-        return os.fspath(path) in {os.path.realpath(found) for found in _paths}
 
 
 @contextmanager

@@ -6,7 +6,7 @@ assembled at the reference pose of the file, or at a keyframe that closes them b
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
@@ -52,7 +52,8 @@ class Built:
     mechanism: Mechanism
     snaps: tuple[Snap, ...]
     notes: tuple[str, ...]
-    riders: Mapping[str, Rider] = field(default_factory=dict)  # what is fixed to bodies, by name
+    # what is fixed to bodies, by name; its numbers are read as exact ones when they are asked for
+    riders: Mapping[str, Callable[[], Rider]] = field(default_factory=dict)
 
 
 def build_mechanism(tree: LiteralTree, options: ReadingOptions, literal: Collection[str] = ()) -> Built:
@@ -91,7 +92,7 @@ class _Builder:
         symbols = {name: symbol for name, symbol in self.snapping.symbols.items() if name in used}
         # a placement on the way to a closure is read once more
         snaps = tuple(dict.fromkeys(self.snapping.snaps))
-        riders = Riders(self.snapping, self._rides())
+        riders = {name: partial(self._rider, name, *ride) for name, ride in self._rides().items()}
         mechanism = replace(mechanism, symbols=symbols)
         if closures:
             from echelon.regressor.loops.closing import close  # robots without loops load without it
@@ -115,6 +116,13 @@ class _Builder:
             if link.joint and link.joint not in bodies and link.name in rides:
                 rides.setdefault(link.joint, rides[link.name])
         return rides
+
+    def _rider(self, name: str, body: int, placements: tuple[LiteralPlacement, ...]) -> Rider:
+        known = len(self.snapping.snaps)
+        placed = self.snapping.placements(placements, symbol_stem(name))
+        placed = self.snapping.without_noise(placed, f"frame '{name}'")
+        symbols = tuple(self.snapping.symbols[symbol] for symbol in placed.symbols())
+        return Rider(body, placed, symbols, tuple(self.snapping.snaps[known:]))
 
     def _measured(self, mechanism: Mechanism) -> tuple[Output, ...] | None:
         """What the sensors of the file measure, if that is asked for."""
@@ -302,26 +310,6 @@ class Rider:
     placement: Placement  # its frame in the body's frame
     symbols: tuple[Symbol, ...] = ()  # those of the placement
     snaps: tuple[Snap, ...] = ()  # numbers of the placement that were read as nearby exact ones
-
-
-class Riders(Mapping[str, Rider]):
-    """What is fixed to bodies, by name; its numbers are read as exact ones when they are asked for."""
-
-    def __init__(self, snapping: Snapping, rides: Mapping[str, Ride]) -> None:
-        self._snapping, self._rides = snapping, rides
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._rides)
-
-    def __len__(self) -> int:
-        return len(self._rides)
-
-    def __getitem__(self, name: str) -> Rider:
-        (body, placements), known = self._rides[name], len(self._snapping.snaps)
-        placed = self._snapping.placements(placements, symbol_stem(name))
-        placed = self._snapping.without_noise(placed, f"frame '{name}'")
-        symbols = tuple(self._snapping.symbols[symbol] for symbol in placed.symbols())
-        return Rider(body, placed, symbols, tuple(self._snapping.snaps[known:]))
 
 
 _CLOSED = 1e-9  # of the characteristic length, or rad: rounding of doubles, and nobody wants to know

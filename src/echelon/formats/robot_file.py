@@ -161,7 +161,8 @@ class RobotFile:
         built = self.built(options, literal)
         mechanism = built.mechanism if options.symbolic else in_numbers(built.mechanism)
         mechanism = self._locked(mechanism, options)
-        if self._wants_usual_effects(options):
+        stated = self.description.effects if self.is_description else None
+        if options.usual_effects if stated is None else "usual" in stated:
             robot = self.robot
             mechanism = with_usual_effects(mechanism, {} if robot is None else robot.tree().drives)
         return mechanism.as_read(Reading(built.snaps, built.notes, self, options))
@@ -171,11 +172,6 @@ class RobotFile:
             return lock_joints(
                 mechanism, {**(self.description.locked if self.is_description else {}), **options.locked}
             )
-
-    def _wants_usual_effects(self, options: ReadingOptions) -> bool:
-        if not self.is_description or self.description.effects is None:
-            return options.usual_effects
-        return "usual" in self.description.effects
 
     def built(self, options: ReadingOptions, literal: Collection[str] = ()) -> Built:
         """The robot with symbols, and what was read as exact."""

@@ -52,7 +52,11 @@ def stated_limits(file: RobotFile, mechanism: Mechanism) -> dict[str, StatedLimi
     robot = file.robot
     if robot is None or robot.root.tag == "sdf":
         return {}
-    found = _of_mjcf(robot) if robot.root.tag == "mujoco" else _of_urdf(robot.root, robot.source)
+    if robot.root.tag == "mujoco":
+        found = _of_mjcf(robot)
+    else:
+        joints = [joint for joint in robot.root.findall("joint") if joint.get("type") in _MOVING]
+        found = {str(joint.get("name")): _of_joint(joint, robot.source) for joint in joints}
     offsets = _offsets(robot, mechanism)
     names = [motion.name for motion in mechanism.motions if len(motion.velocities) == 1]
     said = {name: _counted_from(offsets.get(name, 0.0), found[name]) for name in names if name in found}
@@ -75,11 +79,6 @@ def _counted_from(offset: float, limits: StatedLimits) -> StatedLimits:
 
 
 # -- URDF -------------------------------------------------------------------------------------------------------------
-
-
-def _of_urdf(root: Any, source: str) -> dict[str, StatedLimits]:
-    joints = [joint for joint in root.findall("joint") if joint.get("type") in _MOVING]
-    return {str(joint.get("name")): _of_joint(joint, source) for joint in joints}
 
 
 def _of_joint(joint: Any, source: str) -> StatedLimits:

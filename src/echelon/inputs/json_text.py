@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from typing import Any
 
 from echelon.errors import InputError, one_line
@@ -29,7 +30,8 @@ def parse_json(content: str | bytes, source: str, nodes: Limit = DATA_NODES, *, 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found = dict(pairs)
         if len(found) < len(pairs):
-            raise InputError(f"the key '{one_line(_twice(pairs))}' occurs twice in one object", source=source)
+            twice = Counter(key for key, _ in pairs).most_common(1)[0][0]
+            raise InputError(f"the key '{one_line(twice)}' occurs twice in one object", source=source)
         return found
 
     written: dict[str, Any] = dict.fromkeys(("parse_float", "parse_int", "parse_constant"), str) if as_text else {}
@@ -51,15 +53,6 @@ def _check_size(text: str, source: str, nodes: Limit) -> None:
         character = text[token.start()]
         depth += (character in "[{") - (character in "]}")
         DEPTH.check(depth, source)
-
-
-def _twice(pairs: list[tuple[str, Any]]) -> str:
-    seen: set[str] = set()
-    for key, _ in pairs:
-        if key in seen:
-            return key
-        seen.add(key)
-    raise AssertionError
 
 
 def published_schema(name: str, schema: dict[str, Any]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ because a few of them can make a small file expand without bounds.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -102,13 +103,13 @@ class _Reader:
         self._source, self._nodes, self._notes = source, nodes, lines
         self._open: list[_Open] = []
         self._count = 0
-        self._take = {
-            yaml.DocumentStartEvent: self._begin,
+        self._take: dict[type, Callable[[Any], object]] = {
+            yaml.DocumentStartEvent: lambda _: self.documents.append(YamlDocument()),
             yaml.ScalarEvent: self._scalar,
-            yaml.SequenceStartEvent: self._list,
-            yaml.MappingStartEvent: self._mapping,
-            yaml.SequenceEndEvent: self._end,
-            yaml.MappingEndEvent: self._end,
+            yaml.SequenceStartEvent: lambda event: self._begin(event, []),
+            yaml.MappingStartEvent: lambda event: self._begin(event, {}),
+            yaml.SequenceEndEvent: lambda _: self._open.pop(),
+            yaml.MappingEndEvent: lambda _: self._open.pop(),
             yaml.AliasEvent: self._alias,
         }
 
@@ -116,9 +117,6 @@ class _Reader:
         act = self._take.get(type(event))
         if act is not None:
             act(event)
-
-    def _begin(self, _: Any) -> None:
-        self.documents.append(YamlDocument())
 
     def _alias(self, event: Any) -> None:
         raise self._error(self._place(), event, "aliases (*name) are not accepted; write the value out")
@@ -142,13 +140,7 @@ class _Reader:
             self.documents[-1].lines[inside] = _line(event)
         within.key = key
 
-    def _list(self, event: Any) -> None:
-        self._begin_inside(event, [])
-
-    def _mapping(self, event: Any) -> None:
-        self._begin_inside(event, {})
-
-    def _begin_inside(self, event: Any, data: list[Any] | dict[str, Any]) -> None:
+    def _begin(self, event: Any, data: list[Any] | dict[str, Any]) -> None:
         self._check(event)
         if self._open and isinstance(self._open[-1].data, dict) and self._open[-1].key is None:
             raise self._error(self._open[-1].path, event, "keys must be plain words")
@@ -156,9 +148,6 @@ class _Reader:
         self._put(event, data)
         self._open.append(_Open(data, path))
         DEPTH.check(len(self._open), self._source, f"line {_line(event)}")
-
-    def _end(self, _: Any) -> None:
-        self._open.pop()
 
     def _put(self, event: Any, value: Any) -> None:
         """A value goes where the next one belongs: to the innermost list or mapping."""

@@ -34,7 +34,7 @@ from echelon.exact.polynomial import (
 )
 from echelon.mechanism.body import Symbol
 from echelon.mechanism.joint import MotionKind, Placement
-from echelon.mechanism.mechanism import Mechanism, setup_expressions, setup_placements, setup_ratios
+from echelon.mechanism.mechanism import Mechanism, setup_placements, setup_ratios
 from echelon.mechanism.substitute import substituted
 from echelon.program.text import phase_symbols
 from echelon.seeds import DEFAULT_SEED, random_generator
@@ -63,9 +63,8 @@ def symbol_values(
 
 def all_symbols(mechanism: Mechanism) -> set[str]:
     """All symbols that a mechanism lists or uses."""
-    used = {name for body in mechanism.bodies for name in body.joint.symbols()}
-    used |= {name for value in setup_expressions(mechanism) for name in value.symbols()}
-    used |= {name for part in mechanism.gravity or () for name in part.symbols()}
+    lengths, others = geometry(mechanism)
+    used = {name for part in (*lengths, *others, *(mechanism.gravity or ())) for name in part.symbols()}
     return used | set(mechanism.symbols)
 
 
@@ -118,7 +117,8 @@ class SymbolRoles:
 
 def symbol_roles(mechanism: Mechanism) -> SymbolRoles:
     """Sort a mechanism's symbols by role."""
-    translations, others = _expressions(mechanism)
+    translations, others = geometry(mechanism)
+    others += mechanism.gravity or ()
     everything = translations + others
     angles = {symbol_of(g) for e in everything for g in e.generators() if is_trigonometric(g)}
     terms = [action.term for effect in mechanism.effects for action in effect.actions]
@@ -134,10 +134,10 @@ def symbol_roles(mechanism: Mechanism) -> SymbolRoles:
     return SymbolRoles(frozenset(lengths) if usable else frozenset(), frozenset(angles), symbols, irrational)
 
 
-def _expressions(mechanism: Mechanism) -> tuple[list[Polynomial], list[Polynomial]]:
-    """All geometry expressions: those that are lengths, and the others."""
+def geometry(mechanism: Mechanism) -> tuple[list[Polynomial], list[Polynomial]]:
+    """All expressions beside those of gravity: those that are lengths, and the others."""
     translations: list[Polynomial] = []
-    others: list[Polynomial] = list(mechanism.gravity or ())
+    others: list[Polynomial] = []
     for body in mechanism.bodies:
         for step in body.joint.steps:
             if isinstance(step, Placement):

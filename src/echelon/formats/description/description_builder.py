@@ -125,7 +125,9 @@ def _labelled(mechanism: Mechanism, robot: RobotDescription, document: Document)
 class _FileParts:
     """Finds bodies of a robot file, and what is fixed to them."""
 
-    def __init__(self, mechanism: Mechanism, riders: Mapping[str, Rider], expressions: Expressions) -> None:
+    def __init__(
+        self, mechanism: Mechanism, riders: Mapping[str, Callable[[], Rider]], expressions: Expressions
+    ) -> None:
         self.names = {body.name: k for k, body in enumerate(mechanism.bodies)}
         self._joints = {body.joint.name: k for k, body in enumerate(mechanism.bodies)}
         self.riders, self.expressions, self.snaps = riders, expressions, list[Snap]()
@@ -134,7 +136,7 @@ class _FileParts:
         if name in self.names:
             return self.names[name], Placement()
         if name is not None and name in self.riders:
-            rider, known = self.riders[name], self.expressions.snapping.symbols
+            rider, known = self.riders[name](), self.expressions.snapping.symbols
             for symbol in rider.symbols:
                 if known.setdefault(symbol.name, symbol) != symbol:
                     problem = f"the robot file has an angle '{symbol.name}': rename the symbol"

@@ -10,7 +10,7 @@ import keyword
 import math
 import re
 import unicodedata
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
@@ -25,9 +25,10 @@ from echelon.formats.reading_options import NOT_FINITE, ReadingOptions, checked_
 from echelon.formats.snapping import Snapping
 from echelon.hints import nearest, nearest_of
 from echelon.mechanism.body import Symbol
-from echelon.mechanism.joint import ORIGIN, Placement, Vector
-from echelon.mechanism.mechanism import Mechanism, setup_expressions
+from echelon.mechanism.joint import ORIGIN, Vector
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.reading import Snap
+from echelon.mechanism.stated import geometry as geometry_of
 from echelon.mechanism.stated import symbol_roles
 
 if TYPE_CHECKING:
@@ -223,7 +224,8 @@ def with_intended_angles(mechanism: Mechanism, snapping: Snapping) -> Mechanism:
 
 def check_use(mechanism: Mechanism, robot: RobotDescription, document: Document) -> list[str]:
     """Check that every symbol has one role."""
-    geometry = {generator for entry in _geometry(mechanism) for generator in entry.generators()}
+    lengths, others = geometry_of(mechanism)
+    geometry = {generator for entry in (*lengths, *others) for generator in entry.generators()}
     gravity = {generator for entry in mechanism.gravity or () for generator in entry.generators()}
     plain = {g for g in geometry | gravity if not is_trigonometric(g)}
     for generator in geometry | gravity:
@@ -245,17 +247,6 @@ def check_use(mechanism: Mechanism, robot: RobotDescription, document: Document)
         else f"the symbol '{name}' is not used"
         for name in unused
     ]
-
-
-def _geometry(mechanism: Mechanism) -> Iterator[Polynomial]:
-    for body in mechanism.bodies:
-        for step in body.joint.steps:
-            if isinstance(step, Placement):
-                yield from step.translation
-                yield from (entry for row in step.rotation for entry in row)
-            else:
-                yield step.pitch
-    yield from setup_expressions(mechanism)
 
 
 def stated_gravity(robot: RobotDescription, expressions: Expressions) -> Vector | None:
