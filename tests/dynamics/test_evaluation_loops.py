@@ -18,6 +18,7 @@ from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.virtual_power import virtual_power_form
 from support import linkages
+from support.closed_motion import completed
 from support.described_robots import sensed
 from support.float_regressor import FloatArray
 from support.paths import ROOT
@@ -96,7 +97,7 @@ def test_independent_coordinates_are_enough(name: str) -> None:
     assembly = Assembly(mechanism)
     places = [mechanism.positions.index(n) for n in assembly.independent_positions]
     few[0] += assembly.pose[places]
-    full = assembly.completed(*few)
+    full = completed(assembly, *few)
     chosen = [mechanism.velocities.index(n) for n in mechanism.independent_velocities]
     for given, found, columns in zip(few, full, (places, chosen, chosen), strict=True):
         np.testing.assert_allclose(found[:, columns], given, rtol=0, atol=1e-12)

@@ -22,6 +22,7 @@ from echelon.program.function import Function
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.closed_motion import normalised, position_rates
 from support import linkages
+from support.closed_motion import accelerations
 from support.float_regressor import FloatArray
 from support.generated_code import reference
 from support.loop_states import closed_states, independent_columns
@@ -100,7 +101,7 @@ def test_equations_of_motion_are_those_of_the_tree_in_independent_coordinates(me
     state = {"q": q, "qd": qd[:, free], "qdd": qdd[:, free]}
     close(functions("closed_velocities", **state), qd, 1e-8)
     close(functions("closed_accelerations", **state), qdd, 1e-7)
-    without = Assembly(mechanism).accelerations(q, qd, np.zeros((len(q), len(free))))  # Ġ q̇
+    without = accelerations(Assembly(mechanism), q, qd, np.zeros((len(q), len(free))))  # Ġ q̇
     terms = [tree_terms(mechanism, zeta, *one) for one in zip(q, qd, strict=True)]
     mass = functions("mass_matrix", **state)
     close(mass, np.array([G.T @ M @ G for M, _, _, G in terms]), 1e-8)

@@ -13,6 +13,7 @@ from echelon.excite.problem.closed_loops import LoopMotion
 from echelon.program.tape import Program
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.dependent_motion import DependentMotion
+from support.closed_motion import completed
 from support.excitation_cases import slopes_by_state
 from support.excitation_loops import (
     CASES,
@@ -36,7 +37,7 @@ def test_states_are_those_of_the_assembly(name: str) -> None:
     state = states(motion)
     closed = motion.at(*state.values())
     assert closed.done.all()
-    for mine, other in zip((closed.q, closed.qd, closed.qdd), reference.completed(*state.values()), strict=True):
+    for mine, other in zip((closed.q, closed.qd, closed.qdd), completed(reference, *state.values()), strict=True):
         np.testing.assert_allclose(mine, other, atol=1e-8 * max(np.abs(other).max(), 1.0))
 
 

@@ -23,6 +23,7 @@ from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.virtual_power import virtual_power_form
 from support import linkages
+from support.closed_motion import completed, velocities
 from support.float_regressor import FloatArray
 from support.loop_states import closed_states, independent_columns, random_parameters
 from support.paths import ROOT
@@ -34,8 +35,8 @@ GOUGH_STEWART = ROOT / "examples" / "loops" / "gough_stewart.yaml"
 ALL = [pytest.param(m, id=m.name) for m in linkages.everything()]
 
 
-def regressor(mechanism: Mechanism, *state: FloatArray, **options: object) -> FloatArray:
-    return evaluate_floats(virtual_power_form(mechanism), mechanism, *state, **options)
+def regressor(mechanism: Mechanism, *state: FloatArray) -> FloatArray:
+    return evaluate_floats(virtual_power_form(mechanism), mechanism, *completed(Assembly(mechanism), *state))
 
 
 # -- forces ------------------------------------------------------------------------------------------------------------
@@ -92,7 +93,7 @@ def test_friction_in_passive_joints_and_transmissions() -> None:
     x, plain_x = regressor(driven, *states), regressor(replace(driven, actuators=()), *states)
     np.testing.assert_allclose(np.array([[1, 1], [1, -1]]).T @ x, plain_x, atol=1e-10 * np.abs(x).max())
     passive = mechanism.velocities.index("q2")
-    slopes = [Assembly(mechanism).velocities(states[0], np.tile(unit, (6, 1)))[:, passive] for unit in np.eye(2)]
+    slopes = [velocities(Assembly(mechanism), states[0], np.tile(unit, (6, 1)))[:, passive] for unit in np.eye(2)]
     np.testing.assert_allclose(plain_x[:, :, -1], np.transpose(slopes) * states[1][:, passive, None], atol=1e-9)
 
 
@@ -166,7 +167,7 @@ def test_work_becomes_energy(make: Callable[[], Mechanism], motion: Callable[...
     times = (instants[:, None] + h * np.array([-2, -1, 0, 1, 2])).ravel()
     q, qd, qdd = motion(times)
     full = assembly.from_independent(q)
-    speeds = assembly.velocities(full, qd)
+    speeds = velocities(assembly, full, qd)
     energy = np.array([model.energy(*state) for state in zip(full, speeds, strict=True)]).reshape(-1, 5)
     gained = (8 * (energy[:, 3] - energy[:, 1]) - (energy[:, 4] - energy[:, 0])) / (12 * h)
     power = np.einsum("ijk,k,ij->i", regressor(mechanism, q, qd, qdd), zeta, qd)[2::5]

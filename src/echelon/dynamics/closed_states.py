@@ -26,7 +26,7 @@ from echelon.machine.batch import real_array
 from echelon.machine.kernel import Kernel
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Function
-from echelon.regressor.loops.assembly import Assembly, check_shape
+from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.closed_motion import CLOSED, RANK_TOLERANCE, largest
 
 Builder = Callable[[Mechanism, Sequence[int]], Function]
@@ -83,7 +83,7 @@ class CompiledAssembly(Assembly):
     def _positions(self, q: Floats) -> Floats:
         if q.shape[1] == len(self.mechanism.positions):
             return q
-        check_shape(q, "q", self.mechanism.positions, self.independent_positions)
+        _check_shape(q, "q", self.mechanism.positions, self.independent_positions)
         return self.from_independent(q)
 
     def _independent_rates(
@@ -92,7 +92,7 @@ class CompiledAssembly(Assembly):
         mechanism, given = self.mechanism, state[name]
         names, free = mechanism.velocities, mechanism.independent_velocities
         if given.shape[1] != len(names):
-            check_shape(given, name, names, free)
+            _check_shape(given, name, names, free)
             return given
         chosen = np.ascontiguousarray(given[:, [names.index(n) for n in free]])
         rates = {"qd": np.zeros_like(chosen), **found, name: chosen}
@@ -165,3 +165,12 @@ class ClosedStates:
         if self._last is None or self._last[0] != (symbols or {}):
             self._last = dict(symbols or {}), CompiledAssembly(self.mechanism, symbols)
         return self._last[1].independent_state(moving)
+
+
+def _check_shape(values: Floats, kind: str, names: tuple[str, ...], independent: tuple[str, ...]) -> None:
+    """Refuse values that are neither those of all coordinates nor those of the independent ones."""
+    if values.ndim != 2 or values.shape[1] != len(independent):
+        raise InputError(
+            f"{kind} has shape {values.shape}; expected (samples, {len(names)}) for all coordinates "
+            f"({', '.join(names)}) or (samples, {len(independent)}) for the independent ones ({', '.join(independent)})"
+        )

@@ -27,7 +27,7 @@ def evaluate_floats(
     symbols: Mapping[str, float] | None = None,
     inputs: Mapping[str, npt.ArrayLike] | None = None,
 ) -> Floats:
-    """Evaluate forms at states of a mechanism."""
+    """Evaluate forms at states of all coordinates of a mechanism, at which loops are closed."""
     # shapes: q (N, positions); qd, qdd (N, velocities); inputs (N,); returns (N, rows, columns)
     q, qd, qdd = (np.atleast_2d(np.asarray(values, dtype=float)) for values in (q, qd, qdd))
     measured = {name: np.atleast_1d(np.asarray(values, dtype=float)) for name, values in (inputs or {}).items()}
@@ -41,10 +41,9 @@ def evaluate_floats(
     named |= {f"i[{name}]": values for name, values in measured.items()}
     if forms.loops is None:
         return _evaluated(forms, schedule, named | _columns(mechanism, q, qd, qdd), len(q))
-    assembly = Assembly(mechanism, symbols)
-    q, qd, qdd = assembly.completed(q, qd, qdd)
     named |= _columns(mechanism, q, qd, qdd)
-    rows = [_evaluated(forms, schedule, named | speeds, len(q)) for speeds in _virtual_speeds(assembly, q)]
+    speeds = _virtual_speeds(Assembly(mechanism, symbols), q)
+    rows = [_evaluated(forms, schedule, named | given, len(q)) for given in speeds]
     return np.concatenate(rows, axis=1)
 
 

@@ -75,7 +75,7 @@ def _positions(found: ExcitingTrajectory, time: Floats) -> Floats:
     """Positions of all coordinates, shape (pictures, positions); with loops, those that the others follow from."""
     mechanism, trajectory = found.base.mechanism, found.trajectory
     if mechanism.closures:
-        return Assembly(mechanism).completed(trajectory(time), trajectory(time, 1), trajectory(time, 2))[0]
+        return Assembly(mechanism).from_independent(trajectory(time))
     columns = [trajectory.coordinates.index(name) for name in mechanism.positions]
     return trajectory(time)[:, columns]
 

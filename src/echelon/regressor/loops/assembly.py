@@ -302,23 +302,6 @@ class Assembly(ClosedMotion):
 
     # -- states ----------------------------------------------------------------------------------------------------
 
-    def completed(self, q: Floats, qd: Floats, qdd: Floats) -> tuple[Floats, Floats, Floats]:
-        """States of all coordinates, from each of q, qd and qdd of all or of the independent ones only."""
-        velocities, independent = self.mechanism.velocities, self.mechanism.independent_velocities
-        if q.shape[-1] != len(self.mechanism.positions):
-            check_shape(q, "q", self.mechanism.positions, self.independent_positions)
-            if self.assembled is not None:
-                self.assembled.check()
-            q = self.from_independent(q)
-        if qd.shape[-1] != len(velocities):
-            check_shape(qd, "qd", velocities, independent)
-            qd = self.velocities(q, qd)
-        if qdd.shape[-1] != len(velocities):
-            check_shape(qdd, "qdd", velocities, independent)
-            qdd = self.accelerations(q, qd, qdd)
-        self.check_closed(q, qd, qdd)
-        return q, qd, qdd
-
     def random_closed_states(
         self, rng: np.random.Generator, count: int, reach: float = 1.0
     ) -> tuple[Floats, Floats, Floats]:
@@ -397,12 +380,3 @@ def _damped_steps(values: Floats, jacobian: Floats) -> Floats:
     normal = square + damping[:, None, None] * np.eye(jacobian.shape[2])
     steps: Floats = -np.linalg.solve(normal, transposed @ values[:, :, None])[:, :, 0]
     return steps * np.minimum(1.0, _LONGEST / np.maximum(largest(steps), 1e-300))[:, None]
-
-
-def check_shape(values: Floats, kind: str, names: tuple[str, ...], independent: tuple[str, ...]) -> None:
-    """Refuse values that are neither those of all coordinates nor those of the independent ones."""
-    if values.ndim != 2 or values.shape[1] != len(independent):
-        raise InputError(
-            f"{kind} has shape {values.shape}; expected (samples, {len(names)}) for all coordinates "
-            f"({', '.join(names)}) or (samples, {len(independent)}) for the independent ones ({', '.join(independent)})"
-        )

@@ -1,4 +1,4 @@
-"""Motion of a mechanism with loops in double precision: what follows from the motion of its independent coordinates.
+"""The closure equations of a mechanism with loops in double precision, and the motions that they allow.
 
 The dependent velocities solve the closure equations' Jacobian.  Loops may have redundant constraints, as a planar
 four-bar has in space, so there may be more equations than unknowns; but their rank must be the number of unknowns.
@@ -104,7 +104,7 @@ class ClosureValues:
 
 
 class ClosedMotion:
-    """Velocities and accelerations in closed configurations."""
+    """How a mechanism can move in closed configurations."""
 
     def __init__(self, mechanism: Mechanism, symbols: Mapping[str, float] | None = None) -> None:
         self.mechanism, self.closures = mechanism, ClosureValues(mechanism, symbols)
@@ -136,14 +136,6 @@ class ClosedMotion:
         smallest: Floats = singular[:, len(self._dependent) - 1] / singular[:, 0]
         return smallest
 
-    def velocities(self, q: Floats, qd_independent: Floats) -> Floats:
-        """Velocities of all coordinates, (N, velocities), from those of the independent ones, (N, independent)."""
-        return self._completed(q, qd_independent, np.zeros(len(self.closures.owners)))
-
-    def accelerations(self, q: Floats, qd: Floats, qdd_independent: Floats) -> Floats:
-        """Accelerations of all coordinates, from all velocities and the independent accelerations."""
-        return self._completed(q, qdd_independent, self.closures.bias(q, qd))
-
     def virtual_velocities(self, q: Floats) -> Floats:
         """Virtual velocities of all coordinates that belong to each output, shape (N, velocities, outputs)."""
         freedoms = list(dict.fromkeys(name for motion in self.chosen_speeds for name in motion))
@@ -158,32 +150,6 @@ class ClosedMotion:
         result[:, given], result[:, self._dependent] = speeds, solved
         result *= self.closures.units[:, None]
         return result[:, : len(self.mechanism.velocities)]
-
-    def check_closed(self, q: Floats, qd: Floats, qdd: Floats) -> None:
-        """Check that states keep the loops closed."""
-        units = self.closures.units[: qd.shape[1]]
-        values, jacobian = self.closures.at(q)
-        jacobian = jacobian[:, :, : qd.shape[1]]
-        self._check_small(values, np.ones(len(q)), "positions")
-        rates = (jacobian @ (qd / units)[:, :, None])[:, :, 0]
-        self._check_small(rates, largest(qd / units), "velocities")
-        bias = self.closures.bias(q, qd)
-        gained = (jacobian @ (qdd / units)[:, :, None])[:, :, 0] + bias
-        self._check_small(gained, largest(qdd / units) + largest(bias), "accelerations")
-
-    # -- equations -------------------------------------------------------------------------------------------------
-
-    def _completed(self, q: Floats, independent: Floats, bias: Floats) -> Floats:
-        """All x with J x + bias = 0, from the independent ones."""
-        units = self.closures.units[: len(self.mechanism.velocities)]
-        _, jacobian = self.closures.at(q)
-        given = independent / units[self._independent]
-        driven = (jacobian[:, :, self._independent] @ given[:, :, None])[:, :, 0] + bias
-        result = np.zeros((len(q), len(units)))
-        result[:, self._independent] = given
-        result[:, self._dependent] = -self._solved(jacobian, driven[:, :, None])[:, :, 0]
-        result *= units
-        return result
 
     def _solved(self, jacobian: Floats, right: Floats) -> Floats:
         """Least-squares solutions for the dependent velocities."""
@@ -240,15 +206,6 @@ class ClosedMotion:
             f"the coordinates {names} are not independent: {shown_loops(self.mechanism)} do not let "
             f"'{output.name}' move alone (missed by {np.abs(missed).max(initial=0.0):.1g}); leave  independent  out"
         )
-
-    def _check_small(self, values: Floats, scale: Floats, what: str) -> None:
-        off = np.abs(values).max(axis=1) > CLOSED * np.maximum(scale, 1.0)
-        if off.any():
-            sample = int(np.argmax(off))
-            raise InputError(
-                f"the {what} of sample {sample} do not keep the loops closed: {self.opening(values[sample])}; give "
-                f"those of the independent coordinates only ({', '.join(self.mechanism.independent_velocities)})"
-            )
 
     def opening(self, values: Floats) -> str:
         """What closure equations miss most, in words."""
