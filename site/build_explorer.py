@@ -29,7 +29,7 @@ from typing import Any
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "src"))
 
-from echelon.zoo.find import robot_files, stands_alone, usual_folders  # noqa: E402  needs the path above
+from echelon.zoo.exhibit import robot_files, stands_alone, usual_folders  # noqa: E402  needs the path above
 
 PAGE = ROOT / "site" / "explorer"
 LOCK = json.loads((PAGE / "lock.json").read_text())

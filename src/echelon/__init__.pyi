@@ -1,10 +1,10 @@
 """The public names and where each is declared: type checkers read this file, and so does ``__init__.py``."""
 
-from echelon.base.base_set import Identifiability as Identifiability
 from echelon.base.derive import base_parameters as base_parameters
 from echelon.base.derive import base_structure as base_structure
 from echelon.base.expression import Expression as Expression
 from echelon.base.linear_base import LinearBase as LinearBase
+from echelon.base.matrix import Identifiability as Identifiability
 from echelon.base.model import BaseModel as BaseModel
 from echelon.base.modes import assembly_modes as assembly_modes
 from echelon.base.numeric_rank import NumericComparison as NumericComparison

@@ -9,8 +9,7 @@ import pytest
 
 import echelon as ec
 from echelon.base.linear_base import LinearBase
-from echelon.program.region import RealPoints, RegionReport
-from echelon.program.region_search import IndependentRegions
+from echelon.program.region import IndependentRegions, RealPoints, RegionReport
 from echelon.program.surfaces import find_surfaces, impossible
 from echelon.program.tape import Program
 from echelon.program.text import record_expression

@@ -23,7 +23,7 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut, JointForce, Output, plain
 from echelon.mechanism.transmission import Actuator
 from echelon.regressor import virtual_power
-from echelon.regressor.blocks import FEW_COLUMNS
+from echelon.regressor.linear import FEW_COLUMNS
 from echelon.regressor.virtual_power import virtual_power_form
 from support import textbook_arms as arms
 from support.random_mechanisms import mechanisms

@@ -13,13 +13,11 @@ import pytest
 
 import echelon as ec
 from echelon.codegen import TARGETS, Precision, views
-from echelon.codegen.documentation import Subject
-from echelon.codegen.source import generate_source, printed
+from echelon.codegen.source import Subject, generate_source, printed
 from echelon.dynamics.functions import FUNCTIONS as ALL
 from echelon.dynamics.functions import LOOP_FUNCTIONS
 from echelon.program.function import Argument, Function
-from echelon.program.operations import FUNCTIONS
-from echelon.program.tape import Program
+from echelon.program.tape import FUNCTIONS, Program
 from echelon.regressor.loops.assembly import Assembly
 from support import generated_code as generated
 from support.paths import ROOT

@@ -11,8 +11,7 @@ import numpy.typing as npt
 import pytest
 
 from echelon.codegen import TARGETS, Precision
-from echelon.codegen.documentation import Subject
-from echelon.codegen.source import printed
+from echelon.codegen.source import Subject, printed
 from echelon.program.function import Argument, Function
 from echelon.program.tape import Program
 from support import generated_code as generated

@@ -25,8 +25,7 @@ from echelon.cli.commands import FUNCTIONS as LISTED_FUNCTIONS
 from echelon.cli.commands import LOOP_FUNCTIONS as LISTED_LOOP_FUNCTIONS
 from echelon.cli.commands import TARGETS as LISTED_TARGETS
 from echelon.codegen import TARGETS, Precision
-from echelon.codegen.documentation import Subject
-from echelon.codegen.source import generate, generate_source, printed
+from echelon.codegen.source import Subject, generate, generate_source, printed
 from echelon.dynamics.functions import FUNCTIONS, LOOP_FUNCTIONS
 from echelon.program.function import Argument, Function
 from echelon.program.tape import Program

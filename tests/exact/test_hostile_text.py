@@ -19,9 +19,8 @@ from echelon.cli.generate import read_values
 from echelon.cli.screen import visible
 from echelon.errors import InputError
 from echelon.exact.expressions import parse
-from echelon.exact.numbers import in_double_range, surd
+from echelon.exact.numbers import in_double_range, is_whole, surd
 from echelon.exact.polynomial import Polynomial, multiple_of
-from echelon.exact.syntax import is_whole
 from echelon.formats.snapping import symbol_stem
 from echelon.mechanism.body import Symbol
 from echelon.models.model_text import constant_values

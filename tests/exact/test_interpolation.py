@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from echelon.errors import ClosedFormError, DegenerateSampleError
 from echelon.exact.expressions import parse
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.fits import sections
-from echelon.exact.interpolation import interpolate
+from echelon.exact.interpolation import interpolate, sections
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction
 from echelon.exact.unknown import UnknownFunctions, Work

@@ -11,8 +11,7 @@ import pytest
 from echelon.errors import InputError
 from echelon.machine import kernel as kernel_module
 from echelon.machine.kernel import Kernel
-from echelon.machine.lowering import lowered
-from echelon.machine.operations_text import Vector
+from echelon.machine.operations_text import Vector, lowered
 from echelon.machine.rows_text import Way, rows_of
 from echelon.machine.target import Target, host
 from echelon.program.function import Argument, Function

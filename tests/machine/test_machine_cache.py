@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from echelon.errors import EchelonError
-from echelon.machine import cache
 from echelon.machine import kernel as kernel_module
+from echelon.machine import target
 from echelon.machine.kernel import Kernel
 from echelon.machine.target import Target, host, object_code
 from support.small_kernels import function
@@ -80,7 +80,7 @@ def test_the_key_covers_everything() -> None:
     """Another source or another processor is another entry."""
     keys = [("a", "text"), ("a", "texts"), ("b", "text")]
     for key in (*keys, *keys):
-        assert cache.cached_object(*key, lambda key=key: repr(key).encode()) == repr(key).encode()
+        assert target.cached_object(*key, lambda key=key: repr(key).encode()) == repr(key).encode()
     others = ({"lanes": 1}, {"cpu": "x86-64"}, {"features": "-avx"}, {"triple": "arm64-apple"})
     assert len({host().identity, *(replace(host(), **other).identity for other in others)}) == 5
 
@@ -232,12 +232,12 @@ def test_the_usual_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.delenv("ECHELON_CACHE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     check()
-    assert cache.cache_folder() == tmp_path / "echelon" / "objects"
+    assert target.cache_folder() == tmp_path / "echelon" / "objects"
     assert len(entries(tmp_path / "echelon" / "objects")) == 1
 
 
 def test_old_entries_are_removed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cache, "_MOST_ENTRIES", 3)
+    monkeypatch.setattr(target, "_MOST_ENTRIES", 3)
     folder.mkdir(parents=True, mode=0o700)
     (folder / "notes.txt").write_text("not ours", encoding="utf-8")
     for age, name in enumerate("abcde"):

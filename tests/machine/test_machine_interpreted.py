@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from echelon.errors import SlowWarning
-from echelon.machine import interpreted, kernel
+from echelon.machine import kernel
 from echelon.machine.batch import batch
 from echelon.machine.kernel import Columns, Kernel
 from echelon.program.tape import Scalar
@@ -29,7 +29,7 @@ VALUES = {"x": RNG.normal(size=(SAMPLES, 2)), "v": RNG.normal(size=(SAMPLES, 2))
 @pytest.fixture
 def no_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kernel, "compiles", lambda: False)
-    monkeypatch.setattr(interpreted, "_TOGETHER", 1 << 10)  # several pieces
+    monkeypatch.setattr(kernel, "_TOGETHER", 1 << 10)  # several pieces
 
 
 @pytest.mark.parametrize("sparse", [False, True])
@@ -54,6 +54,6 @@ def test_columns_are_those_of_machine_code(request: pytest.FixtureRequest) -> No
 @pytest.mark.usefixtures("no_compiler")
 def test_what_takes_long_says_how_to_make_it_fast(monkeypatch: pytest.MonkeyPatch) -> None:
     Kernel(MADE)(VALUES)  # warnings are errors here
-    monkeypatch.setattr(interpreted, "_LARGE", SAMPLES)
+    monkeypatch.setattr(kernel, "_LARGE", SAMPLES)
     with pytest.warns(SlowWarning, match=r'pip install "echelon-robotics\[fast\]"'):
         Kernel(MADE)(VALUES)

@@ -2,7 +2,7 @@
 
 from mutation.fault import Fault
 
-CERTIFICATE, ORDER, MATRIX = "base/certificate.py", "base/matrix.py", "base/matrix.py"
+CERTIFICATE, ORDER = "base/certificate.py", "base/matrix.py"
 CLAIMS = "claims/test_false_claims.py"
 
 FAULTS = (
@@ -38,7 +38,7 @@ FAULTS = (
     Fault(ORDER, "inf if (body", "-inf if (body", "parameters of effects come first", "base/test_order.py"),
     Fault(ORDER, "else -(factor * value)", "else factor * value", "exchange of pivots", "base/test_order.py"),
     Fault(
-        "base/base_set.py",
+        "base/matrix.py",
         "len(row) == 1",
         "len(row) <= 2",
         "identifiable alone",
@@ -53,11 +53,11 @@ FAULTS = (
     ),
     Fault("base/pseudo_inverse.py", "base_values - b @ prior", "base_values", "lift with a prior", "base/test_lift.py"),
     Fault(
-        MATRIX,
+        "exact/polynomial.py",
         '[0 if generator.startswith("cos(") else 1]',
         '[1 if generator.startswith("cos(") else 0]',
         "cosines and sines of B",
-        "base/test_closed_form.py",
+        "exact/test_polynomial.py",
     ),
     Fault(
         "base/expression.py",

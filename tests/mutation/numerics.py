@@ -24,7 +24,7 @@ FAULTS = (
     ),
     Fault(COMPOSITE, "cross(angular, first))", "cross(first, angular))", "force of an angular acceleration", DYNAMICS),
     Fault(
-        "dynamics/reframing.py",
+        "dynamics/outputs.py",
         "(-along if k == axis",
         "(along if k == axis",
         "offsets along axes, which cost operations",

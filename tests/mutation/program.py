@@ -120,7 +120,7 @@ FAULTS = (
         "excite/test_state_limits.py::test_smoothed_torques_differ_near_standstill_only",
     ),
     Fault(
-        "program/compound.py",
+        "program/text.py",
         "s * cosine + c * sine",
         "s * cosine - c * sine",
         "sines of turned angles",
@@ -162,7 +162,7 @@ FAULTS = (
         "program/test_bounds.py",
     ),
     Fault(
-        "program/atoms.py",
+        "program/canonical.py",
         "laurent.append((name, -e))",
         "laurent.append((name, e))",
         "exp(x/c) is exp(c·x)",

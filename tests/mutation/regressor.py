@@ -2,7 +2,7 @@
 
 from mutation.fault import Fault
 
-SPATIAL, ENERGY = "regressor/spatial.py", "regressor/energy.py"
+SPATIAL, ENERGY = "regressor/steps.py", "regressor/energy.py"
 POWER, PROBES, LIFTING = "regressor/virtual_power.py", "regressor/probes.py", "regressor/loops/closed_curve.py"
 MOVING, JOINTS = "regressor/loops/moving.py", "mechanism/test_joints.py"
 TRUTHS = "regressor/test_loops_truths.py::test_four_bar regressor/test_loops_truths.py::test_parallelogram"
@@ -44,7 +44,7 @@ FAULTS = (
         "regressor/test_energy.py",
     ),
     Fault(
-        "regressor/effects.py",
+        "regressor/probes.py",
         "sum((c.rate[0] * r for c, r in known), zero)",
         "sum((c.rate[0] for c, r in known), zero)",
         "speeds of motors",

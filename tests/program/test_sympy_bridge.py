@@ -15,11 +15,10 @@ from sympy import Abs, Rational, cos, exp, log, pi, sign, sin, sqrt, tan, tanh
 from echelon.errors import InputError
 from echelon.exact.elimination import rank
 from echelon.exact.numbers import Number
-from echelon.program.operations import FUNCTIONS
 from echelon.program.sampling import FieldSampler
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.sympy_bridge import SUPPORTED, from_sympy, to_sympy
-from echelon.program.tape import Program, Scalar
+from echelon.program.tape import FUNCTIONS, Program, Scalar
 from support.strategies import SMALL_FIELD, calculate, formulas, in_sympy, numbers
 
 x, y = sympy.symbols("x y")

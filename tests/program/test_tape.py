@@ -12,8 +12,7 @@ from hypothesis import assume, given
 from echelon.errors import InputError
 from echelon.exact.expressions import parse
 from echelon.exact.numbers import Number, surd
-from echelon.program.operations import FUNCTIONS, Op
-from echelon.program.tape import Input, Program, Scalar
+from echelon.program.tape import FUNCTIONS, Input, Op, Program, Scalar
 from support.strategies import calculate, formulas, numbers
 
 ROOT2 = surd(0, 1, 0, 0)

@@ -10,7 +10,7 @@ import pytest
 
 import echelon as ec
 from echelon.base.display import to_text
-from echelon.dynamics.closed_states import ClosedStates
+from echelon.dynamics.evaluator import ClosedStates
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.joint import Placement, floating_motions
 from echelon.mechanism.mechanism import Mechanism

@@ -11,8 +11,7 @@ import pytest
 
 import echelon as ec
 from echelon.zoo.build import build_zoo, write_index
-from echelon.zoo.exhibit import Task, build_exhibit
-from echelon.zoo.find import Found, robot_files
+from echelon.zoo.exhibit import Found, Task, build_exhibit, robot_files
 from support.command_line import run
 from support.hostile_robot import HOSTILE, NAME
 from support.paths import ROOT

@@ -8,8 +8,7 @@ import pytest
 
 import echelon as ec
 from echelon.zoo.build import write_index
-from echelon.zoo.exhibit import Task, build_exhibit
-from echelon.zoo.find import Found
+from echelon.zoo.exhibit import Found, Task, build_exhibit
 from support.hostile_robot import HOSTILE, NAME
 from support.paths import EXAMPLES
 from support.site_audit import DARK, LIGHT, PHONE, audited, complaints

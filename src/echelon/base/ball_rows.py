@@ -14,8 +14,7 @@ import numpy.typing as npt
 from echelon.errors import InputError
 from echelon.exact.expressions import PI, parse
 from echelon.exact.polynomial import is_trigonometric, multiple_of, symbol_of
-from echelon.program.balls import BallArithmetic, ball
-from echelon.program.schedule import Schedule
+from echelon.program.schedule import BallArithmetic, Schedule, ball
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.closed_balls import ClosedBalls
 

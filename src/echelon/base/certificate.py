@@ -35,9 +35,9 @@ from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField
 from echelon.exact.numbers import Number
 from echelon.exact.polynomial import is_trigonometric, multiple_of
 from echelon.mechanism.stated import GENERAL, StatedValues
-from echelon.program.balls import ball
 from echelon.program.bounds import Size, polynomial_size, size_bound
 from echelon.program.sampling import FieldSampler
+from echelon.program.schedule import ball
 from echelon.regressor.linear import LinearForms
 from echelon.seeds import random_generator
 
@@ -98,7 +98,7 @@ class Certificate:
     seed: int  # seed of the random points and primes
     minor_prime: int  # prime modulo which an r × r minor of the pivot columns is non-zero
     # number of random states whose rows contain what is left of it without its triangular part (see
-    # :mod:`echelon.regressor.blocks`)
+    # :mod:`echelon.regressor.linear`)
     minor_states: int
     identity_primes: tuple[int, ...]  # primes modulo which X · N = 0 held at a random point each
     degree: int  # bound on the degree of the identity

@@ -21,20 +21,20 @@ import numpy.typing as npt
 
 from echelon.base.ball_rows import Balls, ball_rows, precision, stated_generators
 from echelon.base.dependent import Kernel, Relation, relations, substituted
-from echelon.base.matrix import BaseMatrix, StatedNumbers, reordered, residues_of_generators
+from echelon.base.matrix import BaseMatrix, StatedNumbers, reordered
 from echelon.base.structure import Structure
 from echelon.conventions import PER_BODY
 from echelon.errors import ClosedFormError
-from echelon.exact.elimination import reduced_echelon
+from echelon.exact.elimination import by_pivots
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.interpolation import interpolate
 from echelon.exact.numbers import Number
 from echelon.exact.polynomial import Polynomial
-from echelon.exact.rational import ONE, RationalFunction, cost_of_products, sum_of_products
+from echelon.exact.rational import ONE, RationalFunction, cost_of_products, residues_at, sum_of_products
 from echelon.exact.unknown import UnknownFunctions, Work, persistent
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import symbol_roles, value_texts
-from echelon.program.balls import ball
+from echelon.program.schedule import ball
 
 _BITS, _MOST_BITS = 512, 4096
 _DIGITS = 40
@@ -132,8 +132,7 @@ class StatedColumns:
         """Dependent columns as combinations of pivots at one geometry."""
 
         def number(polynomial: Polynomial) -> int:
-            points = residues_of_generators(polynomial.generators(), geometry, field)
-            return polynomial.evaluate({g: int(x[0]) for g, x in points.items()}, field.embed) % field.p
+            return polynomial.evaluate(residues_at(polynomial.generators(), geometry, field), field.embed) % field.p
 
         def coefficients(kernel: Kernel) -> npt.NDArray[Any]:
             own = {s: geometry[s] for s in kernel.sampler.symbols}
@@ -178,13 +177,8 @@ class StatedColumns:
         for column, combination in solved.items():
             for pivot, value in combination.items():
                 dense[row[pivot], column] = value
-        reduced, places = reduced_echelon(dense[:, list(self.order)], field)
-        pivots = [self.order[k] for k in places]
-        free = [k for k in range(len(self.order)) if k not in set(places)]
-        return {
-            self.order[k]: {pivots[i]: int(reduced[i, k]) for i in range(len(pivots)) if int(reduced[i, k])}
-            for k in free
-        }
+        found = by_pivots(dense[:, list(self.order)], field)
+        return {self.order[k]: {self.order[p]: x for p, x in pivots.items()} for k, pivots in found.items()}
 
     def _exact(self, pairs: Sequence[Pair], needed: Sequence[Relation], meaning: StatedNumbers) -> list[Number] | None:
         """Exact values, or None where the stated values have no residues."""

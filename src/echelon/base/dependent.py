@@ -17,7 +17,6 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from echelon.base.rows import Rows, rows_of
 from echelon.base.structure import Structure, floating_pair, mount, pair_columns, pair_signature
 from echelon.conventions import PER_BODY
 from echelon.errors import DegenerateSampleError
@@ -31,7 +30,7 @@ from echelon.mechanism.joint import Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import SymbolRoles, symbol_roles
 from echelon.program.sampling import FieldSampler
-from echelon.regressor.energy import energy_form
+from echelon.regressor.energy import Rows, energy_form, rows_of
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.curves import CurveSampler
 

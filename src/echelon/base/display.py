@@ -6,8 +6,8 @@ import re
 from html import escape
 from typing import TYPE_CHECKING
 
-from echelon.base.base_set import Identifiability
 from echelon.base.expression import LatexStyle, latex_polynomial, latex_symbol, render
+from echelon.base.matrix import Identifiability
 from echelon.base.reading_report import ROUNDING
 from echelon.conventions import PARAMETERS, PER_BODY
 from echelon.errors import one_line

@@ -20,8 +20,7 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Function
 
 if TYPE_CHECKING:
-    from echelon.dynamics.closed_states import ClosedStates
-    from echelon.dynamics.evaluator import Evaluator, Values
+    from echelon.dynamics.evaluator import ClosedStates, Evaluator, Values
     from echelon.observe.accumulate import Observer
     from echelon.observe.observation import NormalEquations, Observation
 
@@ -29,14 +28,42 @@ Log = Mapping[str, Any]
 """``q``, ``qd``, ``qdd`` and ``y``, and ``inputs`` where effects use measured inputs."""
 
 
-class Recorded(ABC):
-    """What has a mechanism and its base matrix.
+Symbols = Mapping[str, float] | None
+Inputs = Mapping[str, npt.ArrayLike] | None
+
+
+class Evaluation(ABC):
+    """What a base model computes at states and makes of logs.
 
     Attributes
     ----------
     mechanism : Mechanism
     matrix : BaseMatrix
         Exact sparse B.
+
+    Notes
+    -----
+    The arguments are the same everywhere:
+
+    q : array of shape (N, positions), or (positions,) for one state
+        In the order of ``mechanism.positions``, rad, m or unit quaternions (w, x, y, z).
+    qd, qdd : arrays of shape (N, velocities)
+        In the order of ``mechanism.velocities``, rad/s, m/s, rad/s², m/s².  With loops, each of q, qd and qdd may also
+        be that of the independent coordinates only, in the order of ``mechanism.independent_velocities``; the others
+        then follow from the pose in which the mechanism is assembled.
+    values : array of shape (r,)
+        Base parameters, SI units.
+    symbols : mapping of str to float, optional
+        Values of geometry symbols that replace or complete those of the file.
+    inputs : mapping of str to array of shape (N,), optional
+        Measured inputs that effects use, such as currents, by coordinate or actuator.
+    out : array, optional
+        Where to write; C-contiguous float64 of the result's shape.  Worth reusing for large results.
+    threads : int, optional
+        Largest number of threads; all processors if omitted.  The result does not depend on it.
+
+    They raise InputError if shapes do not fit, values are missing, or ``out`` cannot be written to.  With loops, also
+    if states are not closed or cannot be closed, or an output is not determined by the motion.
     """
 
     mechanism: Mechanism
@@ -66,46 +93,6 @@ class Recorded(ABC):
         if name not in self._functions:
             self._functions[name] = robot_function(name, self.mechanism, self.matrix.pivots)
         return self._functions[name]
-
-    @cached_property
-    def _loops(self) -> ClosedStates | None:
-        """What completes states; None without loops."""
-        if not self.mechanism.closures:
-            return None
-        from echelon.dynamics.closed_states import ClosedStates
-
-        return ClosedStates(self.mechanism)
-
-
-Symbols = Mapping[str, float] | None
-Inputs = Mapping[str, npt.ArrayLike] | None
-
-
-class Evaluation(Recorded):
-    """What a base model computes at states.
-
-    The arguments are the same everywhere:
-
-    q : array of shape (N, positions), or (positions,) for one state
-        In the order of ``mechanism.positions``, rad, m or unit quaternions (w, x, y, z).
-    qd, qdd : arrays of shape (N, velocities)
-        In the order of ``mechanism.velocities``, rad/s, m/s, rad/s², m/s².  With loops, each of q, qd and qdd may also
-        be that of the independent coordinates only, in the order of ``mechanism.independent_velocities``; the others
-        then follow from the pose in which the mechanism is assembled.
-    values : array of shape (r,)
-        Base parameters, SI units.
-    symbols : mapping of str to float, optional
-        Values of geometry symbols that replace or complete those of the file.
-    inputs : mapping of str to array of shape (N,), optional
-        Measured inputs that effects use, such as currents, by coordinate or actuator.
-    out : array, optional
-        Where to write; C-contiguous float64 of the result's shape.  Worth reusing for large results.
-    threads : int, optional
-        Largest number of threads; all processors if omitted.  The result does not depend on it.
-
-    They raise InputError if shapes do not fit, values are missing, or ``out`` cannot be written to.  With loops, also
-    if states are not closed or cannot be closed, or an output is not determined by the motion.
-    """
 
     # -- regressors ----------------------------------------------------------------------------------------------
 
@@ -306,6 +293,15 @@ class Evaluation(Recorded):
     # -- machine code --------------------------------------------------------------------------------------------
 
     @cached_property
+    def _loops(self) -> ClosedStates | None:
+        """What completes states; None without loops."""
+        if not self.mechanism.closures:
+            return None
+        from echelon.dynamics.evaluator import ClosedStates
+
+        return ClosedStates(self.mechanism)
+
+    @cached_property
     def _evaluators(self) -> dict[str, Evaluator]:
         return {}
 
@@ -324,9 +320,7 @@ class Evaluation(Recorded):
             return robot_function("regressor", self.mechanism, range(len(self.mechanism.parameters)))
         return self.function("regressor" if name == "entries" else name)
 
-
-class Logs(Recorded):
-    """What a base model makes of logs."""
+    # -- logs ----------------------------------------------------------------------------------------------------
 
     def accumulate(
         self,

@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Floats
-from echelon.base.base_set import BaseSet
 from echelon.base.certificate import Certificate, certify
 from echelon.base.closed_form import assembled, closed_columns
 from echelon.base.dependent import linear_relations
 from echelon.base.matrix import BaseMatrix
+from echelon.base.model import BaseSet
 from echelon.base.own import RelationSearch, SpecialValues
 from echelon.base.structure import linear_structure
 from echelon.errors import ClosedFormError, InputError

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from functools import cached_property
 from math import inf
 from typing import TYPE_CHECKING, Any, get_args
@@ -24,8 +25,8 @@ from echelon.exact.elimination import reduced_echelon
 from echelon.exact.expressions import parse
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.numbers import BEYOND_DOUBLES, Number
-from echelon.exact.polynomial import float_generators, is_trigonometric, multiple_of, symbol_of
-from echelon.exact.rational import RationalFunction, cost_of_products
+from echelon.exact.polynomial import float_generators, generator_values
+from echelon.exact.rational import RationalFunction, cost_of_products, residues_at
 from echelon.exact.unknown import Work
 from echelon.extras import extra
 from echelon.mechanism.output import Parameter
@@ -92,8 +93,7 @@ class BaseMatrix:
     @cached_property
     def generators(self) -> tuple[str, ...]:
         """Generators (symbols, sines and cosines of angle symbols) that occur in B, sorted."""
-        parts = (p for c in self.coefficients for p in (c.numerator, c.denominator))
-        return tuple(sorted({g for p in parts for g in p.generators()}))
+        return tuple(sorted({g for c in self.coefficients for g in c.generators()}))
 
     @property
     def denominators(self) -> set[str]:
@@ -102,8 +102,8 @@ class BaseMatrix:
 
     def modulo(self, symbols: Mapping[str, Residues], field: PrimeField) -> list[dict[int, int]]:
         """Rows of B modulo a prime, at one geometry.  Shapes: symbols (1,)."""
-        values = {g: int(v[0]) for g, v in residues_of_generators(self.generators, symbols, field).items()}
-        known = {id(c): residue(c, values, field) for c in self.coefficients}
+        values = residues_at(self.generators, symbols, field)
+        known = {id(c): c.residue(values, field) for c in self.coefficients}
         return [{column: known[id(c)] for column, c in row.items()} for row in self.rows]
 
     def dense_modulo(
@@ -132,7 +132,7 @@ class BaseMatrix:
         with extra("symbolic"):
             import sympy
 
-        values = {g: sympy_generator(g, exact or {}) for g in self.generators}
+        values = sympy_generators(self.generators, exact or {})
         entries = {
             (i, column): coefficient.evaluate(values, sympy_number)
             for i, row in enumerate(self.rows)
@@ -143,6 +143,27 @@ class BaseMatrix:
             problem = f"a denominator in the column of {self.parameters[lost]} is zero at the values of the symbols"
             raise InputError(f"{problem}: other representatives are needed")
         return sympy.ImmutableSparseMatrix(*self.shape, entries)
+
+
+class Identifiability(Enum):
+    """What the outputs can say about one standard parameter."""
+
+    UNIDENTIFIABLE = "unidentifiable"
+    ALONE = "identifiable alone"
+    COMBINATION = "identifiable in combination"
+
+
+def classify(matrix: BaseMatrix) -> dict[str, Identifiability]:
+    """Class of every standard parameter, in column order.
+
+    A zero column of B is unidentifiable; a unit row whose parameter occurs in no other row is identifiable alone.
+    """
+    seen: dict[int, Identifiability] = {}
+    for row in matrix.rows:
+        kind = Identifiability.ALONE if len(row) == 1 else Identifiability.COMBINATION
+        for column in row:
+            seen[column] = kind
+    return {name: seen.get(column, Identifiability.UNIDENTIFIABLE) for column, name in enumerate(matrix.parameters)}
 
 
 def coefficient_value(coefficient: RationalFunction, generators: Mapping[str, float]) -> float:
@@ -159,43 +180,15 @@ def coefficient_value(coefficient: RationalFunction, generators: Mapping[str, fl
     return value
 
 
-def sympy_generator(generator: str, exact: Mapping[str, Any]) -> Any:
-    """A generator in sympy, with values put in for some symbols."""
+def sympy_generators(generators: Iterable[str], exact: Mapping[str, Any]) -> dict[str, Any]:
+    """Generators in sympy, with values put in for some symbols."""
     with extra("symbolic"):
         import sympy
 
-    name = symbol_of(generator)
-    symbol = exact[name] if name in exact else sympy.Symbol(name)
-    if not is_trigonometric(generator):
-        return symbol
-    angle = multiple_of(generator)[0] * symbol
-    return sympy.cos(angle) if generator.startswith("cos(") else sympy.sin(angle)
+    def symbol(name: str) -> Any:
+        return exact[name] if name in exact else sympy.Symbol(name)
 
-
-def residues_of_generators(
-    generators: Iterable[str], symbols: Mapping[str, Residues], field: PrimeField
-) -> dict[str, Residues]:
-    """Residues of generators for given symbols; an angle symbol is given by the tangent of its half."""
-    circles: dict[str, tuple[Residues, Residues]] = {}
-    values: dict[str, Residues] = {}
-    for generator in generators:
-        name = symbol_of(generator)
-        if not is_trigonometric(generator):
-            values[generator] = symbols[name]
-            continue
-        if name not in circles:
-            circles[name] = field.circle(symbols[name])
-        point = field.multiply_angle(circles[name], multiple_of(generator)[0])
-        values[generator] = point[0 if generator.startswith("cos(") else 1]
-    return values
-
-
-def residue(coefficient: RationalFunction, generators: Mapping[str, int], field: PrimeField) -> int:
-    """Residue of a coefficient for given residues of its generators."""
-    top = coefficient.numerator.evaluate(generators, field.embed) % field.p
-    if coefficient.is_polynomial:
-        return top
-    return top * field.invert(coefficient.denominator.evaluate(generators, field.embed)) % field.p
+    return generator_values(generators, symbol, lambda x, n: (sympy.cos(n * x), sympy.sin(n * x)))
 
 
 ORDERS = get_args(Order)

@@ -16,14 +16,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from echelon.base.rows import Rows, rows_of
 from echelon.errors import DegenerateSampleError, EchelonError, InputError, SingularPoseError
-from echelon.exact.elimination import reduced_echelon
+from echelon.exact.elimination import by_pivots
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.interpolation import rational
 from echelon.exact.numbers import Rational
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.zero_dimensional import UnsolvedSystemError
+from echelon.regressor.energy import Rows, rows_of
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.curves import CurveSampler
 from echelon.regressor.loops.moving import Pose
@@ -173,20 +173,10 @@ def _tables(
     return rows.forms.stacked(sampler.evaluate_at(field, rng, states, geometry, pose))
 
 
-def dependence(table: Residues, auxiliary: int, field: PrimeField) -> Dependence:
-    """Dependent columns of a table, counted after the auxiliary ones, with the columns that each depends on."""
-    return {column: tuple(sources) for column, sources in _relations(table, auxiliary, field).items()}
-
-
 def _relations(table: Residues, auxiliary: int, field: PrimeField) -> _Relations:
-    reduced, pivots = reduced_echelon(table, field)
     return {
-        column - auxiliary: {
-            p - auxiliary: coefficient
-            for row, p in enumerate(pivots)
-            if auxiliary <= p < column and (coefficient := int(reduced[row, column]))
-        }
-        for column in sorted(set(range(table.shape[1])) - set(pivots))
+        column - auxiliary: {p - auxiliary: value for p, value in combination.items() if p >= auxiliary}
+        for column, combination in by_pivots(table, field).items()
     }
 
 

@@ -19,7 +19,6 @@ import numpy as np
 
 from echelon.base.certificate import find_minor
 from echelon.base.matrix import BaseMatrix
-from echelon.base.rows import rows_of
 from echelon.base.structure import Structure, dependent_columns, find_structure
 from echelon.errors import DegenerateSampleError, EchelonError, InputError, OtherModeError, SingularPoseError
 from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle
@@ -29,6 +28,7 @@ from echelon.exact.polynomial import Polynomial, format_polynomial
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import StatedValues, all_symbols, angle_generators, stated_values
 from echelon.mechanism.substitute import substituted
+from echelon.regressor.energy import rows_of
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.exact_pose import closed_exactly

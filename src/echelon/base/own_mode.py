@@ -18,11 +18,11 @@ import numpy.typing as npt
 from echelon.arrays import Floats, pivoted_qr
 from echelon.base.ball_rows import ball_rows, precision
 from echelon.base.modes import Mode
-from echelon.base.rows import Rows
 from echelon.errors import InputError
 from echelon.exact.elimination import ball_rank
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, value_texts
+from echelon.regressor.energy import Rows
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.recorded_loops import real_inputs

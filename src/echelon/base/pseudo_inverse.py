@@ -24,7 +24,7 @@ import flint
 import numpy as np
 import numpy.typing as npt
 
-from echelon.base.matrix import BaseMatrix, sympy_generator
+from echelon.base.matrix import BaseMatrix, sympy_generators
 from echelon.errors import ClosedFormError, EchelonError, InputError
 from echelon.exact.expressions import parse
 from echelon.exact.polynomial import Polynomial
@@ -315,7 +315,7 @@ class _Writer:
 
         self._ring, self._sympy = ring, sympy
         *names, _, _ = ring.names
-        self._generators = [*(sympy_generator(g, formulas) for g in names), sympy.sqrt(2), sympy.sqrt(3)]
+        self._generators = [*sympy_generators(names, formulas).values(), sympy.sqrt(2), sympy.sqrt(3)]
         self._monomials: dict[tuple[int, ...], Any] = {}
         self._written: dict[str, Any] = {}
 

@@ -74,7 +74,8 @@ def report_reading(
     matrix: BaseMatrix | None = None,
 ) -> ReadingReport:
     """What was snapped, and what the literal reading of the mechanism's file would give."""
-    reading, moved = mechanism.reading, assembled(mechanism)
+    reading = mechanism.reading
+    moved = assembled(mechanism) if mechanism.closures else None
     notes = (*(() if reading is None else reading.notes), *mechanism_notes(mechanism))
     if reading is None:
         doubt = _doubt(mechanism, recorded, rank, rank, matrix)
@@ -96,18 +97,16 @@ def report_reading(
 
 def mechanism_notes(mechanism: Mechanism) -> list[str]:
     """What a user should know of a mechanism, whatever it was read from."""
-    notes = [*closing_notes(mechanism), *_shared(mechanism)]
-    split = ", ".join(f"'{name}'" for name in split_balls(mechanism))
-    what = "the loops leave a part of a free rotation open, such as the spin of a rod between two balls"
-    return [*notes, f"{what}: independent is {split}"] if split else notes
-
-
-def _shared(mechanism: Mechanism) -> list[str]:
-    return [
+    notes = [
         f"bodies {mechanism.carrier_name(k)} share the parameters of label '{mechanism.bodies[k].label}'"
         for k in mechanism.carriers
         if len(mechanism.sharing[k]) > 1
     ]
+    if not mechanism.closures:
+        return notes
+    split = ", ".join(f"'{name}'" for name in split_balls(mechanism))
+    what = "the loops leave a part of a free rotation open, such as the spin of a rod between two balls"
+    return [*closing_notes(mechanism), *notes, *([f"{what}: independent is {split}"] if split else [])]
 
 
 def doubt_of_directions(mechanism: Mechanism, rank: int) -> str:

@@ -21,9 +21,8 @@ from echelon.extras import extra
 from echelon.mechanism.body import GROUND
 from echelon.mechanism.joint import MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
-from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.sympy_bridge import sympy_number
-from echelon.program.tape import Program
+from echelon.program.tape import FUNCTIONS, Op, Program
 
 Combination = tuple[tuple[str, int], ...]
 """A sum of angles: coordinates with whole factors."""

@@ -3,7 +3,7 @@
 Cost must follow the chain and not the whole robot, so dependent columns are first looked for joint by joint: whatever
 parameters of a body can be moved to its parent when the *parent moves freely* can be moved in every mechanism, because
 the true motions of the parent are among the free ones.  These pairs of bodies are tiny.  Of what remains, most columns
-are shown to be independent block by block (see :mod:`echelon.regressor.blocks`), which are tiny, too.  The rest, near
+are shown to be independent block by block (see :mod:`echelon.regressor.linear`), which are tiny, too.  The rest, near
 the base and around couplings, is eliminated at once.
 """
 
@@ -16,11 +16,10 @@ from operator import matmul
 
 import numpy as np
 
-from echelon.base.modes import Dependence, InMode, Mode, dependence, find_modes, in_mode
+from echelon.base.modes import Dependence, InMode, Mode, find_modes, in_mode
 from echelon.base.own_mode import OwnPose
-from echelon.base.rows import Rows, rows_of
 from echelon.errors import DegenerateSampleError, EchelonError, InputError, OtherModeError, SingularPoseError
-from echelon.exact.elimination import rank
+from echelon.exact.elimination import by_pivots, rank
 from echelon.exact.field import PrimeField
 from echelon.mechanism.body import ALL, GROUND, Body
 from echelon.mechanism.closed_pose import shown_loops
@@ -29,9 +28,8 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut
 from echelon.mechanism.stated import UNITS, has_values, inexact_symbols
 from echelon.program.sampling import FieldSampler
-from echelon.regressor.blocks import FEW_COLUMNS
-from echelon.regressor.energy import energy_changes, energy_form
-from echelon.regressor.linear import LinearForms
+from echelon.regressor.energy import Rows, energy_changes, energy_form, rows_of
+from echelon.regressor.linear import FEW_COLUMNS, LinearForms
 from echelon.regressor.loops.closing import check_independent, closable_as_stated, generic_directions, unsolved
 from echelon.regressor.loops.curves import CurveSampler
 
@@ -299,4 +297,6 @@ def dependent_columns(
     states = max(-(-count // max(1, rows.forms.shape[0])), sampler.regions)
     geometry = {s: field.draw(rng, (1,)) for s in sampler.symbols}
     matrix = rows.forms.stacked(sampler.evaluate(field, rng, states, geometry))[0]
-    return dependence(matrix, rows.auxiliary, field)
+    first = rows.auxiliary
+    found = by_pivots(matrix, field)
+    return {column - first: tuple(p - first for p in pivots if p >= first) for column, pivots in found.items()}

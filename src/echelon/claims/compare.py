@@ -22,7 +22,7 @@ from fractions import Fraction
 import numpy as np
 import numpy.typing as npt
 
-from echelon.base.matrix import BaseMatrix, coefficient_value, reordered, residue, residues_of_generators
+from echelon.base.matrix import BaseMatrix, coefficient_value, reordered
 from echelon.base.model import BaseModel
 from echelon.claims.reading import Precision
 from echelon.claims.result import Agreement, TermDifference
@@ -31,7 +31,7 @@ from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField
 from echelon.exact.numbers import Number, Surd
 from echelon.exact.polynomial import float_generators, is_trigonometric, symbol_of
-from echelon.exact.rational import RationalFunction
+from echelon.exact.rational import RationalFunction, residues_at
 from echelon.exact.unknown import Work
 
 Row = Mapping[int, RationalFunction]
@@ -64,7 +64,7 @@ class Geometry:
 
     def exactly(self, value: RationalFunction) -> Number | None:
         """A coefficient's exact value, if its lengths have one."""
-        generators = {*value.numerator.generators(), *value.denominator.generators()}
+        generators = value.generators()
         if any(g not in self.exact or is_trigonometric(g) for g in generators):
             return None
         try:
@@ -74,7 +74,7 @@ class Geometry:
 
     def roughly(self, value: RationalFunction) -> float | None:
         """A coefficient's value, if its symbols have one."""
-        generators = {*value.numerator.generators(), *value.denominator.generators()}
+        generators = value.generators()
         if any(symbol_of(g) not in self.floats for g in generators):
             return None
         return coefficient_value(value, float_generators(generators, self.floats))
@@ -239,14 +239,14 @@ def _residues(
     rows: Sequence[Row], matrix: BaseMatrix, field: PrimeField, rng: np.random.Generator
 ) -> npt.NDArray[np.object_]:
     used = [row[p] for row in rows for p in matrix.pivots if p in row]
-    generators = sorted({g for c in used for p in (c.numerator, c.denominator) for g in p.generators()})
+    generators = sorted({g for c in used for g in c.generators()})
     symbols = {name: field.draw(rng, (1,)) for name in sorted({symbol_of(g) for g in generators})}
-    known = {g: int(v[0]) for g, v in residues_of_generators(generators, symbols, field).items()}
+    known = residues_at(generators, symbols, field)
     values = np.zeros((len(rows), matrix.rank), dtype=object)
     for i, row in enumerate(rows):
         for k, pivot in enumerate(matrix.pivots):
             if pivot in row:
-                values[i, k] = residue(row[pivot], known, field)
+                values[i, k] = row[pivot].residue(known, field)
     return values
 
 

@@ -22,11 +22,10 @@ from fractions import Fraction
 from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS
 from echelon.errors import InputError
-from echelon.exact.expressions import parse
+from echelon.exact.expressions import expression_tree, parse
 from echelon.exact.numbers import parse_decimal
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction
-from echelon.exact.syntax import expression_tree
 
 Terms = dict[str, RationalFunction]
 """Coefficients by parameter; the key "" holds the part without a parameter."""

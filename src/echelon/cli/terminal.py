@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from echelon.base.base_set import Identifiability
 from echelon.base.display import classification_rows, facts, headline, legend
+from echelon.base.matrix import Identifiability
 from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS
 from echelon.errors import one_line

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from math import isfinite
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from echelon.errors import InputError, one_line
 from echelon.exact.numbers import Number
-from echelon.program.operations import Op
+from echelon.program.tape import Op
 
 # words that a language reserves, or that name a library which the generated code itself uses
 _WORDS = """
@@ -206,17 +206,13 @@ CPP = Language(
 )
 
 # CUDA C++: device functions, and kernels with one thread for each sample; compiled by nvcc or NVRTC
-CUDA = Language(
+CUDA = replace(
+    C,
     name="cuda",
     files={"{robot}.cu": "cuda.cu.j2"},
     comment="// ",
-    functions=FUNCTIONS,
-    number="{x}{f}",
-    real={Precision.DOUBLE: "double", Precision.SINGLE: "float"},
     entry="result[{index}*stride]",
-    define="const {real} {name} = {value};",
-    assign="{name} = {value};",
-    splits=True,
+    windows=False,
 )
 
 # Python with NumPy: functions of arrays with any leading axes

@@ -13,10 +13,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from echelon.program.function import Function
-from echelon.program.operations import Op
-from echelon.program.order import cut, depth_first, operands, waiting_places
-from echelon.program.tape import Program
+from echelon.program.function import Function, cut, depth_first, operands, waiting_places
+from echelon.program.tape import Op, Program
 
 LONGEST_PART = 1000
 """Statements of one part, at most."""

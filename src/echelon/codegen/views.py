@@ -16,8 +16,7 @@ from echelon.codegen.language import Language, Precision
 from echelon.codegen.plan import LONGEST_PART, Plan, Statement, coordinates, homes, plan, used_names
 from echelon.exact.numbers import Number, is_negative
 from echelon.program.function import Argument, Function
-from echelon.program.operations import Op
-from echelon.program.tape import Program
+from echelon.program.tape import Op, Program
 
 
 class Binding(IntEnum):

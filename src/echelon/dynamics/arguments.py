@@ -12,8 +12,7 @@ from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import symbol_values
 from echelon.program.function import Argument
-from echelon.program.operations import Op
-from echelon.program.tape import Program
+from echelon.program.tape import Op, Program
 
 STATE = ("q", "qd", "qdd")
 """Positions, velocities and accelerations."""

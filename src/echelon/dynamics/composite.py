@@ -28,12 +28,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from echelon.dynamics.recursion import BackwardPass, ForwardPass, FrameMotion, Transform, Wrench, body_wrench, plus
-from echelon.dynamics.reframing import MASS
+from echelon.dynamics.recursion import (
+    MASS,
+    BackwardPass,
+    ForwardPass,
+    FrameMotion,
+    Transform,
+    Wrench,
+    body_wrench,
+    plus,
+)
 from echelon.inertia.spatial import Array
 from echelon.program.tape import Scalar
-from echelon.regressor.spatial import Mat, Vec, add, apply, cross, dot, scale
-from echelon.regressor.steps import Freedom, backward, into_frame
+from echelon.regressor.steps import Freedom, Mat, Vec, add, apply, backward, cross, dot, into_frame, scale
 
 Symmetric = dict[tuple[str, str], Scalar]
 """Entries by pairs of freedoms, in both orders; zero where absent."""

@@ -1,21 +1,182 @@
-"""A robot's function as machine code, called with states, parameters, values of symbols and measured inputs."""
+"""A robot's function as machine code, called with states, parameters, values of symbols and measured inputs.
+
+With loops, recorded functions take all positions and independent rates.  Callers may give each of q, q̇ and q̈ of all
+coordinates or of the independent ones only.  Given positions are checked, or followed from the assembly pose; given
+dependent rates are checked and left out.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
-from echelon.dynamics.arguments import STANDARD, STATE
-from echelon.dynamics.closed_states import ClosedStates
+from echelon.arrays import Flags, Floats
+from echelon.dynamics.arguments import STANDARD, STATE, geometry_values
+from echelon.dynamics.functions import (
+    closed_accelerations,
+    closed_positions,
+    closed_velocities,
+    closure_pivots,
+)
 from echelon.errors import InputError
 from echelon.machine.batch import real_array, value_of
 from echelon.machine.kernel import Kernel
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import symbol_values
 from echelon.program.function import Argument, Function
+from echelon.regressor.loops.assembly import Assembly
+from echelon.regressor.loops.closed_motion import CLOSED, RANK_TOLERANCE, largest
+
+Builder = Callable[[Mechanism, Sequence[int]], Function]
+
+_STEP = 1e-9  # rad or characteristic lengths: what Newton's iteration leaves after a step that small is rounding
+_SINGULAR = RANK_TOLERANCE**2  # pivots are squares
+_FEW = 8  # iterations near a closed configuration
+
+
+class CompiledAssembly(Assembly):
+    """Closed configurations of a mechanism with loops, in machine code."""
+
+    functions: ClassVar[tuple[Builder, ...]] = (
+        closed_positions,
+        closed_velocities,
+        closed_accelerations,
+        closure_pivots,
+    )
+    """What is compiled."""
+    _determined = False
+
+    def near(self, guess: Floats) -> tuple[Floats, Flags]:
+        """Closed configurations near guesses, with the same independent positions; and which of them were found."""
+        q, done = guess, np.zeros(len(guess), dtype=np.bool_)
+        for _ in range(_FEW):
+            moved = self.run("closed_positions", q=q)
+            done = largest((moved - q) / self.position_units) < _STEP  # false where a singular one makes it NaN
+            q = np.where(np.isfinite(moved), moved, q)
+            if done.all():
+                break
+        return q, done
+
+    def independent_state(self, state: Mapping[str, Floats]) -> dict[str, Floats]:
+        """All positions, and independent rates, from those of all coordinates or of independent ones, shape (N, size).
+
+        Refused are loops that are not or cannot be closed, singular configurations, and motions that do not determine
+        an output.
+        """
+        found = {"q": self._positions(state["q"])}
+        pivots = self.run("closure_pivots", **found)
+        singular = ~(pivots > _SINGULAR).all(axis=1)
+        if singular.any():
+            self._refuse_singular(int(singular.argmax()), pivots)
+        trust = np.sqrt(pivots.min(axis=1, initial=1.0))
+        self._check_closed(found["q"], trust)
+        if len(trust) and not self._determined:
+            self.virtual_velocities(found["q"][:1])  # refuses outputs and coordinates that redundant constraints forbid
+            self._determined = True
+        for name, function in (("qd", "closed_velocities"), ("qdd", "closed_accelerations")):
+            if name in state:
+                found[name] = self._independent_rates(name, function, found, state, trust)
+        return found
+
+    def _positions(self, q: Floats) -> Floats:
+        if q.shape[1] == len(self.mechanism.positions):
+            return q
+        _check_shape(q, "q", self.mechanism.positions, self.independent_positions)
+        return self.from_independent(q)
+
+    def _independent_rates(
+        self, name: str, function: str, found: Mapping[str, Floats], state: Mapping[str, Floats], trust: Floats
+    ) -> Floats:
+        mechanism, given = self.mechanism, state[name]
+        names, free = mechanism.velocities, mechanism.independent_velocities
+        if given.shape[1] != len(names):
+            _check_shape(given, name, names, free)
+            return given
+        chosen = np.ascontiguousarray(given[:, [names.index(n) for n in free]])
+        rates = {"qd": np.zeros_like(chosen), **found, name: chosen}
+        closed, units = self.run(function, **rates), self.closures.units[: len(names)]
+        off = (
+            np.abs(given - closed) / units > CLOSED / trust[:, None] * np.maximum(largest(closed / units), 1.0)[:, None]
+        )
+        if off.any():
+            sample, place = np.argwhere(off)[0].tolist()
+            what = {"qd": "velocities", "qdd": "accelerations"}[name]
+            raise InputError(
+                f"the {what} of sample {sample} do not keep the loops closed: '{names[place]}' has "
+                f"{given[sample, place]:.6g}, but {closed[sample, place]:.6g} follows from the independent ones; give "
+                f"those of the independent coordinates only ({', '.join(free)})"
+            )
+        return chosen
+
+    def _check_closed(self, q: Floats, trust: Floats) -> None:
+        step = largest((self.run("closed_positions", q=q) - q) / self.position_units)
+        off = ~(step * trust < CLOSED)
+        if off.any():
+            sample = int(off.argmax())
+            problem = self.opening(self.closures.at(q[sample : sample + 1])[0][0])
+            raise InputError(
+                f"the positions of sample {sample} do not keep the loops closed: {problem}; give those of the "
+                f"independent coordinates only ({', '.join(self.mechanism.independent_velocities)})"
+            )
+
+    def _refuse_singular(self, sample: int, pivots: Floats) -> None:
+        place = int(np.argmin(np.nan_to_num(pivots[sample])))
+        loose = self._kernels["closure_pivots"].function.axes[0][place]
+        raise InputError(
+            f"sample {sample} is a singular configuration: the independent coordinates "
+            f"({', '.join(self.mechanism.independent_velocities)}) do not determine the motion of '{loose}' there"
+        )
+
+    def run(self, name: str, **state: Floats) -> Floats:
+        """Evaluate a recorded function at ``q`` of all coordinates, ``qd`` and ``qdd`` of the independent ones."""
+        kernel = self._kernels[name]
+        names = {argument.name for argument in kernel.function.arguments}
+        return kernel({**{k: v for k, v in state.items() if k in names}, **self._geometry[name]})
+
+    @cached_property
+    def _kernels(self) -> dict[str, Kernel]:
+        made: list[Function] = [build(self.mechanism, ()) for build in self.functions]
+        return {function.name: Kernel(function) for function in made}
+
+    @cached_property
+    def _geometry(self) -> dict[str, dict[str, Floats]]:
+        return {
+            n: geometry_values(self.mechanism, k.function.arguments, self.symbols) for n, k in self._kernels.items()
+        }
+
+
+def _check_shape(values: Floats, kind: str, names: tuple[str, ...], independent: tuple[str, ...]) -> None:
+    """Refuse values that are neither those of all coordinates nor those of the independent ones."""
+    if values.ndim != 2 or values.shape[1] != len(independent):
+        raise InputError(
+            f"{kind} has shape {values.shape}; expected (samples, {len(names)}) for all coordinates "
+            f"({', '.join(names)}) or (samples, {len(independent)}) for the independent ones ({', '.join(independent)})"
+        )
+
+
+class ClosedStates:
+    """Completes and checks states of a mechanism, whatever the values of its symbols."""
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism = mechanism
+        self._last: tuple[dict[str, float], CompiledAssembly] | None = None
+
+    def independent_state(
+        self, values: Mapping[str, npt.ArrayLike], symbols: Mapping[str, float] | None
+    ) -> dict[str, Floats]:
+        """See :meth:`CompiledAssembly.independent_state`."""
+        moving = {name: np.atleast_2d(real_array(name, array)) for name, array in values.items()}
+        if len({array.shape[:-1] for array in moving.values()}) > 1 or moving["q"].ndim != 2:
+            shown = ", ".join(f"{name} {array.shape}" for name, array in moving.items())
+            raise InputError(f"expected states of shape (samples, size), as many of each kind; got {shown}")
+        if self._last is None or self._last[0] != (symbols or {}):
+            self._last = dict(symbols or {}), CompiledAssembly(self.mechanism, symbols)
+        return self._last[1].independent_state(moving)
+
 
 Values = dict[str, npt.ArrayLike]
 

@@ -14,8 +14,7 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.program.derivatives import derivatives
 from echelon.program.function import Function
 from echelon.program.tape import Program
-from echelon.regressor.spatial import Mat, Vec, add, apply, identity, product
-from echelon.regressor.steps import Recorder, Step, forward
+from echelon.regressor.steps import Mat, Recorder, Step, Vec, add, apply, forward, identity, product
 
 _ENTRIES = 12  # of a frame: its rotation's rows, each followed by a coordinate of its origin
 

@@ -30,8 +30,27 @@ from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.joint import Step as Described
 from echelon.program.tape import Scalar
 from echelon.regressor.probes import Probes
-from echelon.regressor.spatial import Mat, Vec, add, apply, cross, dot, identity, product, scale, transposed
-from echelon.regressor.steps import Freedom, Recorder, Step, backward, forward, into_frame
+from echelon.regressor.steps import (
+    Freedom,
+    Mat,
+    Recorder,
+    Step,
+    Vec,
+    add,
+    apply,
+    backward,
+    cross,
+    dot,
+    forward,
+    identity,
+    into_frame,
+    product,
+    scale,
+    transposed,
+)
+
+MASS = 3
+"""Row of the mass and of first moments in a pseudo-inertia."""
 
 Wrench = tuple[Vec, Vec]
 """Moment about the frame's origin and force."""
@@ -263,8 +282,8 @@ class BackwardPass:
 
 def body_wrench(at: FrameMotion, inertia: Array) -> Wrench:
     """Wrench about the body's origin that its motion needs."""
-    first: Vec = (inertia[0, 3], inertia[1, 3], inertia[2, 3])
-    force = add(apply(at.field, first), scale(at.linear, inertia[3, 3]))
+    first: Vec = (inertia[0, MASS], inertia[1, MASS], inertia[2, MASS])
+    force = add(apply(at.field, first), scale(at.linear, inertia[MASS, MASS]))
     x, y, z = (_moment(at, inertia, *axes) for axes in ((1, 2, 0), (2, 0, 1), (0, 1, 2)))
     return add((x, y, z), cross(first, at.linear)), force
 

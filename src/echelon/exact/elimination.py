@@ -42,16 +42,24 @@ def rank(matrix: Residues, field: PrimeField) -> int:
     return int(flint.nmod_mat(rows, columns, matrix.ravel().tolist(), field.p).rank())
 
 
+def by_pivots(matrix: Residues, field: PrimeField) -> dict[int, dict[int, int]]:
+    """Every column without a pivot as a combination of pivot columns: their coefficients where they are not zero."""
+    reduced, pivots = reduced_echelon(matrix, field)
+    places = list(enumerate(pivots))
+    return {
+        column: {p: value for row, p in places if p < column and (value := int(reduced[row, column]))}
+        for column in sorted(set(range(matrix.shape[1])) - set(pivots))
+    }
+
+
 def null_vectors(matrix: Residues, field: PrimeField) -> list[list[int]]:
     """Basis of the right null space, one vector per non-pivot column, with a 1 there."""
-    reduced, pivots = reduced_echelon(matrix, field)
-    columns = matrix.shape[1]
     basis = []
-    for free in sorted(set(range(columns)) - set(pivots)):
-        vector = [0] * columns
+    for free, combination in by_pivots(matrix, field).items():
+        vector = [0] * matrix.shape[1]
         vector[free] = 1
-        for row, pivot in enumerate(pivots):
-            vector[pivot] = -int(reduced[row, free]) % field.p
+        for pivot, value in combination.items():
+            vector[pivot] = field.p - value
         basis.append(vector)
     return basis
 

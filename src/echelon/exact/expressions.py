@@ -3,11 +3,17 @@
 Python's own parser reads the text and a short walk turns it into a :class:`Polynomial`; nothing is ever evaluated as
 code.  ``pi`` becomes a generator of that name, so that an angle is a polynomial that is linear in ``pi`` and symbols: a
 rational multiple of π plus rational multiples of symbols.
+
+All that is read as an expression is later shown again, in terminals, pages, LaTeX and comments of source code.  So it
+is one line of visible characters that all count: comments and control characters are refused here, once for all
+readers.
 """
 
 from __future__ import annotations
 
 import ast
+import re
+import warnings
 from collections.abc import Collection
 from dataclasses import dataclass
 from fractions import Fraction
@@ -23,11 +29,11 @@ from echelon.exact.numbers import (
     inverse,
     parse_decimal,
     parts_of,
+    repeated,
     sine_of_turn,
     square_root,
 )
 from echelon.exact.polynomial import Polynomial, cosine, sine
-from echelon.exact.syntax import expression_tree
 
 STEPS_PER_HALF_TURN = 12
 """π is twelve steps of 15°, the angles with a sine and cosine in Q(√2, √3)."""
@@ -90,12 +96,8 @@ Point = tuple[Polynomial, Polynomial]
 
 def multiple_of_point(point: Point, count: int) -> Point:
     """Cosine and sine of a multiple of an angle, by repeated squaring of c + i s."""
-    power = (point[0], point[1] if count >= 0 else -point[1])
-    result = (Polynomial.constant(1), Polynomial.constant(0))
-    for bit in reversed(bin(abs(count))[2:]):
-        result = _added(result, power) if bit == "1" else result
-        power = _added(power, power)
-    return result
+    base = (point[0], point[1] if count >= 0 else -point[1])
+    return repeated(base, abs(count), (Polynomial.constant(1), Polynomial.constant(0)), _added)
 
 
 def _added(a: Point, b: Point) -> Point:
@@ -255,3 +257,36 @@ def _bits(polynomial: Polynomial) -> int:
     """Length of the longest integer in the coefficients."""
     parts = (part for c in polynomial.terms.values() for part in parts_of(c))
     return max((n.bit_length() for part in parts for n in (part.numerator, part.denominator)), default=0)
+
+
+_QUOTED = re.compile(r"\"[^\"\\]*\"|'[^'\\]*'")
+
+
+def expression_tree(text: str) -> ast.expr:
+    """The syntax tree of an expression."""
+    check_characters(text)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SyntaxWarning)
+            return ast.parse(text, mode="eval").body
+    except (RecursionError, MemoryError):
+        raise SyntaxError("nested too deeply") from None
+
+
+def check_characters(text: str) -> None:
+    """Refuse what could hide in an expression: control characters, comments, and digits that only look like digits.
+
+    >>> check_characters("0.3 # in metres")
+    Traceback (most recent call last):
+    ValueError: '0.3 # in metres' holds a comment: an expression ends where its last term ends
+    """
+    shown = f"'{shortened(text)}'"
+    hidden = next((c for c in text if not c.isprintable()), None)
+    if hidden is not None:
+        raise ValueError(f"{shown} holds the control character U+{ord(hidden):04X}: an expression is one line of text")
+    bare = _QUOTED.sub("", text)
+    if "#" in bare:
+        raise ValueError(f"{shown} holds a comment: an expression ends where its last term ends")
+    foreign = next((c for c in bare if c.isdigit() and not c.isascii()), None)
+    if foreign is not None:
+        raise ValueError(f"{shown} holds the digit U+{ord(foreign):04X}: digits are 0 to 9")

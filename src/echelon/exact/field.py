@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import DegenerateSampleError
-from echelon.exact.numbers import Number, Surd
+from echelon.exact.numbers import Number, Surd, repeated
 
 Residues = npt.NDArray[Any]
 """Array of residues in [0, p): int64 for primes below 2^31, Python integers above."""
@@ -136,14 +136,7 @@ class PrimeField:
         """Cosine and sine of count times an angle, by repeated squaring of c + i s."""
         c, s = point
         base = (c, s if count >= 0 else -s % self.p)
-        result = (np.ones_like(c), np.zeros_like(s))
-        count = abs(count)
-        while count:
-            if count & 1:
-                result = self.add_angles(result, base)
-            base = self.add_angles(base, base)
-            count >>= 1
-        return result
+        return repeated(base, abs(count), (np.ones_like(c), np.zeros_like(s)), self.add_angles)
 
     def add_angles(self, a: tuple[Residues, Residues], b: tuple[Residues, Residues]) -> tuple[Residues, Residues]:
         """Cosine and sine of the sum of two angles."""

@@ -8,9 +8,12 @@ a square root really survives, and arithmetic returns to rationals by itself.
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from fractions import Fraction
 from math import isfinite, isqrt, sqrt
+from typing import TypeVar
 
+T = TypeVar("T")
 Rational = int | Fraction
 
 _RADICANDS = (1, 2, 3, 6)
@@ -115,15 +118,30 @@ def inverse(x: Number) -> Number:
     return x.inverse() if isinstance(x, Surd) else 1 / Fraction(x)
 
 
+def repeated(base: T, count: int, unit: T, times: Callable[[T, T], T]) -> T:
+    """A product of equal factors, by repeated squaring, from the lowest bit on."""
+    total = unit
+    while count:
+        total = times(total, base) if count & 1 else total
+        count >>= 1
+        base = times(base, base) if count else base
+    return total
+
+
+def simplest(x: Rational) -> Rational:
+    """A fraction that is whole as an int."""
+    return x.numerator if x.denominator == 1 else x
+
+
 def square_root(value: Number) -> Number:
     """Exact √value; ValueError where it is not in Q(√2, √3)."""
     if isinstance(value, Surd) or value < 0:
         raise ValueError("sqrt needs a non-negative rational number")
     for k, radicand in enumerate(_RADICANDS):
         square = Fraction(value) / radicand
-        root = Fraction(isqrt(square.numerator), isqrt(square.denominator))
+        root = simplest(Fraction(isqrt(square.numerator), isqrt(square.denominator)))
         if root * root == square:
-            return root if k == 0 else Surd(tuple(root if i == k else 0 for i in range(4)))  # type: ignore[arg-type]
+            return surd(*(root if i == k else 0 for i in range(4)))
     raise ValueError(f"sqrt({value}) is not in Q(√2, √3): use a symbol with that value instead")
 
 
@@ -176,7 +194,12 @@ def parse_decimal(text: str) -> Rational:
     value = Fraction(text) if abs(int(found[3] or 0)) <= 2 * _LONGEST_DECIMAL else None
     if value is None or not in_double_range(value):
         raise ValueError(f"'{text}' is {BEYOND_DOUBLES}")
-    return value.numerator if value.denominator == 1 else value
+    return simplest(value)
+
+
+def is_whole(text: str) -> bool:
+    """Whether a text is a whole number without sign, in digits that are counted with."""
+    return re.fullmatch(r"[0-9]{1,18}", text) is not None
 
 
 def in_double_range(x: Number) -> bool:

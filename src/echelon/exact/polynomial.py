@@ -9,13 +9,12 @@ angle have generators of their own, ``cos(40*name)``: every evaluation knows the
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from functools import reduce
 from typing import Any, TypeVar
 
-from echelon.exact.numbers import Number, Surd, format_number
-from echelon.exact.syntax import is_whole
+from echelon.exact.numbers import Number, Surd, format_number, is_whole
 
 Monomial = tuple[tuple[str, int], ...]
 """Generators with their positive exponents, sorted by generator."""
@@ -177,17 +176,26 @@ class Polynomial:
         return format_polynomial(self)
 
 
+def generator_values(
+    generators: Iterable[str], symbol: Callable[[str], T], circle: Callable[[T, int], tuple[T, T]]
+) -> dict[str, T]:
+    """Values of generators, from those of symbols and from the cosine and sine of multiples of an angle."""
+    values: dict[str, T] = {}
+    points: dict[tuple[int, str], tuple[T, T]] = {}
+    for generator in generators:
+        if not is_trigonometric(generator):
+            values[generator] = symbol(generator)
+            continue
+        count, name = argument = multiple_of(generator)
+        if argument not in points:
+            points[argument] = circle(symbol(name), count)
+        values[generator] = points[argument][0 if generator.startswith("cos(") else 1]
+    return values
+
+
 def float_generators(generators: Iterable[str], symbols: Mapping[str, float]) -> dict[str, float]:
     """Float values of generators for given values of the symbols (radians for angles)."""
-    values: dict[str, float] = {}
-    for generator in generators:
-        symbol = symbols[symbol_of(generator)]
-        if is_trigonometric(generator):
-            angle = multiple_of(generator)[0] * symbol
-            values[generator] = math.cos(angle) if generator.startswith("cos(") else math.sin(angle)
-        else:
-            values[generator] = symbol
-    return values
+    return generator_values(generators, symbols.__getitem__, lambda x, n: (math.cos(n * x), math.sin(n * x)))
 
 
 def as_polynomial(x: Polynomial | Number) -> Polynomial:
@@ -216,13 +224,15 @@ def _reduced(exponents: dict[str, int]) -> list[tuple[Monomial, int]]:
     return [(tuple(sorted((g, e) for g, e in exponents.items() if e)), 1)]
 
 
-def format_polynomial(polynomial: Polynomial) -> str:
-    """Plain text, readable back by :func:`echelon.exact.expressions.parse`."""
-    text = " + ".join(_format_term(m, c) for m, c in polynomial.sorted_terms())
+def format_polynomial(polynomial: Polynomial, names: Mapping[str, str] | None = None) -> str:
+    """Plain text, readable back by :func:`echelon.exact.expressions.parse`, with generators called by other names."""
+    called = names or {}
+    terms = ([(called.get(g, g), e) for g, e in monomial] for monomial, _ in polynomial.sorted_terms())
+    text = " + ".join(_format_term(m, c) for m, (_, c) in zip(terms, polynomial.sorted_terms(), strict=True))
     return text.replace("+ -", "- ") or "0"
 
 
-def _format_term(monomial: Monomial, coefficient: Number) -> str:
+def _format_term(monomial: Sequence[tuple[str, int]], coefficient: Number) -> str:
     factors = "*".join(g if e == 1 else f"{g}^{e}" for g, e in monomial)
     if not factors:
         return format_number(coefficient)

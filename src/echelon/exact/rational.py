@@ -7,28 +7,29 @@ FLINT's multivariate gcd.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from hashlib import sha256
+from math import gcd, lcm
 from typing import Any, TypeVar
 
 import flint
+import numpy as np
 
 from echelon.errors import DegenerateSampleError
-from echelon.exact.field import PrimeField
-from echelon.exact.numbers import Number, Surd, inverse, parts_of, surd
+from echelon.exact.field import PrimeField, Residues
+from echelon.exact.numbers import Number, Surd, inverse, parts_of, simplest, surd
 from echelon.exact.polynomial import (
     Monomial,
     Polynomial,
     as_polynomial,
     format_polynomial,
-    is_trigonometric,
-    symbol_of,
+    generator_values,
 )
 
 T = TypeVar("T")
 _ONE = Polynomial.constant(1)
-_PRIME = 2147483543
+_FIELD = PrimeField.of(2147483543)
 _MOST_RATIONALISED = 2000
 """Terms that conjugates may bring while a polynomial is looked for that is written as a quotient."""
 _PRODUCT, _QUOTIENT = 300.0, 1000.0
@@ -94,6 +95,10 @@ class RationalFunction:
         """Whether it is the number 1."""
         return self.numerator == _ONE and self.denominator == _ONE
 
+    def generators(self) -> list[str]:
+        """Generators that occur, sorted."""
+        return sorted({*self.numerator.generators(), *self.denominator.generators()})
+
     def symbols(self) -> list[str]:
         """Symbols that occur, sorted."""
         return sorted({*self.numerator.symbols(), *self.denominator.symbols()})
@@ -102,6 +107,13 @@ class RationalFunction:
         """Value over any field; see :meth:`Polynomial.evaluate`."""
         top: Any = self.numerator.evaluate(values, number)
         return top if self.is_polynomial else top / self.denominator.evaluate(values, number)  # type: ignore[no-any-return]
+
+    def residue(self, generators: Mapping[str, int], field: PrimeField) -> int:
+        """The residue for given residues of the generators."""
+        top = self.numerator.evaluate(generators, field.embed) % field.p
+        if self.is_polynomial:
+            return top
+        return top * field.invert(self.denominator.evaluate(generators, field.embed)) % field.p
 
     def __repr__(self) -> str:
         top = format_polynomial(self.numerator)
@@ -158,18 +170,29 @@ def _lowest_terms(top: Polynomial, bottom: Polynomial) -> tuple[Polynomial, Poly
     return _monic(top, bottom)
 
 
+def residues_of_generators(
+    generators: Iterable[str], symbols: Mapping[str, Residues], field: PrimeField
+) -> dict[str, Residues]:
+    """Residues of generators for given symbols; an angle symbol is given by the tangent of its half."""
+
+    def circle(t: Residues, count: int) -> tuple[Residues, Residues]:
+        point = field.circle(t)
+        return point if count == 1 else field.multiply_angle(point, count)
+
+    return generator_values(generators, symbols.__getitem__, circle)
+
+
+def residues_at(generators: Iterable[str], symbols: Mapping[str, Residues], field: PrimeField) -> dict[str, int]:
+    """The same at one geometry.  Shapes: symbols (1,)."""
+    return {g: int(value[0]) for g, value in residues_of_generators(generators, symbols, field).items()}
+
+
 def _value_somewhere(function: RationalFunction) -> int:
     """The value at a fixed point modulo a fixed prime, which is the same however a quotient is written."""
-    field, point = PrimeField.of(_PRIME), {}
-    for generator in {*function.numerator.generators(), *function.denominator.generators()}:
-        seed = int.from_bytes(sha256(symbol_of(generator).encode()).digest()[:4], "little") % _PRIME
-        if is_trigonometric(generator):
-            scale = field.invert(1 + seed * seed)
-            seed = (1 - seed * seed if generator.startswith("cos(") else 2 * seed) * scale % _PRIME
-        point[generator] = seed
+    digests = {name: sha256(name.encode()).digest()[:4] for name in function.symbols()}
+    point = {name: np.array([int.from_bytes(d, "little") % _FIELD.p]) for name, d in digests.items()}
     try:
-        bottom = function.denominator.evaluate(point, field.embed)
-        return function.numerator.evaluate(point, field.embed) * field.invert(bottom) % _PRIME
+        return function.residue(residues_at(function.generators(), point, _FIELD), _FIELD)
     except DegenerateSampleError:
         return 0
 
@@ -178,12 +201,8 @@ def _monic(top: Polynomial, bottom: Polynomial) -> tuple[Polynomial, Polynomial]
     """The same quotient with 1 as first coefficient of the denominator."""
     lead = next(bottom.sorted_terms())[1]
     scale = inverse(lead)
-    return top * _plain(scale), bottom * _plain(scale)
-
-
-def _plain(x: Number) -> Number:
-    """An integral fraction as an int."""
-    return x.numerator if isinstance(x, Fraction) and x.denominator == 1 else x
+    scale = scale if isinstance(scale, Surd) else simplest(scale)
+    return top * scale, bottom * scale
 
 
 def _coprime(top: Any, bottom: Any) -> tuple[Any, Any]:
@@ -193,16 +212,16 @@ def _coprime(top: Any, bottom: Any) -> tuple[Any, Any]:
 
 
 class Ring:
-    """FLINT's ring for some polynomials, with √2 and √3 as extra generators.
+    """FLINT's ring for some polynomials, with √2 and √3 as extra generators; sorted, or in a given order.
 
     FLINT does not know that sines and roots are algebraic, so its gcd may miss a factor that needs their squares.
     """
 
-    def __init__(self, *polynomials: Polynomial) -> None:
+    def __init__(self, *polynomials: Polynomial, order: Sequence[str] = ()) -> None:
         generators = {g for polynomial in polynomials for g in polynomial.generators()}
         sines = sorted(g for g in generators if g.startswith("sin("))
         generators |= {"cos" + g[3:] for g in sines}
-        self.names = (*sorted(generators), "√2", "√3")
+        self.names = (*(order or sorted(generators)), "√2", "√3")
         self.context = flint.fmpq_mpoly_ctx.get(("x", len(self.names)), flint.Ordering.lex)
         element = dict(zip(self.names, self.context.gens(), strict=True))
         squares = {"√2": self.context.constant(2), "√3": self.context.constant(3)}
@@ -225,7 +244,7 @@ class Ring:
         terms: dict[Monomial, Number] = {}
         for exponents, coefficient in element.to_dict().items():
             monomial = tuple((name, int(e)) for name, e in zip(self.names[:-2], exponents, strict=False) if e)
-            value = _plain(Fraction(int(coefficient.p), int(coefficient.q)))
+            value = simplest(Fraction(int(coefficient.p), int(coefficient.q)))
             root = surd(*(int(k == exponents[-2] + 2 * exponents[-1]) for k in range(4)))
             terms[monomial] = terms.get(monomial, 0) + root * value
         return Polynomial(terms)
@@ -265,3 +284,45 @@ class Ring:
         for power, terms in by_power.items():
             halves[power % 2] += self.context.from_dict(terms) * square ** (power // 2)
         return halves[0], halves[1]
+
+
+# -- factors and remainders, with rational coefficients and independent generators -------------------------------------
+
+
+def is_rational(polynomial: Polynomial) -> bool:
+    """Whether no coefficient has a square root in it."""
+    return not any(isinstance(c, Surd) for c in polynomial.terms.values())
+
+
+def factors(polynomial: Polynomial) -> tuple[Fraction, list[tuple[Polynomial, int]]]:
+    """A non-zero polynomial as a number times powers of irreducible factors.
+
+    Every factor has coprime integer coefficients and a positive first one, so equal factors are equal polynomials.
+
+    >>> x, y = Polynomial.generator("x"), Polynomial.generator("y")
+    >>> factors((y * y - x * x) * Fraction(1, 2))
+    (Fraction(-1, 2), [(x + y, 1), (x - y, 1)])
+    """
+    ring = Ring(polynomial)
+    constant, found = ring.enter(polynomial).factor()
+    total, result = Fraction(int(constant.p), int(constant.q)), []
+    for element, exponent in found:
+        factor, scale = _primitive(ring.leave(element))
+        total *= scale**exponent
+        result.append((factor, int(exponent)))
+    return total, sorted(result, key=lambda pair: str(pair[0]))
+
+
+def _primitive(polynomial: Polynomial) -> tuple[Polynomial, Fraction]:
+    """The polynomial with coprime integer coefficients, the first one positive, and the number taken out."""
+    numbers = [Fraction(c) for _, c in polynomial.sorted_terms() if not isinstance(c, Surd)]
+    scale = Fraction(gcd(*(c.numerator for c in numbers)), lcm(*(c.denominator for c in numbers)))
+    scale = scale if numbers[0] > 0 else -scale
+    return Polynomial({m: simplest(c / scale) for m, c in polynomial.terms.items() if not isinstance(c, Surd)}), scale
+
+
+def divided(polynomial: Polynomial, divisor: Polynomial, order: Sequence[str]) -> tuple[Polynomial, Polynomial]:
+    """Quotient and remainder; no term of the remainder is divisible by the first term of the divisor."""
+    ring = Ring(order=order)
+    quotient, rest = divmod(ring.enter(polynomial), ring.enter(divisor))
+    return ring.leave(quotient), ring.leave(rest)

@@ -16,6 +16,7 @@ from echelon.errors import ClosedFormError, DegenerateSampleError
 from echelon.exact.elimination import null_vectors
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.polynomial import Monomial, cosine, sine
+from echelon.exact.rational import residues_of_generators
 
 _OPERATIONS = 5e8  # a few seconds
 _TERMS = 500
@@ -143,21 +144,9 @@ def circle_basis(angle: str, degree: int) -> list[Monomial]:
     return basis
 
 
-def generator_values(field: PrimeField, geometry: Geometry, monomials: Sequence[Monomial]) -> dict[str, Residues]:
-    """Values of all generators of some monomials at the points of a geometry."""
-    values: dict[str, Residues] = {}
-    for generator in {g for monomial in monomials for g, _ in monomial}:
-        if generator.endswith(")"):
-            c, s = field.circle(geometry[generator[4:-1]])
-            values[generator] = c if generator.startswith("cos") else s
-        else:
-            values[generator] = geometry[generator]
-    return values
-
-
 def design(field: PrimeField, geometry: Geometry, monomials: Sequence[Monomial], count: int) -> Residues:
     """Values of the monomials at the first points: array of shape (count, monomials)."""
-    values = generator_values(field, geometry, monomials)
+    values = residues_of_generators({g for monomial in monomials for g, _ in monomial}, geometry, field)
     table = np.ones((len(monomials), count), dtype=np.int64)
     for row, monomial in zip(table, monomials, strict=True):
         for generator, exponent in monomial:

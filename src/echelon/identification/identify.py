@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.base.base_set import Identifiability
 from echelon.base.derive import base_parameters
+from echelon.base.matrix import Identifiability
 from echelon.base.model import BaseModel
 from echelon.errors import EchelonError, InputError, MissingExtraError
 from echelon.formats.usual_effects import with_rotors

@@ -7,9 +7,15 @@ stack.  Both are counted before: brackets and commas are an upper bound of what 
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, is_dataclass
+from enum import Enum
 from typing import Any
+
+import numpy as np
 
 from echelon.errors import InputError, one_line
 from echelon.inputs.content import DATA_NODES, DEPTH, Limit, decoded
@@ -58,3 +64,18 @@ def _check_size(text: str, source: str, nodes: Limit) -> None:
 def published_schema(name: str, schema: dict[str, Any]) -> dict[str, Any]:
     """A schema that says its dialect, and a name that is no address, with the version of the format."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": f"urn:echelon:schema:{name}:1", **schema}
+
+
+def plain_data(value: Any, missing: Any = None) -> Any:
+    """Data in terms of JSON: dataclasses as objects, arrays as lists, null or a word for what is no finite number."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return plain_data(asdict(value), missing)
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, np.ndarray | np.generic):
+        return plain_data(value.tolist(), missing)
+    if isinstance(value, Mapping):
+        return {str(key): plain_data(entry, missing) for key, entry in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [plain_data(entry, missing) for entry in value]
+    return missing if isinstance(value, float) and not math.isfinite(value) else value

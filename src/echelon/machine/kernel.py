@@ -1,4 +1,4 @@
-"""A function as machine code over batches of samples.
+"""A function as machine code over batches of samples; where LLVM is not installed, NumPy evaluates it more slowly.
 
 >>> from echelon.program.tape import Program
 >>> from echelon.program.function import Argument, Function
@@ -15,25 +15,59 @@ from __future__ import annotations
 
 import ctypes
 import os
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Floats
-from echelon.errors import InputError
+from echelon.errors import InputError, SlowWarning
 from echelon.machine.batch import Batch, aligned, batch, result_array
-from echelon.machine.cache import cached_object
-from echelon.machine.interpreted import Interpreted
 from echelon.machine.kernel_text import Block, kernel_text, prepare_text
-from echelon.machine.lowering import Lowered, lowered
-from echelon.machine.operations_text import Vector, module_text
+from echelon.machine.operations_text import Lowered, Vector, lowered, module_text
 from echelon.machine.rows_text import rows_of, rows_text
-from echelon.machine.target import Library, Target, compiles, host, object_code
+from echelon.machine.target import Library, Target, cached_object, compiles, host, object_code
 from echelon.program.function import Function
+from echelon.program.schedule import FloatArithmetic, Schedule
+
+_TOGETHER = 1 << 17  # values of nodes that are computed together, which stay in the cache
+_LARGE = 10**9  # operations: several seconds
+_SLOW = 'NumPy computes this; machine code takes a tenth of the time or less: pip install "echelon-robotics[fast]"'
+
+
+class Interpreted:
+    """A function's entries, for some samples at a time."""
+
+    def __init__(self, function: Function) -> None:
+        self.function = function
+
+    def __call__(self, given: Batch, together: int | None = None) -> Iterator[tuple[int, Floats]]:
+        """The first sample of each piece of a batch, with the entries there, of shape (entries, samples)."""
+        schedule = self._schedule
+        if schedule.size * given.samples > _LARGE:
+            warnings.warn(_SLOW, SlowWarning, stacklevel=3)
+        together = together or max(_TOGETHER // max(schedule.size, 1), 1)
+        for first in range(0, given.samples, together):
+            piece = given.part(first, min(first + together, given.samples))
+            with np.errstate(all="ignore"):
+                yield first, schedule.run(FloatArithmetic(), self._values(piece), piece.samples)
+
+    @cached_property
+    def _schedule(self) -> Schedule:
+        return Schedule(self.function.program, self.function.outputs)
+
+    def _values(self, piece: Batch) -> dict[int, Floats]:
+        """Values of the inputs by node."""
+        uniform = [node for a in self.function.arguments if a.uniform for node in a.nodes]
+        varying = [node for a in self.function.arguments if not a.uniform for node in a.nodes]
+        columns = [column for array in piece.columns for column in array.T]
+        return dict(zip(uniform, piece.uniform, strict=True)) | dict(zip(varying, columns, strict=True))
+
 
 _POINTER, _INTEGER = ctypes.c_void_p, ctypes.c_int64
 _COMPUTE = (_POINTER, _POINTER, _POINTER, _INTEGER, _INTEGER, _POINTER)

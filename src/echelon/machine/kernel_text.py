@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from echelon.machine.lowering import Lowered
 from echelon.machine.operations_text import (
     LARGE_FRAME,
     Code,
+    Lowered,
     Vector,
     Writer,
     declarations,
@@ -22,8 +22,8 @@ from echelon.machine.operations_text import (
     sincos,
     stream_line,
 )
-from echelon.program.operations import Op
-from echelon.program.order import operands
+from echelon.program.function import operands
+from echelon.program.tape import Op
 
 _DOUBLE, _LINE = 8, 64  # bytes
 _STREAM = ", ptr noalias %from, ptr noalias %to"

@@ -14,8 +14,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from echelon.machine.kernel_text import Block
-from echelon.machine.lowering import Lowered
-from echelon.machine.operations_text import Code, Vector, prefetched
+from echelon.machine.operations_text import Code, Lowered, Vector, prefetched
 
 LINE = 8
 """Doubles in a cache line."""

@@ -17,10 +17,9 @@ from echelon.errors import DegenerateSampleError, InputError
 from echelon.exact.expressions import parse
 from echelon.exact.field import CERTIFICATE_BITS, PrimeField
 from echelon.exact.numbers import Rational, Surd
-from echelon.program.operations import Op
 from echelon.program.sampling import FieldSampler
 from echelon.program.sympy_bridge import from_sympy
-from echelon.program.tape import Program, Scalar, exact
+from echelon.program.tape import Op, Program, Scalar, exact
 from echelon.program.text import record_expression
 from echelon.seeds import DEFAULT_SEED, random_generator
 

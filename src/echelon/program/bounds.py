@@ -18,8 +18,7 @@ from typing import NamedTuple
 
 from echelon.exact.numbers import Number, parts_of
 from echelon.exact.polynomial import Polynomial
-from echelon.program.operations import Op
-from echelon.program.tape import Program
+from echelon.program.tape import Op, Program
 
 _ROOTS = (1.0, sqrt(2), sqrt(3), sqrt(6))
 

@@ -11,15 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 
 import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import DegenerateSampleError, UnknownRelationsError
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.numbers import Number, Surd
-from echelon.exact.polynomial import Monomial, Polynomial
+from echelon.exact.numbers import repeated
+from echelon.exact.polynomial import Polynomial, format_polynomial
 from echelon.exact.rational import RationalFunction
 from echelon.program.canonical import CanonicalForms, Generator, Product
 
@@ -69,25 +68,10 @@ def _named(
 
 def _renamed(element: RationalFunction, names: dict[str, str]) -> str:
     """An element as text, with its generators called by name."""
-
-    def written(polynomial: Polynomial) -> str:
-        return " + ".join(term(m, c) for m, c in polynomial.sorted_terms()).replace("+ -", "- ") or "0"
-
-    def term(monomial: Monomial, coefficient: Number) -> str:
-        if isinstance(coefficient, Surd):
-            factors, below = [f"({coefficient})"], 1
-        else:
-            number, below = Fraction(coefficient).numerator, Fraction(coefficient).denominator
-            factors = [] if abs(number) == 1 and monomial else [str(abs(number))]
-        factors += [f"{names[g]}^{e}" if e > 1 else names[g] for g, e in monomial]
-        sign = "-" if not isinstance(coefficient, Surd) and coefficient < 0 else ""
-        return sign + "*".join(factors) + (f"/{below}" if below > 1 else "")
-
-    top = written(element.numerator)
+    top = format_polynomial(element.numerator, names)
     if element.is_polynomial:
         return top
-    bottom = written(element.denominator)
-    return f"{_grouped(top, ' ')}/{_grouped(bottom, ' */')}"
+    return f"{_grouped(top, ' ')}/{_grouped(format_polynomial(element.denominator, names), ' */')}"
 
 
 def _grouped(text: str, separators: str) -> str:
@@ -263,12 +247,7 @@ def _polynomial(polynomial: Polynomial, values: Mapping[str, Residues], field: P
 
 
 def _power(base: Residues, exponent: int, field: PrimeField) -> Residues:
-    result = np.ones_like(base)
-    for bit in bin(exponent)[2:]:
-        result = result * result % field.p
-        if bit == "1":
-            result = result * base % field.p
-    return result
+    return repeated(base, exponent, np.ones_like(base), lambda a, b: a * b % field.p)
 
 
 def _root(x: Residues, degree: int, field: PrimeField) -> tuple[Residues, npt.NDArray[np.bool_]]:

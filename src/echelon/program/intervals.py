@@ -14,8 +14,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.program.operations import Op
-from echelon.program.tape import Program
+from echelon.program.tape import Op, Program
 
 Interval = tuple[Floats, Floats]
 """Least and largest values, of one shape."""

@@ -9,9 +9,8 @@ import numpy as np
 from echelon.arrays import Flags
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.normal_forms import Exponents, Monomials, Product
-from echelon.program.operations import Op
 from echelon.program.schedule import Array, ModularArithmetic, Schedule
-from echelon.program.tape import Program
+from echelon.program.tape import Op, Program
 
 Row = dict[int, int]
 """Monomials and the numbers, of a recorder, by which they are multiplied."""

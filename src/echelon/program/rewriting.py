@@ -1,9 +1,10 @@
 """Programs with some functions in the place of others.
 
 Functions that are rational in others are written out for exact work: |x| = sign(x)·x, tan = sin/cos,
-tanh x = (e²ˣ − 1)/(e²ˣ + 1), and sines of arc tangents (:mod:`echelon.program.compound`), so that only sine, cosine,
-exponential, logarithm, square root, sign and arc tangent remain.  Programs keep them whole otherwise, because in
-floating point they are faster and do not overflow.
+tanh x = (e²ˣ − 1)/(e²ˣ + 1), and e^(i·atan w) = (1 + i·w)/√(1 + w²), by which sines and cosines of integer multiples of
+arc tangents, plus anything, are algebraic in their arguments.  Only sine, cosine, exponential, logarithm, square root,
+sign and arc tangent remain.  Programs keep the others whole otherwise, because in floating point they are faster and do
+not overflow.
 
 Functions that jump are smoothed for optimisation: sign(x) becomes tanh(x/w), and |x| = x·tanh(x/w).
 """
@@ -16,10 +17,8 @@ from functools import partial
 
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
-from echelon.program.compound import circular
 from echelon.program.function import Argument, Function
-from echelon.program.operations import Op
-from echelon.program.tape import Program, Scalar
+from echelon.program.tape import Op, Program, Scalar, square_root
 
 _WRITTEN_OUT = (Op.ABS, Op.TAN, Op.TANH, Op.ATAN)
 
@@ -90,13 +89,53 @@ def _in_rational_terms(copy: Program, op: Op, x: Scalar) -> Scalar:
     if op is Op.ABS:
         return copy.function(Op.SIGN, x) * x
     if op is Op.TAN:
-        return circular(Op.SIN, x) / circular(Op.COS, x)
+        return _circular(Op.SIN, x) / _circular(Op.COS, x)
     if op in (Op.SIN, Op.COS):
-        return circular(op, x)
+        return _circular(op, x)
     if op is Op.TANH:
         square = copy.function(Op.EXP, 2 * x)
         return (square - 1) / (square + 1)
     return copy.function(op, x)
+
+
+_LARGEST_MULTIPLE = 24
+
+
+def _circular(op: Op, angle: Scalar) -> Scalar:
+    """Sine or cosine of an angle that may hold integer multiples of arc tangents."""
+    program = angle.program
+    arcs: dict[int, int] = {}
+    rest = _without_arcs(program, angle.node, 1, arcs)
+    counts = {program.lhs[n]: count for n, count in arcs.items() if count}
+    if not counts or any(abs(count) > _LARGEST_MULTIPLE for count in counts.values()):
+        return program.function(op, angle)
+    cosine, sine = program.cos(rest), program.sin(rest)
+    for node, count in counts.items():
+        w = Scalar(program, node) if count > 0 else -Scalar(program, node)
+        below = (1 + w * w) ** (abs(count) // 2)
+        for _ in range(abs(count)):
+            cosine, sine = cosine - sine * w, sine + cosine * w
+        below = below * square_root(1 + w * w) if count % 2 else below
+        cosine, sine = cosine / below, sine / below
+    return sine if op is Op.SIN else cosine
+
+
+def _without_arcs(program: Program, node: int, factor: int, arcs: dict[int, int]) -> Scalar:
+    """factor · node without its integer multiples of arc tangents, which are counted."""
+    op, a, b = Op(program.ops[node]), program.lhs[node], program.rhs[node]
+    if op is Op.ATAN:
+        arcs[node] = arcs.get(node, 0) + factor
+        return program.zero
+    if op is Op.NEG:
+        return _without_arcs(program, a, -factor, arcs)
+    if op in (Op.ADD, Op.SUB):
+        other = factor if op is Op.ADD else -factor
+        return _without_arcs(program, a, factor, arcs) + _without_arcs(program, b, other, arcs)
+    if op is Op.MUL:
+        for number, value in ((program.constants.get(a), b), (program.constants.get(b), a)):
+            if isinstance(number, int):
+                return _without_arcs(program, value, factor * number, arcs)
+    return Scalar(program, node) * factor
 
 
 def _gradual(inverse: Fraction, copy: Program, op: Op, x: Scalar) -> Scalar:

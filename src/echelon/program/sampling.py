@@ -17,18 +17,18 @@ from operator import mul
 import numpy as np
 import numpy.typing as npt
 
+from echelon.errors import UnknownRelationsError
+from echelon.exact.elimination import rank
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.numbers import Rational
 from echelon.program.bounds import Size, polynomial_size
 from echelon.program.canonical import CanonicalForms, Form, Product, Signs, Turn
-from echelon.program.compound import check_independent
 from echelon.program.derivatives import derivatives
 from echelon.program.generator_values import ConstantName, GeneratorValues, constant_names, residues_of
-from echelon.program.operations import Op
 from echelon.program.region import RealPoints, RegionReport
 from echelon.program.rewriting import written_out
 from echelon.program.schedule import ModularArithmetic, Schedule
-from echelon.program.tape import Program, Scalar
+from echelon.program.tape import Op, Program, Scalar
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 _Pattern = tuple[Signs, npt.NDArray[np.intp]]  # signs, and the samples that have them
@@ -134,7 +134,7 @@ class FieldSampler:
         geometry = {name: field.draw(rng, (1,)) for name in sampler.symbols}
         table = sampler.evaluate(field, rng, sampler.regions * (len(nodes) + 1), geometry)[:-1, 0]
         sampled = table.reshape(len(nodes), len(inputs), -1)
-        check_independent(sampled, len(self._arcs), sampler.regions, field)
+        _check_independent(sampled, len(self._arcs), sampler.regions, field)
 
     def _is_symbol(self, node: int) -> bool:
         return node in self.program.inputs and self.program.inputs[node].role == "symbol"
@@ -217,6 +217,24 @@ class FieldSampler:
                 own = {g: generators[g][where] for g in generators_of(form)}
                 total[where] = residues_of(form, own, field, len(where))
         return total
+
+
+def _check_independent(slopes: Residues, arcs: int, regions: int, field: PrimeField) -> None:
+    """Check arc tangents by the derivatives of them and of arguments of sines and cosines.
+
+    2i·atan w is a logarithm of (1 + i·w)/(1 − i·w).  By Ax's theorem (see :mod:`echelon.program.canonical`) arc
+    tangents are algebraically independent of one another and of the other functions, unless a rational combination of
+    them and of arguments of sines and cosines is constant in a region.  Then the same combination of their derivatives
+    vanishes.  So arc tangents whose derivatives are linearly independent of these stand for random elements of a field;
+    whether they are is decided exactly, region by region.  Where they are not, the combination is constant, but that
+    constant is not looked for: such relations count as unknown.
+    """
+    # shapes: slopes (functions, inputs, states)
+    for region in range(regions):
+        table = slopes[:, :, region::regions].reshape(len(slopes), -1).T
+        angles = rank(table[:, arcs:], field) if arcs < len(slopes) else 0
+        if rank(table, field) < arcs + angles:
+            raise UnknownRelationsError("arc tangents that differ by a constant, or from an angle, in some region")
 
 
 def _sorted_signs(nodes: Sequence[int], reals: Mapping[int, npt.NDArray[np.float64]]) -> list[_Pattern]:

@@ -27,11 +27,9 @@ from echelon.arrays import Floats, SignArray
 from echelon.exact.elimination import rank
 from echelon.exact.field import PrimeField
 from echelon.exact.numbers import Rational
-from echelon.program.balls import BallArithmetic, ball
 from echelon.program.intervals import interval_values
-from echelon.program.operations import Op
-from echelon.program.schedule import FloatArithmetic, Schedule
-from echelon.program.tape import Program
+from echelon.program.schedule import BallArithmetic, FloatArithmetic, Schedule, ball
+from echelon.program.tape import Op, Program
 
 _MOST_MAXIMAL = 256
 """Maximal products followed through a program; more are taken together, which only asks for more regions."""

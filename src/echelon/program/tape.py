@@ -1,4 +1,4 @@
-"""The straight-line program, and the scalar that records it.
+"""The straight-line program, its operations, and the scalar that records it.
 
 A program is a list of operations in the order in which they were first needed; each refers to earlier ones by number.
 Recording is hash-consed: writing the same operation twice gives the same node, so common subexpressions cost nothing,
@@ -12,21 +12,49 @@ hold (comparisons, branches, conversions to float) is an error that says so, ins
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
+from enum import IntEnum
 from fractions import Fraction
-from math import isqrt
+from operator import mul
 from typing import Any, NoReturn
 
 import numpy as np
 
 from echelon.errors import InputError
-from echelon.exact.numbers import Number, Rational, Surd, inverse, parse_decimal
+from echelon.exact import numbers
+from echelon.exact.numbers import Number, Rational, Surd, inverse, is_negative, parse_decimal, repeated
 from echelon.exact.polynomial import Polynomial, is_trigonometric, multiple_of, symbol_of
-from echelon.program.operations import Op
+
+
+class Op(IntEnum):
+    """Operation codes.  Unary functions follow ``SIN``; their operand is ``lhs``."""
+
+    INPUT = 0
+    CONSTANT = 1
+    ADD = 2
+    SUB = 3
+    MUL = 4
+    NEG = 5
+    DIV = 6
+    SIN = 7
+    COS = 8
+    TAN = 9
+    EXP = 10
+    LOG = 11
+    TANH = 12
+    SQRT = 13
+    ABS = 14
+    SIGN = 15
+    ATAN = 16
+
+
+FUNCTIONS = tuple(op for op in Op if op >= Op.SIN)
+"""The unary functions other than negation."""
+
 
 _LARGEST_EXPONENT = 128
 _MOST_BITS = 20_000
-_ROOTS = {2: Surd((0, 1, 0, 0)), 3: Surd((0, 0, 1, 0)), 6: Surd((0, 0, 0, 1))}
 
 
 class Scalar:
@@ -236,12 +264,7 @@ def _integer_power(base: Scalar, count: int) -> Scalar:
     value = base.number
     if isinstance(value, int | Fraction) and count * _bits(value) > _MOST_BITS:
         raise InputError(f"a power with more than {_MOST_BITS} bits")
-    total, square = base.program.one, base
-    while count:
-        total = total * square if count & 1 else total
-        count >>= 1
-        square = square * square if count else square
-    return total
+    return repeated(base, count, base.program.one, mul)
 
 
 def _bits(value: Rational) -> int:
@@ -254,11 +277,8 @@ def square_root(x: Scalar) -> Scalar:
     if isinstance(value, int | Fraction):
         if value < 0:
             raise InputError(f"the square root of {value} is not real")
-        for radicand in (1, 2, 3, 6):
-            square = Fraction(value) / radicand
-            root = Fraction(isqrt(square.numerator), isqrt(square.denominator))
-            if root * root == square:
-                return x.program.constant((root.numerator if root.denominator == 1 else root) * _ROOTS.get(radicand, 1))
+        with suppress(ValueError):
+            return x.program.constant(numbers.square_root(value))
     return x.program.function(Op.SQRT, x)
 
 
@@ -409,7 +429,7 @@ class Program:
                 return self.constant(self.constants[a] * value).node
             if value == -1:
                 return self.negate(a)
-            if _is_negative(value):
+            if is_negative(value):
                 return self.negate(self.multiply(a, self.constant(-value).node))
             inner = self._scaled(a)
             if inner is not None:
@@ -493,13 +513,9 @@ class Program:
         return f"Program({len(self)} nodes, {len(self.inputs)} inputs)"
 
 
-def _is_negative(value: Number) -> bool:
-    return float(value) < 0 if isinstance(value, Surd) else Fraction(value) < 0
-
-
 def _folded(op: Op, value: Number) -> Number | None:
     """The exact value of a function at a number, where there is one."""
-    sign = -1 if _is_negative(value) else int(bool(value))
+    sign = -1 if is_negative(value) else int(bool(value))
     if op in (Op.LOG, Op.SQRT) and (sign < 0 or (op is Op.LOG and not sign)):
         raise InputError(f"{op.name.lower()}({value}) is not real")
     if op is Op.SIGN:

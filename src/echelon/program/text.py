@@ -3,23 +3,45 @@
 The grammar is that of Python's arithmetic: exact decimals, names, subscripts such as ``qd[j5]`` or ``qd["left-knee"]``,
 ``+ - * / **`` (or ``^``), parentheses, and functions.  ``pi`` is exact in sin, cos and tan.  The text is walked as a
 syntax tree; nothing is ever evaluated as code.
+
+Some functions are written with others, so that nothing else has to know them.  The half angle is taken for arc sines
+and angles of points, because its tangent is a quotient without jumps: asin x = 2·atan(x/(1 + √(1 − x²))) and atan2(y,
+x) = 2·atan(y/(x + √(x² + y²))).  The sine and cosine of twice an arc tangent are rational in its argument, so that
+sin(asin x) = x is found exactly.  Double precision keeps eight digits of atan2 near the negative x-axis, where x + √(x²
++ y²) cancels.  A multiple of 15° is turned by exactly.
 """
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from fractions import Fraction
+from functools import reduce
 from math import tan
 
 from echelon.errors import InputError, shortened
-from echelon.exact.expressions import PI, STEPS_PER_HALF_TURN, Angle, parse_angle
-from echelon.exact.numbers import cosine_of_turn, parse_decimal, sine_of_turn
-from echelon.exact.syntax import expression_tree
-from echelon.program.compound import COMPOUND, turned
-from echelon.program.operations import FUNCTIONS, Op
-from echelon.program.tape import Program, Scalar, power, square_root
+from echelon.exact.expressions import PI, STEPS_PER_HALF_TURN, Angle, expression_tree, parse_angle
+from echelon.exact.numbers import Number, cosine_of_turn, parse_decimal, sine_of_turn
+from echelon.program.tape import FUNCTIONS, Op, Program, Scalar, maximum, minimum, power, square_root
+
+
+def heaviside(x: Scalar) -> Scalar:
+    """0, ½ or 1 for negative, zero and positive values."""
+    return (1 + x.sign()) / 2
+
+
+COMPOUND: Mapping[str, tuple[int | None, Callable[[Sequence[Scalar]], Scalar]]] = {
+    "sinh": (1, lambda a: a[0].sinh()),
+    "cosh": (1, lambda a: a[0].cosh()),
+    "asin": (1, lambda a: a[0].arcsin()),
+    "acos": (1, lambda a: a[0].arccos()),
+    "heaviside": (1, lambda a: heaviside(a[0])),
+    "atan2": (2, lambda a: a[0].arctan2(a[1])),
+    "max": (None, lambda a: reduce(maximum, a)),
+    "min": (None, lambda a: reduce(minimum, a)),
+}
+"""By name: the number of arguments, None for any, and what is recorded."""
 
 _PLAIN = {op.name.lower(): op for op in FUNCTIONS}
 FUNCTION_NAMES = (*_PLAIN, *COMPOUND)
@@ -58,6 +80,16 @@ def record_expression(
         raise InputError(f"in '{shown}': {error}", element=where) from None
     except ZeroDivisionError:
         raise InputError(f"'{shown}' divides by zero", element=where) from None
+
+
+def turned(op: Op, rest: Scalar, cosine: Number, sine: Number) -> Scalar:
+    """A circular function of an angle plus one whose cosine and sine are given."""
+    program = rest.program
+    if cosine == 1:
+        return program.function(op, rest)
+    c, s = program.cos(rest), program.sin(rest)
+    whole_cosine, whole_sine = c * cosine - s * sine, s * cosine + c * sine
+    return whole_sine / whole_cosine if op is Op.TAN else whole_cosine if op is Op.COS else whole_sine
 
 
 class _Recorder:

@@ -16,11 +16,10 @@ from functools import partial, reduce
 
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.tape import Program, Scalar
-from echelon.regressor.blocks import BlockRows, blocks_of
-from echelon.regressor.linear import LinearForms, column_sums
+from echelon.regressor.linear import BlockRows, LinearForms, blocks_of, column_sums
 from echelon.regressor.loops.recorded_loops import loops_of
-from echelon.regressor.spatial import Vec, add, cross, dot, scale
-from echelon.regressor.steps import Recorder, Step, forward, into_frame
+from echelon.regressor.steps import Recorder, Step, Vec, add, cross, dot, forward, into_frame, scale
+from echelon.regressor.virtual_power import virtual_power_form
 
 
 @dataclass(frozen=True)
@@ -44,6 +43,26 @@ def energy_form(mechanism: Mechanism) -> LinearForms:
         if not energy.is_zero:
             entries[0, 1 + column] = energy.node
     return LinearForms(program, entries, (1, 1 + len(mechanism.parameters)), loops_of(mechanism, recorder))
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Forms whose null space is that of X, with some auxiliary columns before those of the parameters."""
+
+    forms: LinearForms
+    auxiliary: int  # 1 for energies, which are known up to a constant; 0 for forces
+
+    def columns(self, keep: Sequence[int]) -> Rows:
+        """The rows restricted to some parameters, renumbered in the given order."""
+        chosen = [*range(self.auxiliary), *(self.auxiliary + column for column in keep)]
+        return Rows(self.forms.columns(chosen), self.auxiliary)
+
+
+def rows_of(mechanism: Mechanism) -> Rows:
+    """The cheapest rows for what is measured: energies while every force is, and only bodies have parameters."""
+    if mechanism.measures_every_force and not mechanism.effects:
+        return Rows(energy_form(mechanism), 1)
+    return Rows(virtual_power_form(mechanism), 0)
 
 
 def energy_changes(mechanism: Mechanism) -> BlockRows:

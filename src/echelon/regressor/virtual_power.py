@@ -23,14 +23,11 @@ from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
 from echelon.program.tape import Program, Scalar
-from echelon.regressor.blocks import FEW_COLUMNS, BlockRows, blocks_of
-from echelon.regressor.effects import EffectRecorder
-from echelon.regressor.linear import LinearForms, column_sums
+from echelon.regressor.linear import FEW_COLUMNS, BlockRows, LinearForms, blocks_of, column_sums
 from echelon.regressor.loops.dependent_motion import DependentMotion
 from echelon.regressor.loops.recorded_loops import loops_of
-from echelon.regressor.probes import Probes, VirtualMotion, any_motion, motion_of_joints, virtual_motion
-from echelon.regressor.spatial import Vec, add, cross, dot, scale
-from echelon.regressor.steps import Recorder, Step, forward, into_frame
+from echelon.regressor.probes import EffectRecorder, Probes, VirtualMotion, any_motion, motion_of_joints, virtual_motion
+from echelon.regressor.steps import Recorder, Step, Vec, add, cross, dot, forward, into_frame, scale
 
 Twist = tuple[Vec, Vec]
 """Angular velocity and linear velocity of the frame's origin, in the frame's axes."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.base.base_set import Identifiability
+from echelon.base.matrix import Identifiability
 from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS, PER_BODY
 from echelon.dynamics.kinematics import Kinematics

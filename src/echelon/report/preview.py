@@ -18,13 +18,13 @@ from echelon.excite.excite import ExcitingTrajectory
 from echelon.excite.problem.state_limits import ORDERS
 from echelon.excite.problem.task import UNCHECKED
 from echelon.excite.verify.margins import ACTIVE, Margin, when_kept
+from echelon.inputs.json_text import plain_data
 from echelon.report.closed_forms import ClosedForms
 from echelon.report.digits import significant
 from echelon.report.page import Context, html_page, packed
 from echelon.report.report import findings_of
 from echelon.report.scene import robot
 from echelon.report.signals import envelope
-from echelon.results.identified import plain
 
 TITLES = {
     "robot": "How the robot moves",
@@ -80,7 +80,9 @@ def preview_html(found: ExcitingTrajectory) -> str:
         "limits": _limits(found),
         "showing": _showing(found),
         "starts": _starts(found),
-        "settings": {"repeat": json.dumps(plain(found.settings, "none"), indent=2, ensure_ascii=False, default=str)},
+        "settings": {
+            "repeat": json.dumps(plain_data(found.settings, "none"), indent=2, ensure_ascii=False, default=str)
+        },
     }
     seen = [(time, condition) for time, condition in found.conditioning.over_time if isfinite(condition)]
     data = {

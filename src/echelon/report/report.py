@@ -10,6 +10,7 @@ from typing import Any
 from echelon.errors import one_line
 from echelon.identification.result import Identification
 from echelon.identification.validation import Score
+from echelon.inputs.json_text import plain_data
 from echelon.logs.finding import Finding, Severity
 from echelon.logs.preparation.settings import Preparation
 from echelon.report.drawing import seen_links
@@ -17,7 +18,6 @@ from echelon.report.matrix_picture import matrix_picture, mergings
 from echelon.report.page import Context, html_page
 from echelon.report.parameters import conditioning, parameters, physics
 from echelon.report.signals import buckets_for, outputs_of, payload
-from echelon.results.identified import plain
 
 TITLES = {
     "summary": "Fit of each output",
@@ -202,4 +202,4 @@ def _in_words(value: Any, unit: str) -> str:
 
 
 def _json(value: Any) -> str:
-    return json.dumps(plain(value), indent=2, ensure_ascii=False, default=str)
+    return json.dumps(plain_data(value), indent=2, ensure_ascii=False, default=str)

@@ -7,9 +7,8 @@ import json
 import math
 import os
 import platform
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, is_dataclass
-from enum import Enum
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -26,7 +25,7 @@ from echelon.identification.rows.plan import Plan
 from echelon.identification.servos.servo_fit import ServoFit
 from echelon.identification.validation import Score, Validation
 from echelon.inputs.content import read_content
-from echelon.inputs.json_text import parse_json
+from echelon.inputs.json_text import parse_json, plain_data
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.preparation.settings import Preparation
 from echelon.results.saved import from_json, to_dict
@@ -147,7 +146,7 @@ def identification_document(result: Identification) -> dict[str, Any]:
         settings=settings,
         base=to_dict(result.base),
     )
-    found: dict[str, Any] = plain(document)
+    found: dict[str, Any] = plain_data(document)
     return found
 
 
@@ -183,7 +182,7 @@ def _validation(found: Validation) -> dict[str, Any]:
 def score_record(score: Score) -> dict[str, Any]:
     """A score as JSON-able data; null where JSON has no number."""
     fits = {name: record_of(FitRecord, getattr(score, name)) for name in ("whole", "moving", "raw")}
-    found: dict[str, Any] = plain(record_of(ScoreRecord, score, **fits))
+    found: dict[str, Any] = plain_data(record_of(ScoreRecord, score, **fits))
     return found
 
 
@@ -213,21 +212,6 @@ def _versions() -> dict[str, str]:
         except PackageNotFoundError:
             continue
     return found
-
-
-def plain(value: Any, missing: Any = None) -> Any:
-    """Data in terms of JSON: dataclasses as objects, arrays as lists, null or a word for what is no finite number."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return plain(asdict(value), missing)
-    if isinstance(value, Enum):
-        return value.value
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist(), missing)
-    if isinstance(value, Mapping):
-        return {str(key): plain(entry, missing) for key, entry in value.items()}
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return [plain(entry, missing) for entry in value]
-    return missing if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def servo_document(fit: ServoFit, level: float = 0.95) -> dict[str, Any]:

@@ -128,8 +128,7 @@ def _term(parameter: str, coefficient: RationalFunction, known: Mapping[str, flo
         term["denominator"] = str(coefficient.denominator)
     term["value"] = None
     if all(s in known for s in coefficient.symbols()):
-        generators = {*coefficient.numerator.generators(), *coefficient.denominator.generators()}
-        term["value"] = coefficient_value(coefficient, float_generators(generators, known))
+        term["value"] = coefficient_value(coefficient, float_generators(coefficient.generators(), known))
     return term
 
 

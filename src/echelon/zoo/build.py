@@ -17,8 +17,7 @@ from echelon.errors import EchelonError, InputError, one_line
 from echelon.files import write_atomically
 from echelon.report.page import Context, render, script_safe
 from echelon.version import __version__
-from echelon.zoo.exhibit import TEMPLATES, Row, Task, build_exhibit
-from echelon.zoo.find import Found, robot_files, usual_folders
+from echelon.zoo.exhibit import TEMPLATES, Found, Row, Task, build_exhibit, robot_files, usual_folders
 
 Progress = Callable[[int, int, Row | None], None]
 """Told how many robots are done, of how many, and the last one's row."""

@@ -8,9 +8,8 @@ the samples are not needed; they show that the samples are dense and precise eno
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +35,7 @@ from echelon.excite.problem.trajectory import DEGREE, DURATIONS, LARGEST, SHORTE
 from echelon.extras import extra
 from echelon.files import write_atomically
 from echelon.inputs.content import read_content
-from echelon.inputs.json_text import parse_json
+from echelon.inputs.json_text import parse_json, plain_data
 from echelon.logs.files.log_file import existing_file
 
 if TYPE_CHECKING:
@@ -204,16 +203,7 @@ def design_to_json(found: ExcitingTrajectory) -> dict[str, Any]:
         "findings": [str(finding) for finding in found.findings],
         "settings": found.settings,
     }
-    return trajectory_to_json(found.trajectory, **{key: _plain(value) for key, value in about.items()})
-
-
-def _plain(value: Any) -> Any:
-    """Lists, mappings, texts and numbers; null for a number that is not finite, which JSON cannot say."""
-    if isinstance(value, Mapping):
-        return {key: _plain(part) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(part) for part in value]
-    return None if isinstance(value, float) and not isfinite(value) else value
+    return trajectory_to_json(found.trajectory, **plain_data(about))
 
 
 def write_trajectory(trajectory: Trajectory, path: str | os.PathLike[str], rate: float, repeats: int = 1) -> None:

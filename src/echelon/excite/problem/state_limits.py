@@ -27,8 +27,7 @@ from echelon.program.function import Argument, Function
 from echelon.program.intervals import Interval, interval_values
 from echelon.program.rewriting import smooth_function
 from echelon.program.tape import Program
-from echelon.regressor.spatial import add, apply
-from echelon.regressor.steps import Recorder
+from echelon.regressor.steps import Recorder, add, apply
 
 ORDERS = ("position", "velocity", "acceleration", "jerk")
 """Kinds of limits, by the order of the derivative."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from echelon.conventions import PARAMETERS
-from echelon.exact.syntax import is_whole
+from echelon.exact.numbers import is_whole
 from echelon.formats.bodies import BASE, Part
 from echelon.formats.description.stated_expressions import Expressions
 from echelon.formats.description.stated_joints import Joints, joint_name

@@ -22,7 +22,7 @@ from xml.etree.ElementTree import tostring
 import numpy as np
 
 from echelon.errors import InputError
-from echelon.exact.syntax import is_whole
+from echelon.exact.numbers import is_whole
 from echelon.extras import extra
 from echelon.hints import listed, unused
 from echelon.inputs.content import INCLUDES, read_content

@@ -16,7 +16,7 @@ from pydantic import BeforeValidator, Discriminator, Field, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
 from echelon.exact.expressions import PI, parse
-from echelon.exact.syntax import is_whole
+from echelon.exact.numbers import is_whole
 from echelon.formats.reading_options import NOT_FINITE
 from echelon.hints import nearest
 

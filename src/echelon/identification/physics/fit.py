@@ -37,7 +37,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Floats
-from echelon.base.base_set import Identifiability
+from echelon.base.matrix import Identifiability
 from echelon.base.model import BaseModel
 from echelon.errors import EchelonError, InputError
 from echelon.identification.physics.bounds import Bounds, roles

@@ -20,11 +20,10 @@ import numpy.typing as npt
 from echelon.arrays import Floats, Integers, pivoted_qr
 from echelon.errors import InputError
 from echelon.mechanism.joint import MotionKind
-from echelon.program.balls import BallArithmetic, ball
-from echelon.program.schedule import Schedule
+from echelon.program.schedule import BallArithmetic, Schedule, ball
 from echelon.program.tape import Program
 from echelon.regressor.loops.closures import Loops
-from echelon.regressor.spatial import quaternion_times
+from echelon.regressor.steps import quaternion_times
 
 Balls = npt.NDArray[Any]
 """Array of ``arb``, poses last."""

@@ -25,8 +25,7 @@ from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program
 from echelon.regressor.loops.closures import record_closures
 from echelon.regressor.probes import Probes, virtual_motion
-from echelon.regressor.spatial import quaternion_times
-from echelon.regressor.steps import Recorder
+from echelon.regressor.steps import Recorder, quaternion_times
 
 RANK_TOLERANCE = 1e-6
 """Singular values below this part of the largest one count as zero."""

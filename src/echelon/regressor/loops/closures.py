@@ -23,8 +23,20 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.program.tape import Scalar
 from echelon.regressor.loops.moving import Pose
 from echelon.regressor.probes import Probes
-from echelon.regressor.spatial import Mat, Vec, add, apply, cross, dot, identity, product, transposed
-from echelon.regressor.steps import Recorder, Step, into_frame
+from echelon.regressor.steps import (
+    Mat,
+    Recorder,
+    Step,
+    Vec,
+    add,
+    apply,
+    cross,
+    dot,
+    identity,
+    into_frame,
+    product,
+    transposed,
+)
 
 Wrench = tuple[Vec, Vec]
 """Moment and force."""

@@ -22,13 +22,11 @@ from echelon.errors import ShakyPoseError, SingularPoseError, UnknownRelationsEr
 from echelon.exact.field import PrimeField, Residues
 from echelon.program.canonical import Turn
 from echelon.program.generator_values import GeneratorValues
-from echelon.program.operations import Op
-from echelon.program.region import SAMPLED, RegionReport, one_sided
-from echelon.program.region_search import COMPLETE, IndependentRegions
+from echelon.program.region import COMPLETE, SAMPLED, IndependentRegions, RegionReport, one_sided
 from echelon.program.sampling import FieldSampler, generators_of
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.surfaces import find_surfaces, monomials
-from echelon.program.tape import Program
+from echelon.program.tape import Op, Program
 from echelon.regressor.loops.closed_curve import ClosedCurve, lift
 from echelon.regressor.loops.closures import Loops
 from echelon.regressor.loops.exponentials import Exponentials

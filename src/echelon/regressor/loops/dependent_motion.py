@@ -25,8 +25,7 @@ from echelon.program.least_squares import LeastSquares
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.loops.closures import record_closures
 from echelon.regressor.probes import Probes
-from echelon.regressor.spatial import quaternion_times
-from echelon.regressor.steps import Recorder
+from echelon.regressor.steps import Recorder, quaternion_times
 
 
 class DependentMotion:
