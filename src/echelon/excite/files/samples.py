@@ -10,21 +10,21 @@ import csv
 import io
 import math
 import os
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from pydantic import AliasChoices, Field
+from pydantic import BaseModel as Schema
 
 from echelon.arrays import Floats
 from echelon.errors import InputError, one_line
 from echelon.excite.problem.trajectory import Trajectory
 from echelon.extras import extra
 from echelon.inputs.yaml_text import parse_yaml
-from echelon.logs.files.bag_file import fields, nanoseconds
 from echelon.logs.files.log_file import decoding
 from echelon.logs.files.open_log import open_log, read_table
+from echelon.results.schema import checked
 
 FEWEST = 6
 """Samples that a quintic spline goes through."""
@@ -267,10 +267,25 @@ def _number(value: float) -> str:
     return text.replace("e", ".0e") if "e" in text and "." not in text else text
 
 
-_LATEST = 2**31 * 10**9
-_DOT = re.compile(r"\.(?=[a-zA-Z])")  # of .nan and .inf
-_INTEGER = re.compile(r"[+-]?[0-9]{1,1000}")
-_SHAPE = "a JointTrajectory has joint_names and points"
+_LATEST = 2**31
+_SHAPE = "a JointTrajectory with joint_names and points"
+
+
+class _Stamp(Schema):
+    sec: int = Field(gt=-_LATEST, lt=_LATEST, validation_alias=AliasChoices("sec", "secs"))
+    nanosec: int = Field(ge=0, lt=_NANO, validation_alias=AliasChoices("nanosec", "nsec", "nsecs"))
+
+
+class _Point(Schema):
+    positions: list[float] = []
+    velocities: list[float] = []
+    accelerations: list[float] = []
+    time_from_start: _Stamp
+
+
+class _Message(Schema):
+    joint_names: list[str]
+    points: list[_Point]
 
 
 def from_yaml(content: bytes, source: str, coordinates: Sequence[str]) -> Samples:
@@ -278,72 +293,27 @@ def from_yaml(content: bytes, source: str, coordinates: Sequence[str]) -> Sample
     documents = [found.data for found in parse_yaml(content, source) if found.data is not None]
     if len(documents) != 1:
         raise InputError(f"holds {len(documents)} messages; needs one: {_SHAPE}", source=source)
-    return _samples(documents[0], source, coordinates)
-
-
-def _samples(message: Any, source: str, coordinates: Sequence[str]) -> Samples:
-    found = dict(fields(message))
-    names, points = found.get("joint_names"), found.get("points")
-    if not isinstance(names, list) or not isinstance(points, list):
-        raise InputError(f"is not a trajectory: {_SHAPE}", source=source)
+    message = checked(_Message, documents[0], source, _SHAPE)
     try:
-        order = places(_names(names), coordinates, "joint_names")
-        rows = [dict(fields(point)) for point in points]
-        t = np.array([_time(row, k) for k, row in enumerate(rows)]) / 10**9
-        values = [_values(rows, name, len(names)) for name in _STATES]
+        order = places(message.joint_names, coordinates, "joint_names")
+        values = [_values(message.points, name, len(order)) for name in _STATES]
     except InputError as error:
         raise error.located(source) from None
     q, qd, qdd = (None if block is None else block[:, order] for block in values)
     if q is None:
         raise InputError("holds no points with positions", source=source, element="points")
+    stamps = [point.time_from_start for point in message.points]
+    t = np.array([stamp.sec * _NANO + stamp.nanosec for stamp in stamps]) / _NANO
     return Samples(tuple(coordinates), t, (q, qd, qdd), 1 / _NANO)
 
 
-def _names(names: list[Any]) -> list[str]:
-    for name in names:
-        if not isinstance(name, str):
-            raise InputError(f"holds {type(name).__name__} where a name is needed", element="joint_names")
-    return list(names)
-
-
-def _time(point: dict[str, Any], k: int) -> int:
-    element = f"points[{k}].time_from_start"
-    parts = {name: _whole(value) for name, value in fields(point.get("time_from_start"))}
-    try:
-        found = nanoseconds(parts)
-    except InputError as error:
-        raise InputError(error.problem, element=element) from None
-    if found is None or abs(found) > _LATEST:
-        raise InputError("needs two integers, sec and nanosec", element=element)
-    return found
-
-
-def _whole(value: Any) -> Any:
-    """An integer, which is text in YAML."""
-    return int(value) if isinstance(value, str) and _INTEGER.fullmatch(value) else value
-
-
-def _values(points: list[dict[str, Any]], field: str, width: int) -> Floats | None:
+def _values(points: Sequence[_Point], name: str, width: int) -> Floats | None:
     """A field of all points, shape (N, width); None if none has it."""
-    given = [point.get(field) for point in points]
-    lengths = [0 if value is None else len(value) if isinstance(value, list) else -1 for value in given]
-    if not any(lengths):
+    given = [getattr(point, name) for point in points]
+    if not any(given):
         return None
-    for k, length in enumerate(lengths):
-        if length != width:
-            count = f"{length} numbers" if length >= 0 else "no list"
-            raise InputError(f"holds {count}; needs {width}, one for each joint", element=f"points[{k}].{field}")
-    return np.array([_numbers(value, f"points[{k}].{field}") for k, value in enumerate(given)])
-
-
-def _numbers(values: Any, element: str) -> Floats:
-    found = []
-    for value in values:
-        # text in YAML
-        if isinstance(value, bool) or not isinstance(value, int | float | str) or not str(value).isascii():
-            raise InputError(f"holds {type(value).__name__} where a number is needed", element=element)
-        try:
-            found.append(float(_DOT.sub("", value) if isinstance(value, str) else value))
-        except (ValueError, OverflowError):
-            raise InputError(f"{one_line(str(value))[:40]!r} is not a number", element=element) from None
-    return np.array(found)
+    for k, values in enumerate(given):
+        if len(values) != width:
+            problem = f"holds {len(values)} numbers; needs {width}, one for each joint"
+            raise InputError(problem, element=f"points[{k}].{name}")
+    return np.array(given)
