@@ -65,9 +65,10 @@ def test_wls_divides_rows_by_their_noise() -> None:
     estimate = wls(rows.observation(), rows.units, NOISE)
     values, squares = np.linalg.lstsq(W, y)[:2]
     np.testing.assert_allclose(estimate.values, values, rtol=1e-9)
-    np.testing.assert_allclose(estimate.covariance, np.linalg.inv(W.T @ W), rtol=1e-7, atol=1e-14)
-    relative = wls(rows.observation(), rows.units, 7 * NOISE, relative=True)
-    np.testing.assert_allclose(relative.covariance, estimate.covariance * squares / (len(y) - 9), rtol=1e-9)
+    variance = squares / (len(y) - 9)
+    np.testing.assert_allclose(estimate.covariance, variance * np.linalg.inv(W.T @ W), rtol=1e-7, atol=1e-14)
+    louder = wls(rows.observation(), rows.units, 7 * NOISE)
+    np.testing.assert_allclose(louder.covariance, estimate.covariance, rtol=1e-9)
 
 
 def test_infinite_noise_leaves_an_output_out() -> None:

@@ -53,7 +53,7 @@ def _ols(seed: int) -> tuple[Estimate, Floats]:
 
 def _wls(seed: int) -> tuple[Estimate, Floats]:
     rows = _serial(seed)
-    return wls(rows.observation(), rows.units, 5 * NOISE, relative=True), TRUTH
+    return wls(rows.observation(), rows.units, 5 * NOISE), TRUTH
 
 
 def _irls(seed: int) -> tuple[Estimate, Floats]:

@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal
 from echelon.errors import InputError
 from echelon.identification.estimators.errors_in_variables import tls
 from echelon.identification.estimators.estimate import Estimate, direction_text, open_directions
-from echelon.identification.estimators.fit import Substitution, fixed
+from echelon.identification.estimators.fit import RowsOfUnknowns, known_values
 from echelon.identification.estimators.least_squares import huber, irls, minimum_norm, ols
 from echelon.identification.estimators.ridge import ridge
 from support.estimation_problems import TRUTH, Floats, assert_same, dense, line, serial, unseen
@@ -151,8 +151,8 @@ def test_minimum_norm_of_determined_data_is_least_squares() -> None:
 def test_known_values_move_to_the_right() -> None:
     rows = serial()
     names = rows.layout.parameters
-    substitution = fixed(names, rows.units, {"p2": -1.0, "p8": -4.0})
-    estimate = substitution.restored(irls(substitution.observation(rows.observation()), substitution.unknown_units))
+    known = known_values(names, rows.units, {"p2": -1.0, "p8": -4.0})
+    estimate = known.restored(irls(known.observation(rows.observation()), known.unknown_units))
     kept = [k for k in range(9) if k not in (1, 7)]
     W, y, _ = dense(rows, estimate.diagnostics["weights"])
     values = np.linalg.lstsq(W[:, kept], y - W[:, 1] * -1 - W[:, 7] * -4)[0]
@@ -166,9 +166,9 @@ def test_known_values_move_to_the_right() -> None:
 
 def test_rows_and_observations_of_unknowns_agree() -> None:
     rows = serial(seconds=0.02)
-    substitution = fixed(rows.layout.parameters, rows.units, {"p2": -1.0, "p4": 2.0, "p5": 0.5})
-    assert substitution.unknowns == ("p1", "p3", "p6", "p7", "p8", "p9")
-    changed = substitution.rows(rows)
+    known = known_values(rows.layout.parameters, rows.units, {"p2": -1.0, "p4": 2.0, "p5": 0.5})
+    assert known.unknowns == [0, 2, 5, 6, 7, 8]
+    changed = RowsOfUnknowns(rows, known)
     observation = changed.observation()
     assert observation.layout == changed.layout
     again = np.zeros((6, 6))
@@ -182,26 +182,23 @@ def test_rows_and_observations_of_unknowns_agree() -> None:
 
 def test_open_directions_stay_open_when_restored() -> None:
     rows = unseen()
-    substitution = fixed(rows.layout.parameters, rows.units, {"p3": 0.0})
-    estimate = substitution.restored(
-        minimum_norm(substitution.observation(rows.observation()), substitution.unknown_units)
-    )
+    known = known_values(rows.layout.parameters, rows.units, {"p3": 0.0})
+    estimate = known.restored(minimum_norm(known.observation(rows.observation()), known.unknown_units))
     assert np.isinf(estimate.std).tolist() == [False, False, False, True]
     assert not np.isnan(estimate.covariance).any()
 
 
-def test_substitutions_refuse_what_does_not_fit() -> None:
+def test_known_values_refuse_what_does_not_fit() -> None:
     rows = serial()
     names, units = rows.layout.parameters, rows.units
     with pytest.raises(InputError, match=r"parameter 'p22': there is no such parameter; did you mean p2"):
-        fixed(names, units, {"p22": 1.0})
+        known_values(names, units, {"p22": 1.0})
     with pytest.raises(InputError, match="nothing is left"):
-        fixed(names, units, dict.fromkeys(names, 0.0))
+        known_values(names, units, dict.fromkeys(names, 0.0))
     with pytest.raises(InputError, match="not a finite number"):
-        fixed(names, units, {"p2": np.nan})
-    other = fixed(("a", "b"), ("kg", "kg"), {"a": 1.0})
+        known_values(names, units, {"p2": np.nan})
+    other = known_values(("a", "b"), ("kg", "kg"), {"a": 1.0})
     with pytest.raises(InputError, match="other parameters"):
         other.observation(rows.observation())
     with pytest.raises(InputError, match="not one of the unknowns"):
         other.restored(ols(rows.observation(), units))
-    assert isinstance(other, Substitution)

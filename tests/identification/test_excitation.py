@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import echelon as ec
-from echelon.identification.conditioning import conditioning, sensitivities, sparse_basis
+from echelon.identification.conditioning import conditioning, sensitivities
+from echelon.identification.estimators.estimate import sparse_basis
 from echelon.mechanism.effect import Side, ready_made
 from support.linkages import four_bar
 from support.observation_rows import ArrayRows
@@ -119,8 +120,8 @@ def test_a_sparse_basis_spans_the_same_space() -> None:
     rng = np.random.default_rng(8)
     wanted = np.array([[1, 0, 0, 2.0, 0], [0, 1, 0, 0, 0], [0, 0, 1, 0, -1]])
     mixed = np.linalg.qr((rng.normal(size=(3, 3)) @ wanted).T)[0].T
-    found = np.array(sparse_basis(mixed))
-    assert [int(np.sum(np.abs(row) > 1e-9)) for row in found] == [2, 1, 2]
+    found, _ = sparse_basis(mixed)
+    assert sorted(int(np.sum(np.abs(row) > 1e-9)) for row in found) == [1, 2, 2]
     assert np.linalg.matrix_rank(np.vstack([found, wanted]), tol=1e-9) == 3
 
 

@@ -20,8 +20,8 @@ FAULTS = (
     ),
     Fault(
         "identification/estimators/least_squares.py",
-        "residual**2 / degrees if relative",
-        "residual**2 if relative",
+        "factor = solution.triangle.residual**2 / degrees",
+        "factor = solution.triangle.residual**2",
         "common factor of noise",
         ESTIMATORS,
     ),

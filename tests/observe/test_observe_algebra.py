@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from typing import Any
 
 import numpy as np
@@ -38,7 +37,7 @@ def test_merging_is_associative_and_commutative(
 ) -> None:
     a, b, c = (observed(watch, seed, count) for seed, count in zip(seeds, samples, strict=True))
     assert_close((a + b) + c, a + (b + c))
-    assert_close(a + b, b.merged(a))
+    assert_close(a + b, b + a)
 
 
 def test_merging_is_observing_both(watch: Observer) -> None:
@@ -55,7 +54,7 @@ def test_nothing_is_neutral(watch: Observer) -> None:
 
 def test_other_layouts_are_not_merged(watch: Observer) -> None:
     with pytest.raises(InputError, match="different outputs or parameters"):
-        observed(watch, 3).merged(observed(watch, 3).select([0, 1]))
+        observed(watch, 3) + observed(watch, 3).select([0, 1])
 
 
 def test_triangles_are_canonical(watch: Observer) -> None:
@@ -118,34 +117,6 @@ def test_parameters_left_open_are_named(watch: Observer) -> None:
     assert found.rank == 8
     with pytest.raises(InputError, match="8 of 9 parameters; those they leave open involve p6, p7: excite"):
         found.solve()
-
-
-def test_arrays_round_trip(watch: Observer) -> None:
-    a = observed(watch, 11)
-    file = io.BytesIO()
-    np.savez(file, **a.arrays())
-    file.seek(0)
-    back = Observation.from_arrays(np.load(file))
-    assert (back.layout, back.samples) == (a.layout, a.samples)
-    for R, same in zip(a.factors, back.factors, strict=True):
-        np.testing.assert_array_equal(R, same)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda arrays: arrays.pop("factor1"),
-        lambda arrays: arrays.update(columns0=arrays["columns0"][::-1]),
-        lambda arrays: arrays.update(factor0=arrays["factor0"][:-1]),
-        lambda arrays: arrays.update(factor0=arrays["factor0"].T),
-        lambda arrays: arrays.update(factor0=arrays["factor0"] * np.nan),
-    ],
-)
-def test_arrays_that_hold_no_observation(watch: Observer, change: Any) -> None:
-    arrays = observed(watch, 12).arrays()
-    change(arrays)
-    with pytest.raises(InputError):
-        Observation.from_arrays(arrays)
 
 
 def test_representations(watch: Observer) -> None:

@@ -70,7 +70,7 @@ METHODS: dict[str, Callable[[ArrayRows], Estimate]] = {
     "wls": lambda rows: wls(rows.observation(), rows.units, NOISE),
     "irls": lambda rows: irls(rows.observation(), rows.units),
     "huber": lambda rows: huber(rows, tolerance=1e-10, limit=500),
-    "tls": lambda rows: tls(rows.observation(), rows.units, noise=NOISE),
+    "tls": lambda rows: tls(rows.observation(), rows.units),
     "instrumental": lambda rows: instrumental(rows, rows),
     "ridge": lambda rows: ridge(rows.observation(), rows.units, np.zeros(9)),
     "clustered": lambda rows: clustered(rows, irls(rows.observation(), rows.units), seconds=0.01),

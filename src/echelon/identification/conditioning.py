@@ -20,6 +20,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
+from echelon.identification.estimators.estimate import sparse_basis
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.stated import characteristic_length
 from echelon.observe.observation import Observation
@@ -155,22 +156,11 @@ def _weak(triangle: Triangle, singular: Floats, directions: Floats, rank: int) -
     degrees = max(triangle.rows - rank, 1)
     noisy = singular * size < triangle.residual / np.sqrt(degrees)
     found = [(float(relative[k]), directions[k]) for k in range(rank) if relative[k] < WEAK or noisy[k]]
-    return found + [(0.0, v) for v in sparse_basis(directions[rank:])]
-
-
-def sparse_basis(vectors: Floats) -> list[Floats]:
-    """Unit vectors of the same space with few entries each, so that every one names few parameters; shape (n,)."""
-    rows = np.array(vectors, dtype=float)
-    free = np.ones(rows.shape[1], dtype=bool)
-    for k in range(len(rows)):
-        r, c = np.unravel_index(np.argmax(np.abs(rows[k:] * free)), rows[k:].shape)
-        rows[[k, k + int(r)]] = rows[[k + int(r), k]]
-        rows[k] /= rows[k, c]
-        others = np.arange(len(rows)) != k
-        rows[others] -= np.outer(rows[others, c], rows[k])
-        free[c] = False
-    basis = [row / np.linalg.norm(row) for row in rows]
-    return sorted(basis, key=lambda row: int(np.argmax(np.abs(row) > _SHARE)))
+    if rank == len(singular):
+        return found
+    # few entries each, so that every one names few parameters
+    rest = [row / np.linalg.norm(row) for row in sparse_basis(directions[rank:])[0]]
+    return found + [(0.0, row) for row in sorted(rest, key=lambda row: int(np.argmax(np.abs(row) > _SHARE)))]
 
 
 def _shares(names: Sequence[str], direction: Floats) -> tuple[tuple[str, float], ...]:

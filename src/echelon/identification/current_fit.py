@@ -82,7 +82,7 @@ def fit_currents(observation: Observation, units: Sequence[str], gains: Sequence
     diagnostics = {"iterations": iterations, "converged": True, "current_noise": noise.tolist()}
     outputs, counts = observation.layout.outputs, observation.counts
     return Estimate(
-        "drive gains (currents)",
+        "drive gains",
         observation.layout.parameters,
         tuple(units),
         values,
@@ -101,7 +101,7 @@ def _outputs(observation: Observation, gains: Sequence[Sequence[str]]) -> list[_
         if len(some) > 1:
             raise InputError(
                 f"it depends on several unknown gains ({', '.join(some)}), so its noise is not that of one current; "
-                "measure in the drives, or use the method 'tls'",
+                "measure in the drives",
                 element=f"output '{label}'",
             )
         place = columns.index(layout.parameters.index(some[0])) if some else None

@@ -7,8 +7,7 @@ Systems, Measurement and Control 136, 2014).
 
 Noise sits in the currents, which are columns here, so that plain least squares shrinks the gains.  Solved for the
 currents, i_j = (x̄_jᵀ ζ̄ + known_j)/K_j, the same equation has its noise on the left again; that nonlinear least
-squares, with each drive's own noise, is the maximum
-likelihood (:mod:`echelon.identification.current_fit`).  Least squares and total least squares are there to compare.
+squares, with each drive's own noise, is the maximum likelihood (:mod:`echelon.identification.current_fit`).
 """
 
 from __future__ import annotations
@@ -16,8 +15,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,10 +24,8 @@ from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.current_fit import fit_currents
-from echelon.identification.estimators.errors_in_variables import tls
-from echelon.identification.estimators.estimate import Estimate, solved
-from echelon.identification.estimators.fit import fixed as fixed_parameters
-from echelon.identification.estimators.least_squares import wls
+from echelon.identification.estimators.estimate import Estimate
+from echelon.identification.estimators.fit import known_values
 from echelon.identification.payload import Payload, loaded_rows, with_zeros
 from echelon.identification.rows.plan import Plan
 from echelon.identification.rows.rows import ModelRows, Rows
@@ -40,8 +36,6 @@ from echelon.logs.recording import Samples, Segment
 from echelon.observe.observation import Layout, Observation
 from echelon.observe.triangle import upper_triangle
 from echelon.setup.setup import Setup
-
-Method = Literal["currents", "ls", "tls"]
 
 _GAIN = re.compile(r"-\s*i(\[.*\])?")
 
@@ -101,7 +95,6 @@ def drive_gains(
     payload: Payload | None = None,
     *,
     known: Mapping[str, float] | None = None,
-    method: Method = "currents",
 ) -> GainEstimate:
     """Drive gains and base parameters together.
 
@@ -117,9 +110,6 @@ def drive_gains(
     payload : Payload, optional
     known : mapping of str to float, optional
         Base parameters or gains that are known, by name, SI units.
-    method : "currents", "ls" or "tls"
-        Maximum likelihood with noise in the currents; least squares, whose gains are too small where currents are
-        noisy; or total least squares with errors in all columns alike.
 
     Returns
     -------
@@ -131,8 +121,6 @@ def drive_gains(
         If there are no gains, arguments do not fit together, nothing fixes the scale of some drives, or the data do not
         determine all parameters.
     """
-    if method not in get_args(Method):
-        raise InputError(f"method is '{method}'; expected one of {', '.join(get_args(Method))}")
     gains = gain_names(base)
     if not gains:
         raise InputError("the model has no drive gains; add effects of type drive_gain, whose inputs are the currents")
@@ -147,21 +135,11 @@ def drive_gains(
         fixed |= _load_values(payload, load)
         words.append(f"the payload on {payload.body}, of which {', '.join(payload.known)} known")
     _check_zero(free, gains)
-    substitution = fixed_parameters(free.layout.parameters, units, fixed)
-    reduced = substitution.observation(free)
+    rest = known_values(free.layout.parameters, units, fixed)
+    reduced = rest.observation(free)
     _check_scale(reduced, gains)
-    found = _estimate(reduced, substitution.unknown_units, gains, method)
-    return _gains_of(substitution.restored(found), gains, " and ".join(words) or "measured outputs")
-
-
-def _estimate(observation: Observation, units: tuple[str, ...], gains: Sequence[str], method: Method) -> Estimate:
-    if method == "currents":
-        return fit_currents(observation, units, _gain_of_output(observation.layout, gains))
-    # noise of outputs from one plain fit: found again and again it would shrink with the gains
-    plain = wls(observation, units, solved(observation, units).noise)
-    if method == "ls":
-        return replace(plain, method="drive gains (ls)")
-    return replace(tls(observation, units, noise=plain.noise), method="drive gains (tls)")
+    found = fit_currents(reduced, rest.unknown_units, _gain_of_output(reduced.layout, gains))
+    return _gains_of(rest.restored(found), gains, " and ".join(words) or "measured outputs")
 
 
 def _gains_of(estimate: Estimate, gains: tuple[str, ...], scale: str) -> GainEstimate:
@@ -310,7 +288,6 @@ def gains_from_logs(
     payload: Payload | None = None,
     *,
     known: Mapping[str, float] | None = None,
-    method: Method = "currents",
 ) -> GainEstimate:
     """Drive gains and base parameters from logs of currents.
 
@@ -326,8 +303,6 @@ def gains_from_logs(
         What is known of the load.
     known : mapping of str to float, optional
         Base parameters or gains that are known, by name, SI units.
-    method : "currents", "ls" or "tls"
-        See :func:`drive_gains`.
 
     Returns
     -------
@@ -344,10 +319,8 @@ def gains_from_logs(
     plan = _plan(setup, base, unloaded)
     rows = ModelRows.of(base, _samples(plan, unloaded))
     if payload is None:
-        return drive_gains(base, rows, known=known, method=method)
-    return drive_gains(
-        base, rows, loaded_rows(base, payload, _samples(plan, loaded)), payload, known=known, method=method
-    )
+        return drive_gains(base, rows, known=known)
+    return drive_gains(base, rows, loaded_rows(base, payload, _samples(plan, loaded)), payload, known=known)
 
 
 def _plan(setup: Setup, base: BaseModel, logs: Paths) -> Plan:

@@ -8,13 +8,11 @@ square of the condition number.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from echelon.arrays import Floats, Integers
 from echelon.errors import InputError
@@ -148,28 +146,14 @@ class Observation:
 
     # -- combining ---------------------------------------------------------------------------------------------
 
-    def merged(self, other: Observation) -> Observation:
-        """The observation of both sets of samples.
-
-        Parameters
-        ----------
-        other : Observation
-
-        Raises
-        ------
-        InputError
-            If they are not of the same outputs and parameters.
-        """
+    def __add__(self, other: Observation) -> Observation:
+        """The observation of both sets of samples; refuses other outputs or parameters."""
         if self.layout != other.layout:
             raise InputError("observations of different outputs or parameters cannot be merged")
         pairs = zip(self.factors, other.factors, strict=True)
         factors = tuple(upper_triangle(*pair) for pair in pairs)
         counts = tuple(a + b for a, b in zip(self.counts, other.counts, strict=True))
         return Observation(self.layout, factors, counts)
-
-    def __add__(self, other: Observation) -> Observation:
-        """The observation of both sets of samples; see :meth:`merged`."""
-        return self.merged(other)
 
     def combined(self, weights: Sequence[float] | Floats | None = None) -> Triangle:
         """The R-factor of all outputs' rows together.
@@ -218,44 +202,6 @@ class Observation:
         factors = tuple(upper_triangle(R[:, columns]) for R, columns in zip(self.factors, places, strict=True))
         return Observation(layout, factors, self.counts)
 
-    # -- keeping -----------------------------------------------------------------------------------------------
-
-    def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Everything as plain arrays, for ``numpy.savez``."""
-        found: dict[str, npt.NDArray[Any]] = {
-            "counts": np.array(self.counts, dtype=np.int64),
-            "outputs": np.array(self.layout.outputs, dtype=np.str_),
-            "parameters": np.array(self.layout.parameters, dtype=np.str_),
-        }
-        for i, (columns, R) in enumerate(zip(self.layout.columns, self.factors, strict=True)):
-            found[f"columns{i}"], found[f"factor{i}"] = np.array(columns, dtype=np.int64), R
-        return found
-
-    @staticmethod
-    def from_arrays(arrays: Mapping[str, npt.NDArray[Any]]) -> Observation:
-        """The observation that :meth:`arrays` describes.
-
-        Raises
-        ------
-        InputError
-            If arrays are missing or do not fit together.
-        """
-        try:
-            outputs, parameters = (tuple(map(str, arrays[name])) for name in ("outputs", "parameters"))
-            columns = tuple(tuple(map(int, arrays[f"columns{i}"])) for i in range(len(outputs)))
-            factors = tuple(np.array(arrays[f"factor{i}"], dtype=float) for i in range(len(outputs)))
-            counts = tuple(map(int, arrays["counts"]))
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"these arrays do not hold an observation: {error}") from None
-        layout = Layout(outputs, parameters, columns)
-        for label, some, size, R in zip(outputs, columns, layout.sizes, factors, strict=True):
-            ascending = list(some) == sorted(set(some)) and all(0 <= c < len(parameters) for c in some)
-            if not ascending or R.shape != (size, size) or not np.isfinite(R).all() or np.tril(R, -1).any():
-                raise InputError(f"the factor of output '{label}' does not fit its columns or is not a triangle")
-        if len(counts) != len(outputs) or min(counts, default=0) < 0:
-            raise InputError(f"expected {len(outputs)} counts of rows, one for each output, that are not negative")
-        return Observation(layout, factors, counts)
-
     @staticmethod
     def of(layout: Layout, factors: Sequence[Floats], samples: int) -> Observation:
         """The observation of ``samples`` samples with given triangles, whose diagonals may have any signs."""
@@ -282,26 +228,12 @@ class NormalEquations:
     grams: tuple[Floats, ...]
     samples: int
 
-    def merged(self, other: NormalEquations) -> NormalEquations:
-        """The normal equations of both sets of samples.
-
-        Parameters
-        ----------
-        other : NormalEquations
-
-        Raises
-        ------
-        InputError
-            If they are not of the same outputs and parameters.
-        """
+    def __add__(self, other: NormalEquations) -> NormalEquations:
+        """The normal equations of both sets of samples; refuses other outputs or parameters."""
         if self.layout != other.layout:
             raise InputError("normal equations of different outputs or parameters cannot be merged")
         grams = tuple(a + b for a, b in zip(self.grams, other.grams, strict=True))
         return NormalEquations(self.layout, grams, self.samples + other.samples)
-
-    def __add__(self, other: NormalEquations) -> NormalEquations:
-        """The normal equations of both sets of samples; see :meth:`merged`."""
-        return self.merged(other)
 
     def combined(self, weights: Sequence[float] | Floats | None = None) -> tuple[Floats, Floats, float]:
         """WᵀW, Wᵀy and yᵀy of all outputs' rows together.

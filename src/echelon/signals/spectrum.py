@@ -45,6 +45,7 @@ _TRUSTED = 0.35
 """Share of the rate up to which noise is trusted not to fall as velocity; filters before sampling work above it."""
 
 _CANDIDATES = 120
+_ORDER = 4  # of the Butterworth low-pass
 _HIGHEST = 0.45
 """Highest cut-off that is worth a filter, as a share of the rate."""
 
@@ -68,23 +69,17 @@ class Spectrum:
         """Whether there is any motion."""
         return bool(np.any(self.motion > 0))
 
-    def filter_error(self, cutoffs: Floats, derivative: int, order: int = 4) -> Floats:
-        """Mean square error of a derivative after low-passes of some cut-offs, by the motion's mean square."""
-        weight = (2 * np.pi * self.frequencies) ** (2 * derivative)
+    def filter_error(self, cutoffs: Floats) -> Floats:
+        """Mean square error of accelerations after low-passes of some cut-offs, by the motion's mean square."""
+        weight = (2 * np.pi * self.frequencies) ** 4
         last = len(self.frequencies)
         bins = np.unique(np.geomspace(1, last, min(last, _BINS)).astype(int)) - 1  # the low frequencies one by one
         middle = np.sqrt(self.frequencies[bins] * self.frequencies[np.append(bins[1:], last) - 1])
         motion, noise = (np.add.reduceat(part * weight, bins) for part in (self.motion, self.noise))
-        passed = 1 / (1 + (middle / cutoffs[:, None]) ** (2 * order))
+        passed = 1 / (1 + (middle / cutoffs[:, None]) ** (2 * _ORDER))
         error = (1 - passed) ** 2 @ motion + passed**2 @ noise
         total = float(motion.sum())
         return np.asarray(error / total if total > 0 else error)
-
-    def band_edge(self, share: float, derivative: int, below: float = np.inf) -> float:
-        """Frequency below which this share of the mean square of a derivative's motion lies, Hz."""
-        power = self.motion * (2 * np.pi * self.frequencies) ** (2 * derivative) * (self.frequencies <= below)
-        total = np.cumsum(power)
-        return float(self.frequencies[np.searchsorted(total, share * total[-1])]) if total[-1] > 0 else 0.0
 
     def mean_frequency(self, below: float = np.inf) -> float:
         """Mean frequency of the velocity by Rice's formula, σ(ẍ) / (2π σ(ẋ)), Hz, over frequencies up to ``below``."""
@@ -116,7 +111,7 @@ def _divided(rate: float, frequencies: Floats, density: Floats, smooth: Floats) 
     floor = np.where(frequencies < _TRUSTED * rate, smooth, np.inf)
     rising = np.minimum(np.minimum.accumulate(floor[::-1])[::-1], smooth)
     moves, floor = _stretches(smooth / rising), rising / step**2
-    knee = _best(Spectrum(rate, frequencies, power, np.where(moves, floor, power)), 2, 4)
+    knee = _best(Spectrum(rate, frequencies, power, np.where(moves, floor, power)))
     flat = floor[min(int(np.searchsorted(frequencies, knee)), len(floor) - 1)]
     floor = np.where(frequencies < knee, np.minimum(floor, flat), floor)
     return Spectrum(rate, frequencies, power, np.where(moves, np.minimum(floor, power), power))
@@ -163,23 +158,23 @@ def _stretches(ratio: Floats) -> npt.NDArray[np.bool_]:
     return np.isin(number, certain[certain > 0])
 
 
-def _best(spectrum: Spectrum, derivative: int, order: int) -> float:
+def _best(spectrum: Spectrum) -> float:
     """The cut-off that does least harm, of those that are worth a filter."""
     low = float(spectrum.frequencies[0])
     candidates = np.geomspace(low, max(_HIGHEST * spectrum.rate, 1.01 * low), _CANDIDATES)
-    return float(candidates[int(np.argmin(spectrum.filter_error(candidates, derivative, order)))])
+    return float(candidates[int(np.argmin(spectrum.filter_error(candidates)))])
 
 
-def best_cutoff(spectrum: Spectrum, derivative: int = 2, order: int = 4) -> float:
-    """The cut-off with the least error of a derivative, Hz; ``inf`` if any filter would only make it larger."""
-    found = _best(spectrum, derivative, order)
+def best_cutoff(spectrum: Spectrum) -> float:
+    """The cut-off with the least error of the acceleration, Hz; ``inf`` if any filter would only make it larger."""
+    found = _best(spectrum)
     return found if found < 0.99 * _HIGHEST * spectrum.rate else np.inf
 
 
-def noise_deviation(spectrum: Spectrum, derivative: int = 0, cutoff: float = np.inf, order: int = 4) -> float:
+def noise_deviation(spectrum: Spectrum, derivative: int = 0, cutoff: float = np.inf) -> float:
     """Standard deviation of the noise of a derivative after a Butterworth low-pass both ways; the cut-off is in Hz."""
     f = spectrum.frequencies
-    passed = 1 / (1 + (f / cutoff) ** (2 * order)) ** 2
+    passed = 1 / (1 + (f / cutoff) ** (2 * _ORDER)) ** 2
     variance = float(spectrum.noise @ (passed * (2 * np.pi * f) ** (2 * derivative))) * float(f[0])
     return float(np.sqrt(variance))
 

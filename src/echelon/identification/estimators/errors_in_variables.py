@@ -44,7 +44,7 @@ from echelon.identification.estimators.estimate import (
     inverse_triangle,
     solved,
 )
-from echelon.identification.estimators.least_squares import checked_noise, irls, noise_floor, used_up
+from echelon.identification.estimators.least_squares import irls, noise_floor, used_up
 from echelon.identification.rows.rows import RowBlock, Rows
 from echelon.observe.observation import Layout, Observation
 from echelon.observe.triangle import Triangle, column_norms, upper_triangle
@@ -53,10 +53,9 @@ _DISTINCT = 1e-8
 """Relative distance of singular values below which their vectors are arbitrary: √ε."""
 
 
-def tls(observation: Observation, units: Sequence[str], *, noise: Sequence[float] | Floats | None = None) -> Estimate:
+def tls(observation: Observation, units: Sequence[str]) -> Estimate:
     """Total least squares."""
-    weights = None if noise is None else 1.0 / checked_noise(observation, noise)
-    plain = solved(observation, units, weights)
+    plain = solved(observation, units)
     if plain.degrees <= 0:
         raise InputError("no row is left over to estimate the errors from; give more samples")
     triangle = plain.triangle

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from echelon.arrays import Floats
+from echelon.arrays import Floats, Integers
 from echelon.errors import InputError
 from echelon.extras import extra
 from echelon.observe.observation import Layout, Observation
@@ -182,18 +182,20 @@ def open_directions(triangle: Triangle) -> Floats:
 
     The first parameter of each, in the order of columns that can be told apart best, changes by 1.
     """
+    scales = np.where(triangle.scales == 0, 1.0, triangle.scales)
+    found, pivots = sparse_basis(np.linalg.svd(triangle.R / scales)[2][triangle.rank :])
+    return found / scales * scales[pivots][:, None]
+
+
+def sparse_basis(vectors: Floats) -> tuple[Floats, Integers]:
+    """Rows that span the same space, each with a 1 where all others have 0, and these places."""
     with extra("identify"):
         from scipy.linalg import qr
 
-    scales = np.where(triangle.scales == 0, 1.0, triangle.scales)
-    null = np.linalg.svd(triangle.R / scales)[2][triangle.rank :]
-    if not len(null):
-        return np.zeros((0, len(scales)))
-    pivots = qr(null, mode="r", pivoting=True)[1][: len(null)]
-    echelon = np.linalg.solve(null[:, pivots], null)
-    echelon[np.abs(echelon) < _NEGLIGIBLE] = 0.0
-    directions: Floats = echelon / scales * scales[pivots][:, None]
-    return directions
+    pivots = qr(vectors, mode="r", pivoting=True)[1][: len(vectors)].astype(np.intp)
+    rows = np.asarray(np.linalg.solve(vectors[:, pivots], vectors), dtype=np.float64)
+    rows[np.abs(rows) < _NEGLIGIBLE] = 0.0
+    return rows, pivots
 
 
 def direction_text(direction: Floats, parameters: Sequence[str]) -> str:

@@ -1,8 +1,8 @@
 """One call for every estimator: which one runs, on what, with which intervals, and with what is known before the fit.
 
-A payload that was weighed or a rotor inertia from the data sheet leave fewer unknowns θ, with ζ = T θ + ζ₀.  Then
-W ζ − y = (W T) θ − (y − W ζ₀), so the known part moves to the right-hand side, in the R-factors just as in the rows.
-Any estimator runs on the result, and :meth:`Substitution.restored` gives the estimate of ζ back, covariance included.
+A payload that was weighed or a rotor inertia from the data sheet leave fewer unknowns.  What is known times its columns
+moves to the other side, in the R-factors just as in the rows, so that any estimator runs on the rest;
+:meth:`Known.restored` gives the estimate of all parameters back.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +24,7 @@ from echelon.identification.estimators.least_squares import huber, irls, noise_e
 from echelon.identification.estimators.ridge import ridge
 from echelon.identification.rows.ingest import Batch
 from echelon.identification.rows.rows import RowBlock, Rows
-from echelon.observe.observation import Layout, Observation
+from echelon.observe.observation import Layout, Observation, restricted
 from echelon.observe.triangle import upper_triangle
 
 if TYPE_CHECKING:
@@ -31,102 +32,104 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False)
-class Substitution:
-    """Parameters ζ = T θ + ζ₀ with fewer unknowns θ."""
+class Known:
+    """Parameters of which some have known values; the others are the unknowns."""
 
-    parameters: tuple[str, ...]  # of the n parameters ζ
-    units: tuple[str, ...]  # of the n parameters ζ
-    unknowns: tuple[str, ...]  # of the k unknowns θ
-    unknown_units: tuple[str, ...]  # of the k unknowns θ
-    matrix: Floats  # shape (n, k); T
-    offset: Floats  # shape (n,); ζ₀
+    parameters: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Floats  # shape (n,); nan where unknown
+
+    @cached_property
+    def unknowns(self) -> list[int]:
+        """Numbers of the parameters that are not known."""
+        return np.flatnonzero(np.isnan(self.values)).tolist()
+
+    @property
+    def unknown_units(self) -> tuple[str, ...]:
+        """SI units of the unknowns."""
+        return tuple(self.units[k] for k in self.unknowns)
+
+    def layout(self, layout: Layout) -> Layout:
+        """The layout of the unknowns."""
+        if layout.parameters != self.parameters:
+            raise InputError("the data are of other parameters than those of which some are known")
+        return restricted(layout, self.unknowns)[0]
 
     def observation(self, observation: Observation) -> Observation:
         """The observation of the unknowns; the known part has moved to the outputs."""
-        layout = self._layout(observation.layout)
-        factors = []
-        for R, old, new in zip(observation.factors, observation.layout.columns, layout.columns, strict=True):
-            factors.append(upper_triangle(np.column_stack(self._moved(R[:, :-1], R[:, -1], old, new))))
-        return Observation(layout, tuple(factors), observation.counts)
+        layout = self.layout(observation.layout)
+        moved = (
+            self.moved(R[:, :-1], R[:, -1], columns)
+            for R, columns in zip(observation.factors, observation.layout.columns, strict=True)
+        )
+        factors = tuple(upper_triangle(np.column_stack(pair)) for pair in moved)
+        return Observation(layout, factors, observation.counts)
 
-    def rows(self, rows: Rows) -> Rows:
-        """Rows of the unknowns."""
-        return _SubstitutedRows(rows, self, self._layout(rows.layout), self.unknown_units)
+    def moved(self, matrix: Floats, y: Floats, columns: Sequence[int]) -> tuple[Floats, Floats]:
+        """Columns of the unknowns, and outputs without the known part."""
+        values = self.values[list(columns)]
+        unknown = np.isnan(values)
+        return matrix[:, unknown], y - matrix[:, ~unknown] @ values[~unknown]
 
     def restored(self, estimate: Estimate) -> Estimate:
         """The estimate of all parameters; known ones have variance zero."""
-        if estimate.parameters != self.unknowns:
-            raise InputError("the estimate is not one of the unknowns of this substitution")
-        T = self.matrix
-        # an infinite variance times a zero of T is nothing, not nan
-        finite = np.where(np.isfinite(estimate.covariance), estimate.covariance, 0.0)
-        covariance = T @ finite @ T.T
-        unknown = (T[:, ~np.isfinite(np.diagonal(estimate.covariance))] != 0).any(axis=1)
-        covariance[unknown, unknown] = np.inf
-        known = [label for label, row in zip(self.parameters, T, strict=True) if not row.any()]
+        if estimate.parameters != tuple(self.parameters[k] for k in self.unknowns):
+            raise InputError("the estimate is not one of the unknowns")
+        values, covariance = self.values.copy(), np.zeros((len(self.values), len(self.values)))
+        values[self.unknowns] = estimate.values
+        covariance[np.ix_(self.unknowns, self.unknowns)] = estimate.covariance
+        known = [label for k, label in enumerate(self.parameters) if k not in self.unknowns]
+        diagnostics = {**estimate.diagnostics, "known": known}
         return replace(
             estimate,
             parameters=self.parameters,
             units=self.units,
-            values=T @ estimate.values + self.offset,
+            values=values,
             covariance=covariance,
-            diagnostics={**estimate.diagnostics, "known": known},
+            diagnostics=diagnostics,
         )
 
-    def _layout(self, layout: Layout) -> Layout:
-        if layout.parameters != self.parameters:
-            raise InputError("the data are of other parameters than this substitution")
-        columns = tuple(
-            tuple(np.flatnonzero(self.matrix[list(some)].any(axis=0)).tolist()) if some else ()
-            for some in layout.columns
-        )
-        return Layout(layout.outputs, self.unknowns, columns)
 
-    def _moved(self, matrix: Floats, y: Floats, old: tuple[int, ...], new: tuple[int, ...]) -> tuple[Floats, Floats]:
-        part = self.matrix[np.ix_(old, new)]
-        return matrix @ part, y - matrix @ self.offset[list(old)]
-
-    def __repr__(self) -> str:
-        return f"Substitution({len(self.parameters)} parameters by {len(self.unknowns)} unknowns)"
-
-
-@dataclass
-class _SubstitutedRows:
+class RowsOfUnknowns(Rows):
     """Rows of the unknowns, made from rows of all parameters as they pass."""
 
-    original: Rows
-    substitution: Substitution
-    layout: Layout
-    units: tuple[str, ...]
+    def __init__(self, original: Rows, known: Known) -> None:
+        self._original, self._known = original, known
+
+    @property
+    def layout(self) -> Layout:
+        """Outputs, unknowns, and which of them each output can depend on."""
+        return self._known.layout(self._original.layout)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """SI units of the unknowns."""
+        return self._known.unknown_units
 
     def blocks(self) -> Iterator[RowBlock]:
-        pairs = list(zip(self.original.layout.columns, self.layout.columns, strict=True))
-        for block in self.original.blocks():
-            moved = [
-                self.substitution._moved(matrix, y, old, new)
-                for matrix, y, (old, new) in zip(block.matrices, block.y, pairs, strict=True)
-            ]
-            matrices, y = (tuple(some) for some in zip(*moved, strict=True))
+        """All rows, in the order of time, log after log."""
+        for block in self._original.blocks():
+            parts = zip(block.matrices, block.y, self._original.layout.columns, strict=True)
+            matrices, y = zip(*(self._known.moved(*part) for part in parts), strict=True)
             yield replace(block, matrices=matrices, y=y)
 
     def observation(self) -> Observation:
-        return self.substitution.observation(self.original.observation())
+        """The R-factors of all rows."""
+        return self._known.observation(self._original.observation())
 
 
-def fixed(parameters: Sequence[str], units: Sequence[str], values: Mapping[str, float]) -> Substitution:
-    """The substitution that fixes parameters at known values, SI units."""
+def known_values(parameters: Sequence[str], units: Sequence[str], values: Mapping[str, float]) -> Known:
+    """Parameters with those that are known, SI units."""
     if len(units) != len(parameters):
         raise InputError(f"there are {len(units)} units for {len(parameters)} parameters; expected one for each")
-    offset = np.zeros(len(parameters))
+    found = np.full(len(parameters), np.nan)
     for label, value in values.items():
         if not np.isfinite(value):
             raise InputError(f"the known value {value} is not a finite number", element=f"parameter '{label}'")
-        offset[_place(parameters, label)] = value
-    kept = [k for k, label in enumerate(parameters) if label not in values]
-    if not kept:
+        found[_place(parameters, label)] = value
+    if not np.isnan(found).any():
         raise InputError("all parameters are known; nothing is left to estimate")
-    names, kinds = (tuple(some[k] for k in kept) for some in (parameters, units))
-    return Substitution(tuple(parameters), tuple(units), names, kinds, np.eye(len(parameters))[:, kept], offset)
+    return Known(tuple(parameters), tuple(units), found)
 
 
 def _place(parameters: Sequence[str], label: str) -> int:
@@ -147,12 +150,12 @@ def fitted(
     batches: Sequence[Batch] = (),
 ) -> Estimate:
     """Estimate the base parameters as the settings say."""
-    rest = fixed(rows.layout.parameters, rows.units, settings.known) if settings.known else None
+    rest = known_values(rows.layout.parameters, rows.units, settings.known) if settings.known else None
     if rest is not None:
-        rows, observation = rest.rows(rows), rest.observation(observation)
+        rows, observation = RowsOfUnknowns(rows, rest), rest.observation(observation)
         batches = [replace(batch, observation=rest.observation(batch.observation)) for batch in batches]
-        prior = None if prior is None else prior[rest.matrix.any(axis=1)]
-        instruments = None if instruments is None else rest.rows(instruments)
+        prior = None if prior is None else prior[rest.unknowns]
+        instruments = None if instruments is None else RowsOfUnknowns(instruments, rest)
     estimate = _estimated(settings, rows, observation, prior, instruments)
     if settings.intervals == "clustered" and estimate.method in BATCHED:
         by_factors = len(batches) > 1 and estimate.method != "huber"
@@ -175,7 +178,7 @@ def _estimated(
         case "ols":
             return ols(observation, units)
         case "wls":
-            return wls(observation, units, noise_estimate(observation), relative=True)
+            return wls(observation, units, noise_estimate(observation))
         case "irls":
             return irls(observation, units, tolerance=1e-6, limit=500)
         case "huber":

@@ -79,17 +79,14 @@ _FLOOR = 1e-8
 """Smallest noise relative to the output: no sensor is better, and weights stay within what double precision bears."""
 
 
-def wls(
-    observation: Observation, units: Sequence[str], noise: Sequence[float] | Floats, *, relative: bool = False
-) -> Estimate:
-    """Least squares with given noise."""
+def wls(observation: Observation, units: Sequence[str], noise: Sequence[float] | Floats) -> Estimate:
+    """Least squares with given ratios of noise; a common factor is estimated."""
     solution = solved(observation, units, 1.0 / checked_noise(observation, noise))
     degrees = solution.degrees
-    if relative and degrees <= 0:
+    if degrees <= 0:
         raise InputError("no row is left over to estimate the common factor of the noise from; give more samples")
-    factor = solution.triangle.residual**2 / degrees if relative else 1.0
-    diagnostics = {"iterations": 1, "converged": True, "relative": relative}
-    return estimate_of(solution, "wls", units, factor * solution.inverse, diagnostics)
+    factor = solution.triangle.residual**2 / degrees
+    return estimate_of(solution, "wls", units, factor * solution.inverse, {"iterations": 1, "converged": True})
 
 
 def irls(observation: Observation, units: Sequence[str], *, tolerance: float = 1e-9, limit: int = 100) -> Estimate:

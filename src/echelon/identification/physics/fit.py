@@ -99,7 +99,7 @@ def by_stretches(solve: Solve, pieces: Sequence[Observation], weights: Floats | 
     errors = np.zeros((len(pieces), len(CANDIDATES)))
     for left, piece in enumerate(pieces):
         others = [other for k, other in enumerate(pieces) if k != left]
-        triangle = reduce(Observation.merged, others).combined(factors)
+        triangle = reduce(Observation.__add__, others).combined(factors)
         for column, weight in enumerate(CANDIDATES):
             values = solve(triangle.R, triangle.qty, weight)
             rms = factors * piece.misfits(values) / np.sqrt(np.maximum(piece.counts, 1))
