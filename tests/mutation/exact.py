@@ -192,7 +192,7 @@ FAULTS = (
         "program/test_zero_dimensional.py::test_special_samples_are_solved_by_themselves",
     ),
     Fault(
-        "exact/normal_forms.py",
+        "exact/quotient_ring.py",
         "(self.table[touched] + change)",
         "(self.table[touched] - change)",
         "normal forms",

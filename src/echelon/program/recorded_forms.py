@@ -8,7 +8,7 @@ import numpy as np
 
 from echelon.arrays import Flags
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.normal_forms import Exponents, Monomials, Product
+from echelon.exact.quotient_ring import Exponents, Monomials, Product
 from echelon.program.schedule import Array, ModularArithmetic, Schedule
 from echelon.program.tape import Op, Program
 
@@ -94,7 +94,7 @@ class _Noting(ModularArithmetic):
 class RecordedForms:
     """Normal forms of monomials, without entries that vanish.
 
-    It repeats the steps of :class:`~echelon.exact.normal_forms.NormalForms`.
+    It repeats the steps of :class:`~echelon.exact.quotient_ring.NormalForms`.
     """
 
     def __init__(self, monomials: Monomials, recorder: Recorder) -> None:

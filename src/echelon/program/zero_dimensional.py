@@ -20,8 +20,7 @@ from echelon.arrays import Integers
 from echelon.errors import EchelonError
 from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.normal_forms import Equation, Exponents, Monomials, NormalForms, Product
-from echelon.exact.quotient_points import commute, quotient_points
+from echelon.exact.quotient_ring import Equation, Exponents, Monomials, NormalForms, Product, commute, quotient_points
 from echelon.program.recorded_forms import RecordedForms, Recorder, Recording
 
 _MONOMIALS = 1500  # default bound on the number of monomials

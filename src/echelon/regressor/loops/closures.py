@@ -80,10 +80,10 @@ class Loops:
     speeds: Mapping[str, int] | None
     # coordinates that should rather be drawn than solved for where a closed pose is looked for
     preferred: tuple[str, ...] = ()
-    assembly: Mapping[str, float] = field(default_factory=dict)  # positions near which the loops close
-    stated: bool = True  # whether poses may be taken from there, or from zero, where the loops are closed exactly
-    # nodes of the exact positions of motions where the loops are closed by construction; empty if there are none
+    stated: bool = True  # whether poses may be taken from the following where they are closed
+    # nodes of exact positions of motions, those of the assembly pose if it has some
     closed_at: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    fixed: bool = False  # whether frames follow there, so that the loops are closed by construction
     parts: Mapping[str, int] = field(default_factory=dict)  # in how many parts the angles of these count, if not one
     order: int = 24  # coefficients taken along curves; more where few freedoms have to show many parameters
     # the most operations that may be needed to write down what has to be solved, where a pose is looked for

@@ -27,9 +27,8 @@ from echelon.program.sampling import FieldSampler, generators_of
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.surfaces import find_surfaces, monomials
 from echelon.program.tape import Op, Program
-from echelon.regressor.loops.closed_curve import ClosedCurve, lift
+from echelon.regressor.loops.closed_curve import ClosedCurve, Exponentials, lift
 from echelon.regressor.loops.closures import Loops
-from echelon.regressor.loops.exponentials import Exponentials
 from echelon.regressor.loops.moving import Layout, Pose
 from echelon.regressor.loops.poses import PoseFinder
 from echelon.regressor.loops.positions import Positions, Recorded
@@ -88,9 +87,7 @@ class CurveSampler(FieldSampler):
             units,
         )
         preferred = [layout.names.index(name) for name in loops.preferred]
-        # zero is a pose of the wanted way to assemble only where no other is stated
-        stated = [None, loops.assembly] if loops.stated else []
-        self._poses = PoseFinder(preferred, stated, loops.work, loops.accepts)
+        self._poses = PoseFinder(preferred, loops.stated, loops.work, loops.accepts)
 
     def with_order(self, order: int | None) -> CurveSampler:
         """The sampler with another number of coefficients along curves; both know the poses that were found."""

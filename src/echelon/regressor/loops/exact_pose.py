@@ -9,7 +9,7 @@ recognised first, and share their symbols: the sides of a parallelogram stay par
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import combinations
@@ -33,16 +33,31 @@ _DIGITS = 15
 
 def closed_exactly(mechanism: Mechanism, pose: Floats) -> Mechanism:
     """A mechanism whose loops are closed at a pose."""
-    values = dict(zip(mechanism.positions, map(float, pose), strict=True))
-    angles = _Angles({*mechanism.symbols})
-    parts = angle_parts(mechanism)
+    exact, symbols = _positions(mechanism, dict(zip(mechanism.positions, map(float, pose), strict=True)))
+    return follow(replace(mechanism, symbols={**mechanism.symbols, **symbols}), exact)
+
+
+def stated_exactly(mechanism: Mechanism) -> ClosedAt:
+    """Exact positions at the assembly pose, zero where it says nothing; empty if an angle there has no exact sine."""
+    upright = {m.positions[0]: 1.0 for m in mechanism.motions if m.kind is MotionKind.BALL}
+    values = dict.fromkeys(mechanism.positions, 0.0) | upright | dict(mechanism.assembly)
+    if any(values.get(m.name) for m in mechanism.motions if m.kind is MotionKind.SCREW):
+        return {}
+    try:
+        exact, symbols = _positions(mechanism, values)
+    except ValueError:  # ratios of couplings that are no numbers
+        return {}
+    return {} if symbols else exact
+
+
+def _positions(mechanism: Mechanism, values: Mapping[str, float]) -> tuple[ClosedAt, dict[str, Symbol]]:
+    """Exact positions of what moves in loops, and the symbols that they hold."""
+    angles, parts, involved = _Angles({*mechanism.symbols}), angle_parts(mechanism), loop_motions(mechanism)
     exact = {}
-    involved = loop_motions(mechanism)
     for motion in sorted(mechanism.motions, key=lambda m: abs(values.get(m.name, 0.0))):  # halves before their doubles
         if motion.name in involved:
             exact[motion.name] = _exact(motion, values, parts.get(motion.name, 1), angles)
-    named = replace(mechanism, symbols={**mechanism.symbols, **angles.symbols})
-    return follow(named, exact)
+    return exact, angles.symbols
 
 
 def check_pose(mechanism: Mechanism, pose: ClosedAt) -> None:
@@ -66,7 +81,7 @@ def check_pose(mechanism: Mechanism, pose: ClosedAt) -> None:
             raise ValueError(f"the position of '{name}' is not a point of the unit circle or sphere")
 
 
-def _exact(motion: Motion, values: dict[str, float], parts: int, angles: _Angles) -> tuple[Polynomial, ...]:
+def _exact(motion: Motion, values: Mapping[str, float], parts: int, angles: _Angles) -> tuple[Polynomial, ...]:
     if motion.kind is MotionKind.BALL:
         return tuple(map(as_polynomial, unit_quaternion([values[name] for name in motion.positions])))
     value = values[motion.name]

@@ -7,18 +7,15 @@ step for 1/√ mends the rest.  So all is rational, and there are no local coord
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import pi
 
 import numpy as np
 
 from echelon.arrays import Integers
 from echelon.exact import series
-from echelon.exact.expressions import STEPS_PER_HALF_TURN
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.numbers import Number, cosine_of_turn, parse_decimal, sine_of_turn
 from echelon.mechanism.joint import Motion, MotionKind
 
 _ROUNDING = 1e-9  # of a step of 15°
@@ -70,26 +67,6 @@ class Layout:
             np.array([[self.names.index(n) for n in m.velocities] for m in some], dtype=np.intp).reshape(-1, width)
             for some, width in ((self.turning, 1), (sliding, 1), (balls, 3))
         )
-        self._motions = motions
-
-    def stated_pose(self, values: Mapping[str, float], units: Residues, field: PrimeField, samples: int) -> Pose | None:
-        """The pose of positions, zero where absent; None if it has no exact sines, cosines or quaternions."""
-        pose = self.empty_pose(samples)
-        for motion in self._motions:
-            stated = [values.get(name, 0.0) for name in motion.positions]
-            if motion in self.turning:
-                steps = stated[0] * STEPS_PER_HALF_TURN / pi / int(units[self.turning.index(motion)])
-                if (motion.kind is MotionKind.SCREW and stated[0]) or abs(steps - round(steps)) > _ROUNDING:
-                    return None
-                exact: list[Number] = [cosine_of_turn(round(steps)), sine_of_turn(round(steps))]
-            else:
-                if motion.kind is MotionKind.BALL:
-                    stated[0] = values.get(motion.positions[0], 1.0)
-                exact = [parse_decimal(repr(float(x))) for x in stated]
-                if motion.kind is MotionKind.BALL and sum(x * x for x in exact) != 1:
-                    return None
-            pose.numbers[:, self.columns[motion.name]] = [field.embed(x) for x in exact]
-        return pose
 
     def empty_pose(self, samples: int) -> Pose:
         """A pose to be filled in; angles as such are zero."""

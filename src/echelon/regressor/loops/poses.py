@@ -7,7 +7,7 @@ about one point, three equations bring its centre to its place, and its rotation
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -38,12 +38,12 @@ class PoseFinder:
     def __init__(
         self,
         preferred: Sequence[int],
-        stated: Sequence[Mapping[str, float] | None],
+        stated: bool,
         work: float,
         accepts: Accepts | None,
     ) -> None:
         self._preferred, self._accepts, self._work = preferred, accepts, work
-        self._stated = list(stated)
+        self._stated = stated
         self.takes_stated = False  # whether the poses that are found are the stated one
         self._blocks: list[ClosureBlock] | None = None
         self._manageable: set[ClosureBlock] = set()
@@ -52,17 +52,10 @@ class PoseFinder:
     def find(self, positions: Positions, rng: np.random.Generator) -> Pose:
         """A closed pose for every sample."""
         samples, recorded = positions.samples, positions.recorded
-        for values in self._stated:
-            pose = (
-                positions.exact_pose(_random_pose(positions, rng, samples))
-                if values is None
-                else recorded.layout.stated_pose(values, recorded.units, positions.field, samples)
-            )
-            self.takes_stated = pose is not None and not positions.equations(pose).any()
-            if self.takes_stated and pose is not None:
-                self._stated = [values]
-                return pose
-        self._stated = []
+        pose = positions.exact_pose(_random_pose(positions, rng, samples)) if self._stated else None
+        self._stated = self.takes_stated = pose is not None and not positions.equations(pose).any()
+        if self.takes_stated and pose is not None:
+            return pose
         if self._blocks is None:
             self._blocks = self._planned(positions, rng)
             operations = len(recorded.program.needed(list(recorded.nodes)))
@@ -88,7 +81,7 @@ class PoseFinder:
 
     def leave_stated(self) -> bool:
         """No longer take the zero or assembly pose, because it is singular; returns whether it was taken so far."""
-        before, self._stated, self.takes_stated = self.takes_stated, [], False
+        before, self._stated, self.takes_stated = self.takes_stated, False, False
         return before
 
     # -- plan ------------------------------------------------------------------------------------------------------

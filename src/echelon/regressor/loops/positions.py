@@ -104,7 +104,7 @@ class Positions:
         return jacobian
 
     def exact_pose(self, pose: Pose) -> Pose | None:
-        """A pose changed to one at which the loops are closed by construction; None if there is none.
+        """A pose changed to the stated one where loops are concerned; None if that is not exact.
 
         There is none either where functions need smaller parts of angles than couplings do.
         """
@@ -117,8 +117,10 @@ class Positions:
             place = next((k for k, motion in enumerate(layout.turning) if motion.name == name), None)
             if place is not None:
                 count, rest = divmod(parts, int(recorded.units[place]))
-                if rest:
+                identity = own[0] == 1
+                if rest and not identity.all():
                     return None
+                pose.angles[identity, place] = 0  # of screws and racks
                 own = np.stack(self.field.multiply_angle((own[0], own[1]), count))
             pose.numbers[:, layout.columns[name]] = own.T
         return pose

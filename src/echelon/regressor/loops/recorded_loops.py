@@ -15,6 +15,7 @@ from echelon.mechanism.stated import all_symbols, known_values
 from echelon.program.tape import Scalar
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.closures import Loops, record_closures, record_wrists
+from echelon.regressor.loops.exact_pose import stated_exactly
 from echelon.regressor.probes import Probes
 from echelon.regressor.steps import Recorder
 
@@ -30,16 +31,16 @@ def loops_of(
     equations = record_closures(mechanism, recorder, probes)
     motions = tuple(m for m in mechanism.motions if m.name not in mechanism.dependent)
     nodes = None if speeds is None else {name: speed.node for name, speed in speeds.items()}
-    record = recorder.program.polynomial
+    record, closed_at = recorder.program.polynomial, mechanism.closed_at or stated_exactly(mechanism)
     return Loops(
         equations,
         tuple(record_wrists(mechanism, recorder)),
         motions,
         nodes,
         mechanism.independent,
-        mechanism.assembly,
-        closed_at={name: tuple(record(x).node for x in value) for name, value in mechanism.closed_at.items()},
-        parts=angle_parts(mechanism) if mechanism.closed_at else {},
+        closed_at={name: tuple(record(x).node for x in value) for name, value in closed_at.items()},
+        parts=angle_parts(mechanism) if closed_at else {},
+        fixed=bool(mechanism.closed_at),
         real=partial(real_inputs, mechanism),
     )
 
