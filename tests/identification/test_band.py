@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.errors import InputError
 from echelon.identification.band import with_band
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.least_squares import irls
@@ -27,10 +28,15 @@ def pendulum() -> ec.BaseModel:
     return ec.base_parameters(ec.load(ROOT / "examples" / "double_pendulum.yaml"))
 
 
-def log(rate: float, step: float, noise: float, seed: int, seconds: float = 20.0) -> Segment:
-    """A swing between 0.3 and 1.3 Hz that never repeats, by encoders of a step, rad, with relative noise in torques."""
+def log(
+    rate: float, step: float | np.ndarray, noise: float, seed: int, seconds: float = 20.0, slower: float = 1.0
+) -> Segment:
+    """A swing between 0.3 and 1.3 Hz that never repeats, by encoders of a step, rad, with relative noise in torques.
+
+    The first joint may be some times slower.
+    """
     rng = np.random.default_rng([3, seed])
-    w = 2 * np.pi * np.array([[0.3, 0.4], [0.7, 0.8], [1.1, 1.2]]) * rng.uniform(0.9, 1.1, (3, 2))
+    w = 2 * np.pi * np.array([[0.3, 0.4], [0.7, 0.8], [1.1, 1.2]]) * rng.uniform(0.9, 1.1, (3, 2)) / [slower, 1]
     waves = np.exp(1j * (np.arange(0, seconds, 1 / rate)[:, None, None] * w + rng.uniform(0, 6, (3, 2))))
     q, qd, qdd = ((SIZES * waves * (1j * w) ** k).real.sum(axis=1) for k in range(3))
     y = pendulum().predict(q, qd, qdd, TRUE)
@@ -71,6 +77,34 @@ def test_coarse_encoders_narrow_the_band() -> None:
     assert found.band < 7
     errors = [np.abs(fitted(coarse, some).values - TRUE).max() for some in (found, wide)]
     assert errors[0] < 0.3 * errors[1]
+
+
+def test_a_slow_joint_with_a_coarse_encoder_does_not_spoil_the_others() -> None:
+    """Its noise passes only as far as it moves itself, so that the band of all need not end there."""
+    errors, bands = {}, {}
+    for lowpass in (None, {}):
+        found = []
+        for seed in range(6):
+            segment = log(100.0, np.array([1e-2, 1e-6]), 0.01, seed, 60.0, slower=10.0)
+            signals = Signals.of([segment], pendulum().mechanism)
+            made, _ = with_band(chosen(Preparation(delays={}, lowpass=lowpass), signals), signals, pendulum())
+            assert set(made.lowpass or {}) == (set() if lowpass == {} else {"j1"})
+            estimate = fitted(segment, made)
+            found.append([estimate.values - TRUE, estimate.std])
+        off, std = np.swapaxes(found, 0, 1)
+        errors[lowpass is None], bands[lowpass is None] = np.sqrt(np.mean(off**2, axis=0)), np.abs(off / std).max()
+    assert np.all(errors[True] < 1.1 * errors[False])
+    assert np.median(errors[True] / errors[False]) < 0.6
+    assert bands[True] < 4
+
+
+def test_joints_that_move_alike_keep_one_band() -> None:
+    assert automatic(log(100.0, np.array([1e-2, 1e-6]), 0.03, 0)).lowpass == {}
+
+
+def test_a_lowpass_of_no_position_is_refused() -> None:
+    with pytest.raises(InputError, match=r"no position 'j9' \(valid: j1, j2\)"):
+        fitted(log(100.0, 1e-6, 0.03, 0), Preparation(band=5.0, measured=(), still=0.0, delays={}, lowpass={"j9": 1.0}))
 
 
 def test_the_band_ends_where_the_model_explains_no_more() -> None:

@@ -212,14 +212,15 @@ def test_everything_is_chosen_with_a_reason(pendulum: ec.Mechanism) -> None:
     assert all(1e-4 < value < 0.1 for value in found.still.values())
     assert found.delays == {}
     assert found.rate is None
-    assert set(found.reasons) == {"band", "measured", "still"}
+    assert found.lowpass == {}
+    assert set(found.reasons) == {"band", "lowpass", "measured", "still"}
     assert f"{found.band:.3g} Hz" in found.reasons["band"]
     assert chosen(found, Signals.of([segment], pendulum)) == found
 
 
 def test_what_is_given_stays(pendulum: ec.Mechanism) -> None:
     segment, _ = simulated(ec.base_parameters(pendulum), noise=1e-4)
-    given_ = Preparation(band=6.0, measured=(), still=0.2, delays={"j1": 0.01})
+    given_ = Preparation(band=6.0, lowpass={}, measured=(), still=0.2, delays={"j1": 0.01})
     assert chosen(given_, Signals.of([segment], pendulum)) == given_
 
 

@@ -31,15 +31,13 @@ from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.rows.rows import ModelRows
 from echelon.logs.finding import Finding, Severity
-from echelon.logs.preparation.choices import ROWS, Signals, reasoned, with_still
+from echelon.logs.preparation.choices import NARROWEST, ROWS, Signals, reasoned, with_lowpass, with_still
 from echelon.logs.preparation.prepare import prepare
 from echelon.logs.preparation.settings import Preparation
 from echelon.logs.recording import Segment
 from echelon.signals.clock import low_passed
 from echelon.signals.spectrum import Spectrum
 
-NARROWEST = 2.0
-"""Times the mean frequency of the fastest velocity that a band holds at least: gravity, inertia, and products."""
 _WIDER = 1.4
 """Ratio of neighbouring bands that are tried."""
 SAMPLED = 12.0
@@ -98,12 +96,13 @@ def _better_velocities(preparation: Preparation, trials: Trials) -> tuple[Prepar
     sources: dict[tuple[str, ...], str] = {(): "differentiated positions", ("qd",): "measured velocities"}
     left = {}
     for measured in sources:
-        every = preparation.model_copy(update={"measured": measured, "still": 0.0, "reasons": {}})  # the same rows
+        every = preparation.model_copy(update={"measured": measured, "still": 0.0})  # the same rows
+        every = with_lowpass(trials.log, every).model_copy(update={"reasons": {}})
         left[measured] = replace(trials, preparation=every).fit(narrow).residual
     best, other = sorted(sources, key=lambda measured: left[measured])
     text = f"{sources[best]}: {sources[other]} leave {left[other] / left[best]:.4g} times the residuals"
     same = best == preparation.measured
-    preparation = reasoned(preparation, "measured", best, text)
+    preparation = with_lowpass(trials.log, reasoned(preparation, "measured", best, text))
     return preparation, trials if same else Trials.of(trials.log, preparation, trials.base)
 
 

@@ -42,6 +42,7 @@ _CHOSEN = {
 }
 _SETTINGS = {
     "band": ("kept of both sides, up to", "Hz"),
+    "lowpass": ("low-pass over single positions", "Hz"),
     "measured": ("derivatives from the log", ""),
     "still": ("left out below the speed", ""),
     "delays": ("delays undone", "s"),

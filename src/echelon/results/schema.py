@@ -167,6 +167,7 @@ class PreparationRecord(_Finite):
     """How logs were prepared, every choice filled in."""
 
     band: CutOff = Field(description="What both sides of the equation keep, Hz; 'inf' for all.")
+    lowpass: dict[str, Positive] | None
     measured: list[Literal["qd", "qdd"]]
     still: NotNegative | dict[str, NotNegative] | None
     delays: dict[str, float] | None

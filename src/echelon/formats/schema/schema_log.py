@@ -123,6 +123,9 @@ class PreparationEntry(Model):
     band: Annotated[Positive | None, Automatic] = optional(
         None, "What both sides of the equation keep, from 0 Hz up to this; inf for all.", 5
     )
+    lowpass: dict[str, Positive] | None = optional(
+        None, "Low-pass over single positions, Hz, where a coarse encoder would spoil the others.", {"j1": 3}
+    )
     measured: Annotated[tuple[Literal["qd", "qdd"], ...] | None, BeforeValidator(_listed), _DERIVATIVES] = optional(
         None, "Derivatives to take from the log; [] for none.", ["qd"]
     )

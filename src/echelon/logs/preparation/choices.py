@@ -20,7 +20,7 @@ from echelon.formats.schema.schema_log import PreparationEntry
 from echelon.logs.columns.column_map import quaternion_columns, signal_names
 from echelon.logs.preparation.prepare import rubs, speed_rows
 from echelon.logs.preparation.settings import Preparation
-from echelon.logs.preparation.states import states_cutoff, usable, velocity_names
+from echelon.logs.preparation.states import cutoffs, usable, velocity_names
 from echelon.logs.recording import Segment
 from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.derivatives import REACH, derivative
@@ -30,6 +30,13 @@ from echelon.signals.spectrum import Spectrum, best_cutoff, noise_deviation, spe
 HARMONICS = 12
 """Times the mean frequency of the fastest velocity, up to which regressor and outputs are kept at most: on logs of five
 robots, from drives of one axis to seven joints, fits to held-out data were best between 10 and 18."""
+
+NARROWEST = 2.0
+"""Times the mean frequency of the fastest velocity that a band holds at least: gravity, inertia, and products."""
+
+OWN = 2.0
+"""Low-pass over a single position, relative to where its acceleration is lost in noise: there its gain is right to
+0.4 %.  It is for positions whose noise every band lets in that is wide enough for the others."""
 
 SIGMAS = 2.0
 """Standard deviations of a velocity's noise, within which its sign says nothing; beyond, one in forty is wrong."""
@@ -49,7 +56,7 @@ sensor of velocity may have; more is another signal, or one that is late or filt
 def chosen(preparation: PreparationEntry, log: Signals) -> Preparation:
     """Settings with every None filled in from the signals, and the reasons."""
     made = Preparation(**dict(preparation))
-    for choose in (_measured, _band, with_still):
+    for choose in (_measured, _band, with_lowpass, with_still):
         made = choose(log, made)
     return made.model_copy(update={"delays": made.delays or {}})
 
@@ -152,10 +159,11 @@ class Signals:
 
     def noise(self, made: Preparation) -> Floats:
         """Standard deviation of the noise that the velocity of a state has, for every velocity."""
-        cutoff = states_cutoff(made, self.rate)
         if "qd" in (made.measured or ()):
-            return np.array([noise_deviation(s, 0, cutoff) for s in self.velocity_spectra])
-        noise = [noise_deviation(s, 1, cutoff) for s in self.spectra]
+            own = cutoffs(made, self.rate, velocity_names(self.mechanism, len(self.names)))
+            return np.array([noise_deviation(s, 0, c) for s, c in zip(self.velocity_spectra, own, strict=True)])
+        own = cutoffs(made, self.rate, self.names)
+        noise = [noise_deviation(s, 1, c) for s, c in zip(self.spectra, own, strict=True)]
         balls = quaternion_columns(self.mechanism, "q", len(noise))
         found: list[float] = []
         column = 0
@@ -214,6 +222,22 @@ def _band(log: Signals, made: Preparation) -> Preparation:
         found = FLATTEST * log.rate
         reason = f"{found:.3g} Hz: a sixth of the rate, up to which derivatives are right to two thousandths"
     return reasoned(made, "band", found, reason)
+
+
+def with_lowpass(log: Signals, made: Preparation) -> Preparation:
+    """The preparation with low-passes over single positions whose noise lies where the others move."""
+    if made.lowpass is not None and "lowpass" not in made.reasons:
+        return made
+    seen, order = (log.velocity_spectra, 1) if "qd" in (made.measured or ()) else (log.spectra, 2)
+    own = {k: OWN * best_cutoff(seen[k], order) for k in log.moving}
+    for first in quaternion_columns(log.mechanism, "q", len(log.names)):
+        entries = range(first, first + 4)
+        own |= dict.fromkeys(entries, max((own[k] for k in entries if k in own), default=np.inf))
+    floor = min(NARROWEST * log.fastest[1], made.band or 0.0)
+    found = {log.names[k]: cutoff for k, cutoff in own.items() if cutoff < floor}
+    listed = ", ".join(f"{name} {cutoff:.3g} Hz" for name, cutoff in found.items())
+    reason = f"{listed}: {OWN:g} times where their own motion is lost in noise; the others need {floor:.3g} Hz"
+    return reasoned(made, "lowpass", found, reason if found else "none: no position is lost in noise so early")
 
 
 def with_still(log: Signals, made: Preparation) -> Preparation:

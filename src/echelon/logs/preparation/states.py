@@ -1,7 +1,9 @@
 """States from positions: filtered and differentiated, each coordinate by its kind.
 
 A low-pass that took acceleration off the regressor and not off the outputs would make inertias too large.  So it lies
-far above the band that both sides keep, and is there only for what products of states would fold into that band.
+far above the band that both sides keep, and is there only for what products of states would fold into that band.  A
+coordinate whose motion ends far below that band, as a coarse encoder can tell, has one of its own as far above its
+motion: what it takes away is noise, which would spoil the rows of all outputs.
 
 Positions of a free rotation are quaternions, whose derivatives become the angular velocity in the moved body's axes.
 With loops the independent coordinates are enough, and they alone: filtering all of them would open the loops.
@@ -9,7 +11,7 @@ With loops the independent coordinates are enough, and they alone: filtering all
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import inf, isfinite
 
@@ -69,9 +71,15 @@ def velocity_names(mechanism: Mechanism, columns: int) -> tuple[str, ...]:
 
 def states(segment: Segment, preparation: Preparation, mechanism: Mechanism) -> States:
     """Positions (N, positions), velocities and accelerations (N, velocities) of a usable segment."""
-    rate, cutoff = segment.rate, states_cutoff(preparation, segment.rate)
-    x = lowpass(segment.signals["q"], cutoff, rate, ORDER)
-    measured = {name: lowpass(_measured(segment, name), cutoff, rate, ORDER) for name in preparation.measured or ()}
+    rate, columns = segment.rate, segment.signals["q"].shape[1]
+    positions, names = signal_names(mechanism, "q", columns), velocity_names(mechanism, columns)
+    strange = next((name for name in preparation.lowpass or {} if name not in positions), None)
+    if strange is not None:
+        raise InputError(f"there is no position '{strange}' (valid: {', '.join(positions)})", element="lowpass")
+    x = _smoothed(segment.signals["q"], preparation, rate, positions)
+    measured = {
+        name: _smoothed(_measured(segment, name), preparation, rate, names) for name in preparation.measured or ()
+    }
     if "qd" not in measured:
         q, qd, qdd = _by_kind(x, *_without_rounding(x, *derivatives(x, rate), rate), mechanism)
         return q, qd, measured.get("qdd", qdd)
@@ -87,9 +95,22 @@ def states_cutoff(preparation: Preparation, rate: float) -> float:
     return cutoff if cutoff <= WORTH * rate else inf
 
 
+def cutoffs(preparation: Preparation, rate: float, names: Sequence[str]) -> list[float]:
+    """Low-passes over single coordinates, Hz."""
+    common, own = states_cutoff(preparation, rate), preparation.lowpass or {}
+    return [min(common, own.get(name, inf)) for name in names]
+
+
+def _smoothed(values: Floats, preparation: Preparation, rate: float, names: Sequence[str]) -> Floats:
+    own = cutoffs(preparation, rate, names)
+    if len(set(own)) == 1:
+        return lowpass(values, own[0], rate, ORDER)
+    return np.hstack([lowpass(values[:, [k]], cutoff, rate, ORDER) for k, cutoff in enumerate(own)])
+
+
 def states_reach(rate: float, preparation: Preparation, influence: float = FAR) -> int:
     """Samples on either side that a state depends on by more than this share of a signal."""
-    cutoff = states_cutoff(preparation, rate)
+    cutoff = min([states_cutoff(preparation, rate), *(preparation.lowpass or {}).values()])
     return REACH + (butterworth(cutoff, rate, ORDER).reach(influence) if isfinite(cutoff) else 0)
 
 
