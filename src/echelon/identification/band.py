@@ -126,6 +126,7 @@ class Fit:
     residual: float  # geometric mean of the outputs' rms
     bias: float  # largest of a base parameter, by its standard deviation
     worst: int  # that parameter
+    lost: Floats  # share of the parameters that noise of the positions takes away, shape (n, n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +181,8 @@ class Trials:
         with np.errstate(divide="ignore", invalid="ignore"):
             biased = np.nan_to_num(np.abs(inverse @ (D @ values)) / np.sqrt(np.diag(inverse)))
         worst = int(np.argmax(biased))
-        return Fit(values, float(np.exp(np.log(sigma[np.isfinite(sigma)]).mean())), float(biased[worst]), worst)
+        level = float(np.exp(np.log(sigma[np.isfinite(sigma)]).mean()))
+        return Fit(values, level, float(biased[worst]), worst, inverse @ D)
 
     def explained(self, values: Floats) -> Floats:
         """Share of what is measured that a model explains, from each band's edge to the next, shape (bands − 1,)."""

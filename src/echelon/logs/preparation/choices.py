@@ -125,18 +125,19 @@ class Signals:
     @cached_property
     def fastest(self) -> tuple[str, float]:
         """The position whose velocity has the highest mean frequency, and that frequency, Hz."""
-        found = {k: self.spectra[k].mean_frequency(self._clean(k)) for k in self.moving}
+        found = {k: self.spectra[k].mean_frequency(self.clean(k)) for k in self.moving}
         fastest = max(found, key=lambda k: found[k])
         return self.names[fastest], found[fastest]
 
     @cached_property
     def lost(self) -> tuple[str, float]:
         """The position whose acceleration is lost in noise last, and from where on, Hz."""
-        found = {k: self._clean(k) for k in self.moving}
+        found = {k: self.clean(k) for k in self.moving}
         last = max(found, key=lambda k: found[k])
         return self.names[last], found[last]
 
-    def _clean(self, column: int) -> float:
+    def clean(self, column: int) -> float:
+        """Where the acceleration of a position is lost in noise, Hz."""
         return best_cutoff(self.spectra[column])
 
     @property
@@ -228,8 +229,9 @@ def with_lowpass(log: Signals, made: Preparation) -> Preparation:
     """The preparation with low-passes over single positions whose noise lies where the others move."""
     if made.lowpass is not None and "lowpass" not in made.reasons:
         return made
-    seen, order = (log.velocity_spectra, 1) if "qd" in (made.measured or ()) else (log.spectra, 2)
-    own = {k: OWN * best_cutoff(seen[k], order) for k in log.moving}
+    if "qd" in (made.measured or ()):
+        return reasoned(made, "lowpass", {}, "none: velocities are measured")
+    own = {k: OWN * log.clean(k) for k in log.moving}
     for first in quaternion_columns(log.mechanism, "q", len(log.names)):
         entries = range(first, first + 4)
         own |= dict.fromkeys(entries, max((own[k] for k in entries if k in own), default=np.inf))
