@@ -52,8 +52,10 @@ def examine(
     recording = _without_infinities(recording)
     channels = list(series(recording, mechanism))
     usable &= _quaternions(recording, mechanism, findings)
-    if whole:
-        _refuse_silence(recording, usable)
+    y = recording.signals.get("y")
+    if whole and y is not None and y.size and usable.any() and not np.any(y[usable]):
+        problem = "all measured outputs are zero, so there is nothing to identify: are these the right columns?"
+        raise InputError(problem, source=recording.source)
     moving = _constant(recording, channels, usable, whole, findings)
     asleep: Found = []
     awake = _stuck(recording, moving, usable, asleep)
@@ -124,13 +126,6 @@ def _quaternions(recording: Recording, mechanism: Mechanism, findings: Found) ->
             text = f"quaternions have lengths from {np.nanmin(length):.6g} to {np.nanmax(length):.6g}; normalised"
             findings.append(_at(recording, ball, "quaternion", int(np.argmax(off > _NOT_UNIT)), text, Severity.NOTE))
     return usable
-
-
-def _refuse_silence(recording: Recording, usable: Flags) -> None:
-    y = recording.signals.get("y")
-    if y is not None and y.size and usable.any() and not np.any(y[usable]):
-        problem = "all measured outputs are zero, so there is nothing to identify: are these the right columns?"
-        raise InputError(problem, source=recording.source)
 
 
 def _constant(

@@ -277,16 +277,11 @@ def _pairs(recording: Recording, mechanism: Mechanism) -> list[_Pair]:
             if motion is None or upper.name not in lower or (motion.kind is MotionKind.BALL and low == "q"):
                 continue
             own = lower[upper.name]
-            if low == "q" and motion.kind is MotionKind.ROTATION and _wraps(own.values):
+            wraps = bool(np.any(np.abs(np.diff(own.values)) > WRAP)) and bool(np.isfinite(own.values).all())
+            if low == "q" and motion.kind is MotionKind.ROTATION and wraps:
                 own = Series(own.signal, own.name, np.unwrap(own.values, discont=WRAP))
             found.append(_Pair(own, upper, motion.kind is MotionKind.TRANSLATION))
     return found
-
-
-def _wraps(values: Floats) -> bool:
-    """Whether an angle, finite throughout, jumps by a turn."""
-    jumps = bool(np.any(np.abs(np.diff(values)) > WRAP))
-    return jumps and bool(np.isfinite(values).all())
 
 
 def _whole_windows(time: Floats, usable: Flags, width: int) -> Flags:

@@ -363,7 +363,14 @@ class CsvFile:
             if content == _SNIFFED or size > _AT_ONCE or len(lines) == _PREAMBLE:
                 break
         self._check_text(lines)
-        return [self._decoded(line, number) for number, line in enumerate(lines, start=1)]
+        decoded: list[str] = []
+        for number, line in enumerate(lines, start=1):
+            try:
+                decoded.append(line.decode("utf-8"))
+            except UnicodeDecodeError as error:
+                problem = f"byte {line[error.start]:#04x} is not UTF-8 text; save the file as UTF-8"
+                raise InputError(problem, source=self.source, element=f"line {number}") from None
+        return decoded
 
     def _check_text(self, lines: list[bytes]) -> None:
         start = b"\n".join([*lines, b""])
@@ -373,13 +380,6 @@ class CsvFile:
             raise InputError("is not text, although its name says so", source=self.source)
         if b"\r" in start.replace(b"\r\n", b""):
             raise InputError("has carriage returns inside lines; end lines with a line feed", source=self.source)
-
-    def _decoded(self, line: bytes, number: int) -> str:
-        try:
-            return line.decode("utf-8")
-        except UnicodeDecodeError as error:
-            problem = f"byte {line[error.start]:#04x} is not UTF-8 text; save the file as UTF-8"
-            raise InputError(problem, source=self.source, element=f"line {number}") from None
 
 
 def _is_packed(path: Path) -> bool:

@@ -247,6 +247,7 @@ class _Inside:
 
         self._count += 1
         COLUMNS.check(self._count)
+        kind = bytes(item.attrs.get(_CLASS, b"double")) if self._matlab else b"double"
         if depth > _DEPTH:
             self.left_out[name] = "lies too deep inside other groups"
         elif isinstance(item, h5py.Group):
@@ -256,26 +257,16 @@ class _Inside:
                     yield from self.arrays(item[key], inner, depth + 1)
         elif item.is_virtual or item.external:
             self.left_out[name] = "is stored in another file"
-        elif item.dtype == h5py.ref_dtype:
-            yield from self._referred(item, name, depth)
-        elif self._is_plain(item, name):
+        elif item.dtype == h5py.ref_dtype and item.size > MANY:
+            self.left_out[name] = f"has {item.size} structs or cells; at most {MANY} are opened"
+        elif item.dtype == h5py.ref_dtype:  # cells, or the fields of an array of structs
+            for k, reference in enumerate(item[()].ravel()):
+                yield from self.arrays(self._file[reference], f"{name}[{k}]" if item.size > 1 else name, depth + 1)
+        elif not kind.startswith(_CLASSES) or (self._matlab and "MATLAB_empty" in item.attrs):
+            self.left_out[name] = f"is of MATLAB's class {kind.decode(errors='replace')}; save plain arrays"
+        else:
             shape = plain_shape(item.shape[::-1]) if self._matlab else item.shape
             yield NamedArray(name, shape, item.dtype, partial(_read, self._path, item.name, shape))
-
-    def _referred(self, cells: Any, name: str, depth: int) -> Iterator[NamedArray]:
-        """What cells, or the fields of an array of structs, refer to."""
-        if cells.size > MANY:
-            self.left_out[name] = f"has {cells.size} structs or cells; at most {MANY} are opened"
-            return
-        for k, reference in enumerate(cells[()].ravel()):
-            yield from self.arrays(self._file[reference], f"{name}[{k}]" if cells.size > 1 else name, depth + 1)
-
-    def _is_plain(self, item: Any, name: str) -> bool:
-        kind = item.attrs.get(_CLASS, b"double")
-        if not self._matlab or (bytes(kind).startswith(_CLASSES) and "MATLAB_empty" not in item.attrs):
-            return True
-        self.left_out[name] = f"is of MATLAB's class {bytes(kind).decode(errors='replace')}; save plain arrays"
-        return False
 
 
 def _read(path: Path, place: str, shape: tuple[int, ...]) -> npt.NDArray[Any]:

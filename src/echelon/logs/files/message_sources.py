@@ -283,7 +283,9 @@ def _decoders(index: _Index, source: str) -> tuple[dict[int, _Decoder], dict[int
             names[number] = ros_name(schema.name)
             definitions[names[number]] = (_LANGUAGES.get(schema.encoding, ""), schema.data.decode())
         else:
-            unread[number] = _unread(channel.message_encoding, schema)
+            name = f" (schema {one_line(schema.name)})" if schema is not None else ", without a schema"
+            encoding = one_line(channel.message_encoding)
+            unread[number] = f"its messages are encoded as '{encoding}'{name}; JSON and ROS 2's CDR are read"
     if definitions:
         types = RosTypes(definitions)
         for number, name in names.items():
@@ -291,8 +293,3 @@ def _decoders(index: _Index, source: str) -> tuple[dict[int, _Decoder], dict[int
             if name in types.left_out:
                 unread[number] = types.left_out[name]
     return found, unread
-
-
-def _unread(encoding: str, schema: Any) -> str:
-    name = f" (schema {one_line(schema.name)})" if schema is not None else ", without a schema"
-    return f"its messages are encoded as '{one_line(encoding)}'{name}; JSON and ROS 2's CDR are read"

@@ -92,7 +92,9 @@ class ArrayFile:
                 self._left_out[array.name] = "is a single value, not a value per row"
         self.names: tuple[str, ...] = tuple(self._columns)
         if not self.names or not self.length:
-            raise InputError("holds no arrays of numbers with a row per sample" + self._reasons(), source=source)
+            reasons = "; ".join(f"'{name}' {reason}" for name, reason in list(self._left_out.items())[:4])
+            problem = f"holds no arrays of numbers with a row per sample{reasons and f': {reasons}'}"
+            raise InputError(problem, source=source)
 
     def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
         """Pieces of the file."""
@@ -123,10 +125,6 @@ class ArrayFile:
             problem = f"has {entries * numbers} columns; at most {ARRAY_COLUMNS.most} are read (is it transposed?)"
             self._left_out[array.name] = problem
         return array.name not in self._left_out
-
-    def _reasons(self) -> str:
-        found = [f"'{name}' {reason}" for name, reason in self._left_out.items()]
-        return f": {'; '.join(found[:4])}" if found else ""
 
 
 def _turned(arrays: Sequence[NamedArray]) -> list[NamedArray]:
