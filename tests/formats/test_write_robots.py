@@ -14,7 +14,7 @@ from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile, open_robot
 from echelon.formats.writers.identified_values import sorted_values
 from echelon.formats.writers.robot_writer import WrittenRobot, identified_robot
-from echelon.formats.writers.urdf_writer import generated_urdf
+from echelon.formats.writers.urdf_writer import UrdfGenerator
 from echelon.mechanism.mechanism import Mechanism
 from support.float_regressor import float_regressor, random_states
 from support.robot_files import robot_file
@@ -232,4 +232,4 @@ def test_names_that_xml_cannot_have_are_refused() -> None:
     mechanism = pendulum()
     odd = replace(mechanism, bodies=(replace(mechanism.bodies[0], name="a\x01b"),))
     with pytest.raises(InputError, match="control characters"):
-        generated_urdf(odd, sorted_values(odd, solid(1, 0.1)))
+        UrdfGenerator(odd, sorted_values(odd, solid(1, 0.1))).written()

@@ -18,23 +18,12 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that was found.
-
-    Attributes
-    ----------
-    severity : Severity
-    kind : str
-        A short fixed name such as ``"gap"``, ``"stuck"``, ``"saturation"``, ``"jitter"``, ``"units"``.
-    where : str
-        File, channel and time.
-    text : str
-        What was found, how much of it, and what was done or can be done about it: one sentence.
-    """
+    """Something that was found."""
 
     severity: Severity
-    kind: str
-    where: str
-    text: str
+    kind: str  # a short fixed name such as ``"gap"``, ``"stuck"``, ``"saturation"``, ``"jitter"``, ``"units"``
+    where: str  # file, channel and time
+    text: str  # what was found, how much of it, and what was done or can be done about it: one sentence
 
     def __str__(self) -> str:
         return f"{self.where}: {self.text}" if self.where else self.text

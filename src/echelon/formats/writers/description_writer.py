@@ -43,7 +43,7 @@ def frame_data(placement: Placement) -> dict[str, Any]:
     return written
 
 
-def write_loops(mechanism: Mechanism) -> dict[str, Any]:
+def _loops(mechanism: Mechanism) -> dict[str, Any]:
     """The keys ``loops``, ``independent``, ``assembly`` and ``closed_at``, where there are loops."""
     if not mechanism.closures:
         return {}
@@ -76,7 +76,7 @@ def _part(body: int, mechanism: Mechanism) -> str | None:
     return None if any(b.name == BASE for b in mechanism.bodies) else BASE
 
 
-def write_setup(mechanism: Mechanism) -> dict[str, Any]:
+def _setup(mechanism: Mechanism) -> dict[str, Any]:
     """The keys ``actuators``, ``effects`` and ``outputs``, where there are any."""
     written: dict[str, Any] = {}
     if mechanism.actuators:
@@ -152,8 +152,8 @@ def write_description(mechanism: Mechanism, *, elementary: bool = False) -> dict
             {c.coordinate: {"terms": {name: _function(function) for name, function in c.terms}}}
             for c in mechanism.couplings
         ]
-    document |= write_loops(mechanism)
-    document |= write_setup(mechanism)
+    document |= _loops(mechanism)
+    document |= _setup(mechanism)
     document["bodies"] = [_body(body, mechanism, joints) for body in mechanism.bodies]
     return document
 

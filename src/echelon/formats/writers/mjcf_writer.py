@@ -82,20 +82,16 @@ _HARMFUL = ("inertiafromgeom", "balanceinertia", "boundmass", "boundinertia", "s
 _HARMLESS = ("auto", "false")
 
 
-def edited_mjcf(
-    mechanism: Mechanism, values: IdentifiedValues, model: NamedModel, source: str, remarks: Sequence[str] = ()
-) -> tuple[str, tuple[str, ...]]:
-    """The text of an MJCF document with identified values in the place of its own."""
-    return _Writer(mechanism, values, model, source).written(remarks)
+class MjcfEditor:
+    """Puts identified values in the place of those of an MJCF document."""
 
-
-class _Writer:
     def __init__(self, mechanism: Mechanism, values: IdentifiedValues, model: NamedModel, source: str) -> None:
         self.mechanism, self.values, self.model, self.source = mechanism, values, model, source
         self.editor = model.editor
         self.indices = {b.name: k for k, b in enumerate(mechanism.bodies) if b.joint.kind != ROTOR}
 
     def written(self, remarks: Sequence[str]) -> tuple[str, tuple[str, ...]]:
+        """The document, and notes."""
         known = set(self.model.bodies.values())
         strange = next((name for name in self.indices if name not in known), None)
         if strange is not None:

@@ -46,15 +46,15 @@ def identified_robot(
         return _from_description(mechanism, values, remarks)
     text = decoded(file.data, file.source)
     if file.root.tag == "mujoco":
-        from echelon.formats.writers.mjcf_writer import NamedModel, edited_mjcf
+        from echelon.formats.writers.mjcf_writer import MjcfEditor, NamedModel
 
         model = NamedModel(text, file.mjcf)
         if not model.is_complete:  # it multiplies or attaches bodies
             return _from_description(mechanism, values, remarks)
-        return (WrittenRobot("identified.xml", *edited_mjcf(mechanism, values, model, file.source, remarks)),)
-    from echelon.formats.writers.urdf_writer import edited_urdf
+        return (WrittenRobot("identified.xml", *MjcfEditor(mechanism, values, model, file.source).written(remarks)),)
+    from echelon.formats.writers.urdf_writer import UrdfEditor
 
-    return (WrittenRobot("identified.urdf", *edited_urdf(mechanism, values, text, file.source, remarks)),)
+    return (WrittenRobot("identified.urdf", *UrdfEditor(mechanism, values, text, file.source).written(remarks)),)
 
 
 def _from_description(
@@ -63,7 +63,7 @@ def _from_description(
     import yaml
 
     from echelon.formats.writers.description_writer import write_description
-    from echelon.formats.writers.urdf_writer import generated_urdf, urdf_obstacle
+    from echelon.formats.writers.urdf_writer import UrdfGenerator, urdf_obstacle
 
     document = write_description(_with_values(mechanism, values))
     dumped = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
@@ -74,7 +74,7 @@ def _from_description(
         return (WrittenRobot("identified.yaml", dumped, (*remarks, missing)),)
     return (
         WrittenRobot("identified.yaml", dumped, tuple(remarks)),
-        WrittenRobot("identified.urdf", *generated_urdf(mechanism, values, remarks)),
+        WrittenRobot("identified.urdf", *UrdfGenerator(mechanism, values).written(remarks)),
     )
 
 

@@ -54,13 +54,6 @@ SINGLE_AXIS = ("revolute", "continuous", "prismatic")
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
-def edited_urdf(
-    mechanism: Mechanism, values: IdentifiedValues, text: str, source: str, remarks: Sequence[str] = ()
-) -> tuple[str, tuple[str, ...]]:
-    """A URDF document with identified values in the place of its own."""
-    return _Writer(mechanism, values, XmlEditor(text, source), source).written(remarks)
-
-
 def inertial_lines(load: Load) -> list[str]:
     """The element <inertial> of a load, along the axes of the link's frame."""
     moments = " ".join(f'{name}="{number_text(v)}"' for name, v in zip(_MOMENTS, load.moments, strict=True))
@@ -73,15 +66,18 @@ def inertial_lines(load: Load) -> list[str]:
     ]
 
 
-class _Writer:
-    def __init__(self, mechanism: Mechanism, values: IdentifiedValues, editor: XmlEditor, source: str) -> None:
-        self.mechanism, self.values, self.editor, self.source = mechanism, values, editor, source
-        self.links = {str(e.get("name")): e for e in editor.root.findall("link")}
-        self.joints = {str(e.get("name")): e for e in editor.root.findall("joint")}
+class UrdfEditor:
+    """Puts identified values in the place of those of a URDF document."""
+
+    def __init__(self, mechanism: Mechanism, values: IdentifiedValues, text: str, source: str) -> None:
+        self.mechanism, self.values, self.editor, self.source = mechanism, values, XmlEditor(text, source), source
+        self.links = {str(e.get("name")): e for e in self.editor.root.findall("link")}
+        self.joints = {str(e.get("name")): e for e in self.editor.root.findall("joint")}
         self.carriers = {_end(joint, "child"): _end(joint, "parent") for joint in self.joints.values()}
         self.bodies = {b.name: k for k, b in enumerate(mechanism.bodies) if b.joint.kind != ROTOR}
 
     def written(self, remarks: Sequence[str]) -> tuple[str, tuple[str, ...]]:
+        """The document, and notes."""
         strange = next((name for name in self.bodies if name not in self.links), None)
         if strange is not None:
             raise InputError("the file has no such link", source=self.source, element=f"body '{strange}'")
@@ -187,13 +183,6 @@ def urdf_obstacle(mechanism: Mechanism, values: IdentifiedValues) -> str:
     return f"symbols without values: {', '.join(unknown)}" if unknown else ""
 
 
-def generated_urdf(
-    mechanism: Mechanism, values: IdentifiedValues, remarks: Sequence[str] = ()
-) -> tuple[str, tuple[str, ...]]:
-    """A URDF document of a mechanism without an obstacle (see :func:`urdf_obstacle`)."""
-    return _Generator(mechanism, values).document(remarks)
-
-
 @dataclass(frozen=True)
 class _Seat:
     """The link that stands for a body, and where the body's frame is in it."""
@@ -202,7 +191,9 @@ class _Seat:
     frame: Floats
 
 
-class _Generator:
+class UrdfGenerator:
+    """Makes a URDF document of a mechanism without an obstacle (see :func:`urdf_obstacle`)."""
+
     def __init__(self, mechanism: Mechanism, values: IdentifiedValues) -> None:
         self.mechanism, self.values = mechanism, values
         self.known = known_values(mechanism)
@@ -210,7 +201,8 @@ class _Generator:
         self.joints = {motion.name for motion in mechanism.motions}
         self.effects = joint_effects(mechanism, values.effects, DYNAMICS, self._single, FORMAT)
 
-    def document(self, remarks: Sequence[str]) -> tuple[str, tuple[str, ...]]:
+    def written(self, remarks: Sequence[str] = ()) -> tuple[str, tuple[str, ...]]:
+        """The document, and notes."""
         lines: list[str] = []
         seats: dict[int, _Seat] = {}
         if not any(_floats(self.mechanism, index) for index in range(len(self.mechanism.bodies))):

@@ -105,7 +105,8 @@ class XmlEditor:
     def insert_first(self, element: Any, lines: Sequence[str]) -> None:
         """Put lines before everything else in an element."""
         span = self._spans[element]
-        outer = self._indentation(span.start)
+        before = self.text[self._line_start(span.start) : span.start]
+        outer = "" if before.strip() else before
         first = None if span.is_empty else re.compile(r"\s*\n([ \t]*)<(?!/)").match(self.text, span.content)
         inner = self._newline + (first[1] if first else outer + _UNIT)
         block = "".join(inner + line for line in lines)
@@ -125,10 +126,6 @@ class XmlEditor:
             pieces += [self.text[at:start], text]
             at = end
         return "".join([*pieces, self.text[at:]])
-
-    def _indentation(self, place: int) -> str:
-        before = self.text[self._line_start(place) : place]
-        return "" if before.strip() else before
 
     def _line_start(self, place: int) -> int:
         return self.text.rfind("\n", 0, place) + 1
