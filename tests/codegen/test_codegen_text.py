@@ -21,9 +21,9 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.cli.commands import FUNCTIONS as LISTED_FUNCTIONS
-from echelon.cli.commands import LOOP_FUNCTIONS as LISTED_LOOP_FUNCTIONS
-from echelon.cli.commands import TARGETS as LISTED_TARGETS
+from echelon.cli.generate import FUNCTIONS as LISTED_FUNCTIONS
+from echelon.cli.generate import LOOP_FUNCTIONS as LISTED_LOOP_FUNCTIONS
+from echelon.cli.generate import TARGETS as LISTED_TARGETS
 from echelon.codegen import TARGETS, Precision
 from echelon.codegen.source import Subject, generate, generate_source, printed
 from echelon.dynamics.functions import FUNCTIONS, LOOP_FUNCTIONS

@@ -1,23 +1,35 @@
-"""Commands that judge a file: ``verify`` and ``audit``; and ``schema``, which prints what a file has to be like."""
+"""Commands that judge a file: ``verify`` and ``audit``; and ``schema``, which prints what a file has to be like.
+
+Only typer is imported here; each command imports what it needs when it runs, so that ``--help`` is instant.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from echelon.cli.destination import Destination, deliver
+import typer
+
+from echelon.cli.app import AsJson, Force, Output, Robot, Seed, app, reads_robot
 from echelon.cli.screen import json_text, show
 from echelon.errors import CertificateError, InputError, one_line
-from echelon.formats.robot_file import load
 
 VALID, REFUTED = 0, 1
 
+Schema = Literal["description", "base-model", "identified", "trajectory"]
 
-def run_verify(file: Path, as_json: bool, seed: int | None) -> int:
-    """Check a file, also by the verifier that shares nothing with Echelon; returns the exit code."""
+
+@app.command(epilog="Example: echelon verify panda.json")
+def verify(
+    file: Annotated[Path, typer.Argument(help="JSON file written by 'derive --format json'.")],
+    as_json: AsJson = False,
+    seed: Seed = None,
+) -> None:
+    """Check a saved set of base parameters again, without trusting what it says about itself."""
+    from dataclasses import asdict
+
     from echelon.results.echelon_verify import judge
     from echelon.results.saved import load_base, verify
 
@@ -30,7 +42,7 @@ def run_verify(file: Path, as_json: bool, seed: int | None) -> int:
     except CertificateError as error:
         refusal = json_text({"valid": False, "reason": str(error)})
         show(refusal if as_json else f"{file}: NOT valid: {one_line(str(error))}")
-        return REFUTED
+        raise typer.Exit(REFUTED) from None
     if as_json:
         evidence: dict[str, Any] = asdict(certificate)
         evidence["identity_primes"] = [str(p) for p in certificate.identity_primes]
@@ -39,25 +51,36 @@ def run_verify(file: Path, as_json: bool, seed: int | None) -> int:
     else:
         show(f"{file}: valid, {model.rank} base parameters of {len(model.parameters)}\n{certificate}")
         show(f"independent verifier: {one_line(sentence)}")
-    return VALID
 
 
-def run_audit(
-    robot: Path,
-    claimed: Path,
-    read: Mapping[str, Any],
-    naming: str,
-    define: Sequence[str],
-    ignore: Sequence[str],
-    as_json: bool,
-    output: Destination | None,
-) -> int:
-    """Audit, then print or write; returns the exit code."""
+@app.command(epilog="Example: echelon audit tx40.urdf TX40_bp_5.csv --ignore 'fv*'")
+@reads_robot("floating", "gravity", "snap_tolerance", "mimic", "keep_fixed_links")
+def audit(
+    robot: Robot,
+    claimed: Annotated[Path, typer.Argument(help="Base parameters to check: CSV, JSON, or one expression per line.")],
+    read: dict[str, Any],
+    naming: Annotated[
+        str, typer.Option(help="How the claims write parameters: 'auto', or echelon, symoro, sympybotics, pinocchio.")
+    ] = "auto",
+    define: Annotated[
+        list[str] | None, typer.Option(help="A symbol of the claims, 'RL4=pz4' or 'L=0.45'; may be repeated.")
+    ] = None,
+    ignore: Annotated[
+        list[str] | None, typer.Option(help="Parameters that the robot file leaves out, 'fv*'; may be repeated.")
+    ] = None,
+    as_json: AsJson = False,
+    output: Output = None,
+    force: Force = False,
+) -> None:
+    """Compare base parameters that someone else claims with the exact ones; exits with 1 where they differ."""
     from echelon.claims.audit import audit
+    from echelon.cli.destination import deliver, output_file
+    from echelon.formats.robot_file import load
 
-    found = audit(load(robot, **read), claimed, naming=naming, define=_definitions(define), ignore=tuple(ignore))
-    deliver(json_text(found.to_dict()) if as_json else found.to_text(), output)
-    return VALID if found.equal else REFUTED
+    target, defined = output_file(output, force), _definitions(define or ())
+    found = audit(load(robot, **read), claimed, naming=naming, define=defined, ignore=tuple(ignore or ()))
+    deliver(json_text(found.to_dict()) if as_json else found.to_text(), target)
+    raise typer.Exit(VALID if found.equal else REFUTED)
 
 
 def _definitions(texts: Sequence[str]) -> dict[str, str]:
@@ -69,8 +92,9 @@ def _definitions(texts: Sequence[str]) -> dict[str, str]:
     return {name.strip(): value.strip() for name, _, value in parts}
 
 
-def run_schema(which: str) -> None:
-    """Print a JSON schema."""
+@app.command(epilog="Example: echelon schema description > robot.schema.json")
+def schema(which: Annotated[Schema, typer.Argument(help="Which schema to print.")]) -> None:
+    """Print the JSON schema of a file format."""
     from echelon.results.schema import BaseModelRecord, IdentifiedRecord, json_schema
 
     if which == "description":

@@ -13,20 +13,15 @@ from typing import Annotated, Any, Literal
 import typer
 
 from echelon.choices import Estimator, Values
-from echelon.cli.app import AsJson, Budget, Force, Ordering, Output, Prefer, Robot, Seed, app, application, reads_robot
+from echelon.cli.app import AsJson, Budget, Force, Ordering, Output, Prefer, Robot, Seed, app, reads_robot
 from echelon.machine.target import VARIABLES
 
-__all__ = ["app", "excite_commands", "run"]
+__all__ = ["app", "run"]
 
 BAD_INPUT, INTERNAL, INTERRUPTED = 2, 70, 130
 
-TARGETS = "c, cpp, cuda, python, jax, casadi, matlab, julia, rust"
-FUNCTIONS = "regressor, inverse_dynamics, mass_matrix, gravity, coriolis, effects, inverse_dynamics_derivatives"
-LOOP_FUNCTIONS = "closed_positions, closed_velocities, closed_accelerations, closure_pivots, constraint_forces"
-
 Format = Literal["text", "json", "latex", "markdown"]
 Formulas = Literal["latex", "sympy"]
-Schema = Literal["description", "base-model", "identified", "trajectory"]
 
 
 @app.command(epilog="Example: echelon derive panda.urdf --format json -o panda.json")
@@ -87,72 +82,6 @@ def derive(
         derive.run_derive(robot, chosen, read, {**derivation, "generic": generic}, target, seed, budget)
 
 
-@app.command(epilog="Example: echelon generate panda.urdf --target c -o generated/")
-@reads_robot("floating", "gravity", "snap_tolerance", "numeric", "mimic", "keep_fixed_links", "massless")
-def generate(
-    robot: Annotated[Path, typer.Argument(help="URDF, MJCF, Echelon description, or base parameters saved as JSON.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Directory for the files, or one file.")],
-    read: dict[str, Any],
-    force: Force = False,
-    target: Annotated[str, typer.Option("--target", "-t", help=f"One of {TARGETS}.")] = "c",
-    function: Annotated[
-        str | None,
-        typer.Option(
-            "--function",
-            show_default="regressor,inverse_dynamics,mass_matrix,gravity",
-            help=f"One or more, with commas, of {FUNCTIONS}; with loops also of {LOOP_FUNCTIONS}.",
-        ),
-    ] = None,
-    name: Annotated[str | None, typer.Option(help="Stands before the functions' names; made from the robot's.")] = None,
-    precision: Annotated[Literal["double", "single"], typer.Option(help="Floating-point type.")] = "double",
-    parameters: Annotated[
-        str | None,
-        typer.Option(
-            help="Values to put in as constants: 'file' for those of the robot's file, or a JSON or CSV file."
-        ),
-    ] = None,
-    keep_symbols: Annotated[
-        str | None,
-        typer.Option(help="Geometry that becomes an argument instead of constants: 'all', or names with commas."),
-    ] = None,
-    order: Ordering = "base-to-tip",
-    prefer: Prefer = None,
-    seed: Seed = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable summary.")] = False,
-) -> None:
-    """Write source code of the robot's functions in terms of its base parameters."""
-    from echelon.cli.destination import output_folder
-    from echelon.cli.generate import run_generate
-
-    kept = _names(keep_symbols or "")
-    options = {
-        "target": target,
-        "functions": None if function is None else _names(function),
-        "name": name,
-        "precision": precision,
-        "keep_symbols": kept == ("all",) or kept,
-    }
-    derivation = {"order": order, "prefer": tuple(prefer or ()), **({} if seed is None else {"seed": seed})}
-    run_generate(robot, output_folder(output, force), read, derivation, options, parameters, as_json=as_json)
-
-
-def _names(text: str) -> tuple[str, ...]:
-    """Names that commas separate."""
-    return tuple(part.strip() for part in text.split(",") if part.strip())
-
-
-@app.command(epilog="Example: echelon verify panda.json")
-def verify(
-    file: Annotated[Path, typer.Argument(help="JSON file written by 'derive --format json'.")],
-    as_json: AsJson = False,
-    seed: Seed = None,
-) -> None:
-    """Check a saved set of base parameters again, without trusting what it says about itself."""
-    from echelon.cli import checks
-
-    raise typer.Exit(checks.run_verify(file, as_json, seed))
-
-
 @app.command(epilog="Example: echelon sensors arm.yaml --size 2")
 @reads_robot("floating", "gravity")
 def sensors(
@@ -171,33 +100,6 @@ def sensors(
     from echelon.cli.derive import run_sensors
 
     run_sensors(robot, size, read, seed, budget, as_json=as_json)
-
-
-@app.command(epilog="Example: echelon audit tx40.urdf TX40_bp_5.csv --ignore 'fv*'")
-@reads_robot("floating", "gravity", "snap_tolerance", "mimic", "keep_fixed_links")
-def audit(
-    robot: Robot,
-    claimed: Annotated[Path, typer.Argument(help="Base parameters to check: CSV, JSON, or one expression per line.")],
-    read: dict[str, Any],
-    naming: Annotated[
-        str, typer.Option(help="How the claims write parameters: 'auto', or echelon, symoro, sympybotics, pinocchio.")
-    ] = "auto",
-    define: Annotated[
-        list[str] | None, typer.Option(help="A symbol of the claims, 'RL4=pz4' or 'L=0.45'; may be repeated.")
-    ] = None,
-    ignore: Annotated[
-        list[str] | None, typer.Option(help="Parameters that the robot file leaves out, 'fv*'; may be repeated.")
-    ] = None,
-    as_json: AsJson = False,
-    output: Output = None,
-    force: Force = False,
-) -> None:
-    """Compare base parameters that someone else claims with the exact ones; exits with 1 where they differ."""
-    from echelon.cli import checks
-    from echelon.cli.destination import output_file
-
-    target = output_file(output, force)
-    raise typer.Exit(checks.run_audit(robot, claimed, read, naming, define or (), ignore or (), as_json, target))
 
 
 @app.command(epilog="Example: echelon setup arm.urdf log.csv -o setup.yaml")
@@ -308,46 +210,7 @@ def predict(
     run_predict(model, log, output_file(output, force), as_json=as_json)
 
 
-@app.command(epilog="Example: echelon schema description > robot.schema.json")
-def schema(which: Annotated[Schema, typer.Argument(help="Which schema to print.")]) -> None:
-    """Print the JSON schema of a file format."""
-    from echelon.cli.checks import run_schema
-
-    run_schema(which)
-
-
-zoo = application("zoo", "Pages about many robots at once.")
-app.add_typer(zoo)
-
-
-@zoo.command(epilog="Example: echelon zoo build zoo/ --only 'ur*' --jobs 4")
-def build(
-    folder: Annotated[Path, typer.Argument(help="Directory for the pages; open its index.html.")],
-    sources: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--from",
-            help="A folder with URDF, SDF, MJCF or descriptions; may be repeated. "
-            "[default: the packages example-robot-data and robot_descriptions]",
-        ),
-    ] = None,
-    only: Annotated[str, typer.Option(help="A pattern of names or paths, such as 'ur*'.")] = "*",
-    jobs: Annotated[int, typer.Option(min=1, help="Robots that are derived at the same time.")] = 2,
-    seconds: Annotated[float, typer.Option(min=1, help="Time that a robot may take, s.")] = 300.0,
-    force: Annotated[bool, typer.Option("--force", help="Write into a directory that is no zoo.")] = False,
-    as_json: AsJson = False,
-) -> None:
-    """Derive every robot of some folders, and write a page for each with an index.
-
-    What is there already, of the same file and by the same program, is left as it is. A robot without an answer is
-    listed with its reason and does not stop the others; the exit code is then 1.
-    """
-    from echelon.cli.zoo import run_zoo
-
-    raise typer.Exit(run_zoo(folder, sources or (), only, jobs, seconds, force=force, as_json=as_json))
-
-
-from echelon.cli import excite_commands  # noqa: E402  its commands stand last in the help
+from echelon.cli import checks, excite_commands, generate, zoo  # noqa: E402, F401  their commands follow in the help
 
 
 def run() -> None:

@@ -1,96 +1,27 @@
-"""The ``excite`` and ``check-trajectory`` commands, and what they say on a terminal."""
+"""What the ``excite`` and ``check-trajectory`` commands say."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from time import perf_counter
-from typing import Any
 
-import typer
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from echelon.cli.destination import Destination
-from echelon.cli.screen import say_time, say_written, show, steps
+from echelon.cli.screen import say_time, say_written, show
 from echelon.cli.terminal import plain_table, print_findings
 from echelon.errors import one_line
-from echelon.excite.excite import ExcitingTrajectory, exciting_trajectory, judged_trajectory
-from echelon.excite.files.coefficients import text_of
-from echelon.excite.files.trajectory_file import design_to_json, read_trajectory, trajectory_content
-from echelon.excite.problem.prior_model import information_of_logs
-from echelon.excite.problem.task import UNCHECKED, task_of
-from echelon.excite.problem.task import changed as changed_entry
+from echelon.excite.excite import ExcitingTrajectory
+from echelon.excite.files.trajectory_file import design_to_json
+from echelon.excite.problem.task import UNCHECKED
 from echelon.excite.verify.margins import when_kept
-from echelon.report.preview import preview_html
-from echelon.setup.setup import load_setup
-
-TRAJECTORY, PREVIEW = "trajectory.json", "preview.html"
-BROKEN = 1
-"""Exit code where a limit is broken."""
 
 
-def run_excite(
-    setup_path: Path,
-    reading: Mapping[str, Any],
-    prior: Path | None,
-    changed: Mapping[str, Any],
-    logs: Sequence[Path],
-    jobs: int | None,
-    output: Destination | None,
-    samples: tuple[Sequence[str], float, int],
-    *,
-    as_json: bool,
-) -> None:
-    """Design a trajectory, write all files, and print the summary; samples have formats, a rate and repeats."""
-    started, (formats, rate, repeats) = perf_counter(), samples
-    if output is not None:
-        output.check((TRAJECTORY, PREVIEW, *(f"trajectory.{name}" for name in formats)))
-    setup = load_setup(setup_path, prior=prior, **reading)
-    with steps() as step:
-        step("reading logs")
-        information = information_of_logs(setup, logs) if logs else None
-        found = exciting_trajectory(setup, prior_information=information, jobs=jobs, on_step=step, **changed)
-        step("writing")
-        # nothing is written unless all of it can be
-        files: dict[str, str | bytes] = {}
-        if output is not None:
-            files = {TRAJECTORY: text_of(design_to_json(found)), PREVIEW: preview_html(found)}
-            for kind in (f".{name}" for name in formats):
-                files[f"trajectory{kind}"] = trajectory_content(found.trajectory, kind, rate, repeats)
-    _say(found, [] if output is None else output.write_into(files), started, as_json=as_json)
-
-
-def run_check(
-    setup_path: Path,
-    reading: Mapping[str, Any],
-    prior: Path | None,
-    changed: Mapping[str, Any],
-    path: Path,
-    output: Destination | None,
-    *,
-    as_json: bool,
-) -> None:
-    """Judge a trajectory made elsewhere; exit with 1 if it breaks a limit."""
-    started = perf_counter()
-    setup = load_setup(setup_path, prior=prior, **reading)
-    with steps() as step:
-        step("reading")
-        task = task_of(setup, changed_entry(setup.excitation, changed, setup.source))
-        trajectory = read_trajectory(path, task.mechanism.independent_velocities, task.units)
-        step("checking all limits")
-        found = judged_trajectory(setup, trajectory, **changed)
-    if output is not None:
-        output.write(preview_html(found))
-    _say(found, [] if output is None else [output.path], started, as_json=as_json)
-    if not found.safe:
-        raise typer.Exit(BROKEN)
-
-
-def _say(found: ExcitingTrajectory, paths: Sequence[Path], started: float, *, as_json: bool) -> None:
+def say(found: ExcitingTrajectory, paths: Sequence[Path], started: float, *, as_json: bool) -> None:
+    """Print the summary of a trajectory, as JSON or on a terminal."""
     if as_json:
         document = {**design_to_json(found), "files": [str(path) for path in paths]}
         show(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False))
@@ -99,8 +30,6 @@ def _say(found: ExcitingTrajectory, paths: Sequence[Path], started: float, *, as
     say_written(paths)
     say_time(started)
 
-
-# -- on a terminal -----------------------------------------------------------------------------------------------------
 
 _LIMITS = 16
 """Limits that are listed, the nearest first; all are in trajectory.json and on the preview page."""

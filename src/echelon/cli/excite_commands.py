@@ -7,12 +7,18 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
+from time import perf_counter
 from typing import Annotated, Any
 
 import typer
 
 from echelon.choices import Family, Optimality
 from echelon.cli.app import AsJson, Force, app, reads_robot
+from echelon.cli.screen import steps
+
+TRAJECTORY, PREVIEW = "trajectory.json", "preview.html"
+BROKEN = 1
+"""Exit code where a limit is broken."""
 
 
 class SampleFormat(StrEnum):
@@ -72,9 +78,15 @@ def excite(
     With -o: trajectory.json (coefficients and all figures), samples, and a preview page.
     """
     from echelon.cli.destination import output_folder
-    from echelon.cli.excite import run_excite
+    from echelon.cli.excite import say
+    from echelon.excite.excite import exciting_trajectory
+    from echelon.excite.files.coefficients import text_of
+    from echelon.excite.files.trajectory_file import design_to_json, trajectory_content
+    from echelon.excite.problem.prior_model import information_of_logs
+    from echelon.report.preview import preview_html
+    from echelon.setup.setup import load_setup
 
-    folder = None if output is None else output_folder(output, force)
+    started = perf_counter()
     changed = _stated(
         duration=duration,
         family=family,
@@ -87,8 +99,23 @@ def excite(
         iterations=iterations,
         model=model and str(model.absolute()),
     )
-    samples = [one.value for one in formats or [SampleFormat.CSV]], rate, repeats
-    run_excite(setup, read, prior, changed, prior_log or (), jobs, folder, samples, as_json=as_json)
+    kinds = [f".{one.value}" for one in formats or [SampleFormat.CSV]]
+    folder = None if output is None else output_folder(output, force)
+    if folder is not None:
+        folder.check((TRAJECTORY, PREVIEW, *(f"trajectory{kind}" for kind in kinds)))
+    robot = load_setup(setup, prior=prior, **read)
+    with steps() as step:
+        step("reading logs")
+        information = information_of_logs(robot, prior_log) if prior_log else None
+        found = exciting_trajectory(robot, prior_information=information, jobs=jobs, on_step=step, **changed)
+        step("writing")
+        # nothing is written unless all of it can be
+        files: dict[str, str | bytes] = {}
+        if folder is not None:
+            files = {TRAJECTORY: text_of(design_to_json(found)), PREVIEW: preview_html(found)}
+            for kind in kinds:
+                files[f"trajectory{kind}"] = trajectory_content(found.trajectory, kind, rate, repeats)
+    say(found, [] if folder is None else folder.write_into(files), started, as_json=as_json)
 
 
 @app.command(epilog="Example: echelon check-trajectory ur10.yaml motion.csv -o preview.html")
@@ -106,10 +133,28 @@ def check_trajectory(
 ) -> None:
     """Judge a trajectory made elsewhere by the limits of a set-up; exit code 1 if it breaks one."""
     from echelon.cli.destination import output_file
-    from echelon.cli.excite import run_check
+    from echelon.cli.excite import say
+    from echelon.excite.excite import judged_trajectory
+    from echelon.excite.files.trajectory_file import read_trajectory
+    from echelon.excite.problem.task import changed as changed_entry
+    from echelon.excite.problem.task import task_of
+    from echelon.report.preview import preview_html
+    from echelon.setup.setup import load_setup
 
+    started, page = perf_counter(), output_file(output, force)
     changed = _stated(move=move or None, model=model and str(model.absolute()))
-    run_check(setup, read, prior, changed, trajectory, output_file(output, force), as_json=as_json)
+    robot = load_setup(setup, prior=prior, **read)
+    with steps() as step:
+        step("reading")
+        task = task_of(robot, changed_entry(robot.excitation, changed, robot.source))
+        read_from = read_trajectory(trajectory, task.mechanism.independent_velocities, task.units)
+        step("checking all limits")
+        found = judged_trajectory(robot, read_from, **changed)
+    if page is not None:
+        page.write(preview_html(found))
+    say(found, [] if page is None else [page.path], started, as_json=as_json)
+    if not found.safe:
+        raise typer.Exit(BROKEN)
 
 
 def _stated(**changed: Any) -> dict[str, Any]:

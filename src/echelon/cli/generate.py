@@ -1,4 +1,7 @@
-"""The ``generate`` command."""
+"""The command ``generate``.
+
+Only typer is imported here; the command imports what it needs when it runs, so that ``--help`` is instant.
+"""
 
 from __future__ import annotations
 
@@ -8,55 +11,97 @@ from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from echelon.base.derive import base_parameters
-from echelon.base.model import BaseModel
-from echelon.cli.app import reading
-from echelon.cli.destination import Destination
+import typer
+
+from echelon.cli.app import Force, Ordering, Prefer, Seed, app, reading, reads_robot
 from echelon.cli.screen import json_text, say_time, say_written, show, steps
-from echelon.codegen import FROM_FILE, Source, generate_source, operation_counts, operations_text
 from echelon.errors import CertificateError, InputError, one_line
-from echelon.exact.numbers import parse_decimal
-from echelon.formats.robot_file import load_model
-from echelon.inputs.content import read_document
-from echelon.inputs.json_text import parse_json
-from echelon.models.linear_model import LinearModel
-from echelon.results.saved import load_base
-from echelon.results.schema import SCHEMA_NAME
+
+if TYPE_CHECKING:
+    from echelon.base.model import BaseModel
+    from echelon.cli.destination import Destination
+    from echelon.codegen import Source
 
 SUMMARY = "echelon.generated/1"
 """Schema of the summary."""
 
+TARGETS = "c, cpp, cuda, python, jax, casadi, matlab, julia, rust"
+FUNCTIONS = "regressor, inverse_dynamics, mass_matrix, gravity, coriolis, effects, inverse_dynamics_derivatives"
+LOOP_FUNCTIONS = "closed_positions, closed_velocities, closed_accelerations, closure_pivots, constraint_forces"
 
-def run_generate(
-    robot: Path,
-    output: Destination,
-    read: Mapping[str, Any],
-    derivation: Mapping[str, Any],
-    options: Mapping[str, Any],
-    parameters: str | None,
-    *,
-    as_json: bool,
+
+@app.command(epilog="Example: echelon generate panda.urdf --target c -o generated/")
+@reads_robot("floating", "gravity", "snap_tolerance", "numeric", "mimic", "keep_fixed_links", "massless")
+def generate(
+    robot: Annotated[Path, typer.Argument(help="URDF, MJCF, Echelon description, or base parameters saved as JSON.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Directory for the files, or one file.")],
+    read: dict[str, Any],
+    force: Force = False,
+    target: Annotated[str, typer.Option("--target", "-t", help=f"One of {TARGETS}.")] = "c",
+    function: Annotated[
+        str | None,
+        typer.Option(
+            "--function",
+            show_default="regressor,inverse_dynamics,mass_matrix,gravity",
+            help=f"One or more, with commas, of {FUNCTIONS}; with loops also of {LOOP_FUNCTIONS}.",
+        ),
+    ] = None,
+    name: Annotated[str | None, typer.Option(help="Stands before the functions' names; made from the robot's.")] = None,
+    precision: Annotated[Literal["double", "single"], typer.Option(help="Floating-point type.")] = "double",
+    parameters: Annotated[
+        str | None,
+        typer.Option(
+            help="Values to put in as constants: 'file' for those of the robot's file, or a JSON or CSV file."
+        ),
+    ] = None,
+    keep_symbols: Annotated[
+        str | None,
+        typer.Option(help="Geometry that becomes an argument instead of constants: 'all', or names with commas."),
+    ] = None,
+    order: Ordering = "base-to-tip",
+    prefer: Prefer = None,
+    seed: Seed = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable summary.")] = False,
 ) -> None:
-    """Generate, write all files, and say what was written."""
-    started = perf_counter()
+    """Write source code of the robot's functions in terms of its base parameters."""
+    from echelon.cli.destination import output_folder
+    from echelon.codegen import FROM_FILE, generate_source, operations_text
+
+    started, folder, kept = perf_counter(), output_folder(output, force), _names(keep_symbols or "")
+    options: dict[str, Any] = {
+        "target": target,
+        "functions": None if function is None else _names(function),
+        "name": name,
+        "precision": precision,
+        "keep_symbols": kept == ("all",) or kept,
+    }
+    derivation = {"order": order, "prefer": tuple(prefer or ()), **({} if seed is None else {"seed": seed})}
     values = parameters if parameters is None or parameters == FROM_FILE else read_values(Path(parameters))
     with steps(f"generating code for {robot.name}"):
         base = _base(robot, read, derivation)
         source = generate_source(base, **options, parameters=values)
-    paths = _written(source.files, output)
+    paths = _written(source.files, folder)
     if as_json:
         show(json_text(_summary(base, source, paths, options)))
         return
-    for function in source.functions:
-        show(f"{function.name}: {operations_text(function)}")
+    for made in source.functions:
+        show(f"{made.name}: {operations_text(made)}")
     say_written(paths)
     say_time(started)
 
 
+def _names(text: str) -> tuple[str, ...]:
+    """Names that commas separate."""
+    return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
 def read_values(path: Path) -> dict[str, float]:
     """Values by name, from a JSON object or from lines ``name,value``."""
+    from echelon.inputs.content import read_document
+    from echelon.inputs.json_text import parse_json
+
     text = read_document(path)
     data = parse_json(text, str(path)) if text.lstrip().startswith("{") else None
     try:
@@ -72,6 +117,8 @@ def read_values(path: Path) -> dict[str, float]:
 def _value(value: object, name: str, path: Path) -> float:
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise TypeError
+    from echelon.exact.numbers import parse_decimal
+
     try:
         return float(parse_decimal(str(value).strip()))
     except ValueError as error:
@@ -87,6 +134,11 @@ def _csv_pairs(text: str) -> list[tuple[str, str]]:
 
 
 def _base(robot: Path, read: Mapping[str, Any], derivation: Mapping[str, Any]) -> BaseModel:
+    from echelon.base.derive import base_parameters
+    from echelon.formats.robot_file import load_model
+    from echelon.models.linear_model import LinearModel
+    from echelon.results.saved import load_base
+
     if _holds_saved_base(robot):
         if read != reading() or derivation != {"order": "base-to-tip", "prefer": ()}:
             problem = "a saved set is used as it is, so it takes no options for reading or deriving"
@@ -103,6 +155,8 @@ def _base(robot: Path, read: Mapping[str, Any], derivation: Mapping[str, Any]) -
 
 def _holds_saved_base(path: Path) -> bool:
     """Whether a file says that it holds base parameters."""
+    from echelon.results.schema import SCHEMA_NAME
+
     if path.suffix.lower() != ".json" or not path.is_file():
         return False
     with path.open("rb") as stream:
@@ -121,6 +175,8 @@ def _written(files: Mapping[str, str], output: Destination) -> list[Path]:
 
 
 def _summary(base: BaseModel, source: Source, paths: list[Path], options: Mapping[str, Any]) -> dict[str, Any]:
+    from echelon.codegen import operation_counts
+
     functions = {
         function.name: {
             "shape": list(function.shape),

@@ -1,24 +1,52 @@
-"""The command ``zoo build``."""
+"""The command ``zoo build``.
+
+Only typer is imported here; the command imports what it needs when it runs, so that ``--help`` is instant.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import typer
+
+from echelon.cli.app import AsJson, app, application
 from echelon.cli.screen import json_text, show, steps
 from echelon.errors import InputError
-from echelon.zoo.build import build_zoo
 
 _MARK = "zoo.json"
 UNANSWERED = 1
 """Exit code where a robot got no answer; the others have their pages."""
 
+group = application("zoo", "Pages about many robots at once.")
+app.add_typer(group)
 
-def run_zoo(
-    folder: Path, sources: Sequence[Path], only: str, jobs: int, seconds: float, *, force: bool, as_json: bool
-) -> int:
-    """Build, telling the robots that are done, and say what was built and what failed; returns the exit code."""
+
+@group.command(epilog="Example: echelon zoo build zoo/ --only 'ur*' --jobs 4")
+def build(
+    folder: Annotated[Path, typer.Argument(help="Directory for the pages; open its index.html.")],
+    sources: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--from",
+            help="A folder with URDF, SDF, MJCF or descriptions; may be repeated. "
+            "[default: the packages example-robot-data and robot_descriptions]",
+        ),
+    ] = None,
+    only: Annotated[str, typer.Option(help="A pattern of names or paths, such as 'ur*'.")] = "*",
+    jobs: Annotated[int, typer.Option(min=1, help="Robots that are derived at the same time.")] = 2,
+    seconds: Annotated[float, typer.Option(min=1, help="Time that a robot may take, s.")] = 300.0,
+    force: Annotated[bool, typer.Option("--force", help="Write into a directory that is no zoo.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Derive every robot of some folders, and write a page for each with an index.
+
+    What is there already, of the same file and by the same program, is left as it is. A robot without an answer is
+    listed with its reason and does not stop the others; the exit code is then 1.
+    """
+    from echelon.zoo.build import build_zoo
+
     if (
         folder.exists()
         and not force
@@ -33,7 +61,7 @@ def run_zoo(
             last = "" if row is None else f": {row['name']}{' failed' * ('failed' in row)}"
             say(f"{done} of {total} robots{last}")
 
-        rows = build_zoo(folder, sources, only, jobs, seconds, step)
+        rows = build_zoo(folder, sources or (), only, jobs, seconds, step)
     failed = [row for row in rows if "failed" in row]
     if as_json:
         show(json_text({"schema": "echelon.zoo/1", "folder": str(folder), "robots": rows}))
@@ -41,4 +69,4 @@ def run_zoo(
         for row in failed:
             show(f"{row['place']}{' (floating)' if row['floating'] else ''}: {row['failed']}")
         show(f"{len(rows) - len(failed)} robots in {folder / 'index.html'}, {len(failed)} without an answer")
-    return UNANSWERED if failed else 0
+    raise typer.Exit(UNANSWERED if failed else 0)
