@@ -5,10 +5,8 @@ Only typer is imported here; the command imports what it needs when it runs, so 
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from dataclasses import replace
-from io import StringIO
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -99,6 +97,8 @@ def _names(text: str) -> tuple[str, ...]:
 
 def read_values(path: Path) -> dict[str, float]:
     """Values by name, from a JSON object or from lines ``name,value``."""
+    import csv
+
     from echelon.inputs.content import read_document
     from echelon.inputs.json_text import parse_json
 
@@ -127,6 +127,9 @@ def _value(value: object, name: str, path: Path) -> float:
 
 def _csv_pairs(text: str) -> list[tuple[str, str]]:
     """Rows of two cells; a first row without a number is a heading."""
+    import csv
+    from io import StringIO
+
     rows = [row for row in csv.reader(StringIO(text)) if any(cell.strip() for cell in row)]
     if rows and len(rows[0]) == 2 and rows[0][1].strip().lower() in ("value", "values"):
         rows = rows[1:]
