@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from echelon.excite.problem.closed_loops import LoopEfforts, LoopMotion, LoopPart, loop_limits
+from echelon.excite.problem.closed_loops import LoopMotion, LoopPart, loop_limits
 from echelon.excite.problem.effort_limits import EffortLimit, EffortModel
 from echelon.excite.problem.state_limits import PointLimit, point_limits
 from support.excitation_cases import slopes_by_state
-from support.excitation_loops import assert_slopes, base, certain, identified, mechanism, states
+from support.excitation_loops import assert_slopes, base, certain, identified, loop_efforts, mechanism, states
 
 
 @pytest.mark.parametrize(
@@ -32,7 +32,7 @@ def test_slopes_of_limits_are_those_of_differences(name: str, made: Callable[...
     points = [PointLimit("p", body.name, (0.1, 0.2, 0.3), (0.6, 0.0, 0.8), -1.0, 1.0) for body in robot.bodies[-2:]]
     limits = loop_limits(
         LoopMotion(robot),
-        [LoopEfforts(robot, efforts, made(name, rng), 0.1, 0.02), LoopPart(point_limits(robot, points))],
+        [loop_efforts(robot, efforts, made(name, rng), 0.1, 0.02), LoopPart(point_limits(robot, points))],
     )
     state = states(limits.motion)
     found = dict(zip(state, limits.slopes(*state.values()), strict=True))
@@ -46,7 +46,7 @@ def test_slopes_of_limits_are_those_of_differences(name: str, made: Callable[...
 def test_uncertain_efforts_are_those_of_the_base_model() -> None:
     robot, model = mechanism("three_rps"), identified("three_rps", np.random.default_rng(8))
     limited = [EffortLimit(output.name, output.unit, 10.0) for output in robot.outputs]
-    limits = loop_limits(LoopMotion(robot), [LoopEfforts(robot, limited, model, 0.1, None)])
+    limits = loop_limits(LoopMotion(robot), [loop_efforts(robot, limited, model, 0.1, None)])
     state = states(limits.motion)
     X = base("three_rps").regressor(*state.values())
     std = np.sqrt(np.einsum("nik,kl,nil->ni", X, model.covariance, X))
@@ -59,7 +59,7 @@ def test_efforts_are_those_of_the_base_model() -> None:
     """Inverse dynamics with standard parameters, and X with the base parameters that belong to them."""
     robot = mechanism("three_rps")
     standard = np.random.default_rng(8).uniform(0.5, 1.0, len(robot.parameters))
-    efforts = LoopEfforts(
+    efforts = loop_efforts(
         robot, [EffortLimit(o.name, o.unit, 10.0) for o in robot.outputs], EffortModel(standard), 0.1, None
     )
     limits = loop_limits(LoopMotion(robot), [efforts])

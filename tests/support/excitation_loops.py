@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 import echelon as ec
 from echelon.excite.problem.closed_loops import (
-    LoopEfforts,
     LoopLimits,
     LoopMotion,
     LoopPart,
@@ -17,7 +17,7 @@ from echelon.excite.problem.closed_loops import (
     loop_limits,
     state_regressor,
 )
-from echelon.excite.problem.effort_limits import EffortLimit, EffortModel
+from echelon.excite.problem.effort_limits import EffortLimit, EffortModel, effort_limits
 from echelon.excite.problem.state_limits import PointLimit, point_limits
 from echelon.excite.problem.trajectory import Fourier, Trajectory, resting_ends
 from echelon.mechanism.closure import ClosureKind
@@ -96,6 +96,11 @@ def identified(name: str, rng: np.random.Generator) -> EffortModel:
     return EffortModel(values, found.matrix.pivots, 0.01 * spread @ spread.T, 2.0)
 
 
+def loop_efforts(robot: Mechanism, *given: Any) -> LoopPart:
+    """Limits of efforts as a part of limits with loops."""
+    return LoopPart(effort_limits(robot, *given), of_independent=True)
+
+
 def limited(name: str, rng: np.random.Generator) -> LoopLimits:
     """Torques and a point, by a model that is not certain."""
     robot = mechanism(name)
@@ -103,7 +108,7 @@ def limited(name: str, rng: np.random.Generator) -> LoopLimits:
     points = [PointLimit("p", robot.bodies[-1].name, (0.1, 0.2, 0.3), (0.6, 0.0, 0.8), -3.0, 3.0)]
     return loop_limits(
         LoopMotion(robot),
-        [LoopEfforts(robot, efforts, identified(name, rng), 0.1, None), LoopPart(point_limits(robot, points))],
+        [loop_efforts(robot, efforts, identified(name, rng), 0.1, None), LoopPart(point_limits(robot, points))],
     )
 
 

@@ -21,7 +21,7 @@ from echelon.excite.solve.design import designed, safe
 from echelon.excite.solve.starts import solutions
 from echelon.excite.verify import margins_of
 from echelon.excite.verify.margins import Margin
-from echelon.logs.finding import Finding, Severity
+from echelon.logs.finding import Finding, warning
 from echelon.machine.kernel import processors
 from echelon.setup.setup import Setup
 from echelon.version import __version__
@@ -259,4 +259,4 @@ def _warnings(task: Task, conditioning: Conditioning, starts: Sequence[Start]) -
     if starts and all(start.status != "converged" for start in starts):
         ended = ", ".join(sorted({start.status for start in starts}))
         texts.append(f"no start of the solver converged ({ended}): better motions may exist")
-    return [Finding(Severity.WARNING, "design", task.setup.source, text) for text in texts]
+    return [warning("design", task.setup.source, text) for text in texts]

@@ -30,7 +30,7 @@ from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.rows.rows import ModelRows
-from echelon.logs.finding import Finding, Severity
+from echelon.logs.finding import Finding, warning
 from echelon.logs.preparation.choices import NARROWEST, ROWS, Signals, reasoned, with_lowpass, with_still
 from echelon.logs.preparation.prepare import prepare
 from echelon.logs.preparation.settings import Preparation
@@ -85,7 +85,7 @@ def with_band(preparation: Preparation, log: Signals, base: BaseModel) -> tuple[
         f"noise of the positions moves {trials.name(fits[place])} by {fits[place].bias:.2g} standard deviations, "
         "however narrow the band; finer encoders or measured velocities would help"
     )
-    return preparation, (Finding(Severity.WARNING, "noisy positions", log.source, text),)
+    return preparation, (warning("noisy positions", log.source, text),)
 
 
 def _better_velocities(preparation: Preparation, trials: Trials) -> tuple[Preparation, Trials]:

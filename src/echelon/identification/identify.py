@@ -37,7 +37,7 @@ from echelon.identification.survey import survey
 from echelon.identification.validation import Models, Validation, by_role
 from echelon.identification.verdict import GOOD, USABLE, listed, overall_verdict
 from echelon.logs.columns.column_map import ColumnMap
-from echelon.logs.finding import Finding, Severity, counted
+from echelon.logs.finding import Finding, counted, note, warning
 from echelon.machine.target import one_thread
 from echelon.observe.observation import Observation
 from echelon.setup.logs import with_logs
@@ -168,7 +168,7 @@ def _fitted(
         step("looking for effects that the model lacks")
         lacking = _lacking(data, estimate, unseen_logs)
 
-    findings = [Finding(Severity.NOTE, "assumed", setup.source, text) for text in setup.assumed]
+    findings = [note("assumed", setup.source, text) for text in setup.assumed]
     findings += [*surveyed.findings, *(() if prior is None else prior.findings), *unsolved]
     comparable = conditions.is_complete and not gain_names(base)
     apart = contradicting_gains(observation, base.units, noise) if comparable else {}
@@ -279,7 +279,7 @@ def _tried(solve: Callable[[], Solved], unsolved: list[Finding]) -> Solved | Non
     except (InputError, MissingExtraError):
         raise
     except EchelonError as error:
-        unsolved.append(Finding(Severity.WARNING, "physics", "", f"no physical robot was found: {error}"))
+        unsolved.append(warning("physics", "", f"no physical robot was found: {error}"))
         return None
 
 
@@ -396,7 +396,7 @@ def _culprits_of_unseen(
             )
             if mistake is not None:
                 text = f"in this log, other than in those that were fitted, {mistake.text}"
-                found.append(Finding(Severity.WARNING, "culprit", str(log), text))
+                found.append(warning("culprit", str(log), text))
     return found
 
 
@@ -417,7 +417,7 @@ def _contradicting(factors: Mapping[str, float]) -> Iterator[Finding]:
             f"({shown}): are they currents, or in other units? State scales, or map currents under 'input' and add "
             "{type: drive_gain, at: all} to 'effects'"
         )
-        yield Finding(Severity.WARNING, "gains", "", text)
+        yield warning("gains", "", text)
 
 
 def _lacking(data: PassesOverData, estimate: Estimate, unseen_logs: Sequence[Path]) -> list[Missing]:

@@ -16,7 +16,7 @@ from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.validation import Validation, by_role
-from echelon.logs.finding import Finding, Severity, counted
+from echelon.logs.finding import Finding, Severity, counted, note, warning
 from echelon.logs.preparation.settings import Preparation
 
 if TYPE_CHECKING:
@@ -236,7 +236,7 @@ def _culprit(culprit: Culprit | None) -> Iterable[Finding]:
             f"; with this one change a physical robot explains the data, and what is left of the outputs falls from "
             f"{culprit.before:.2%} to {culprit.after:.2%} of their spread"
         )
-        yield Finding(Severity.WARNING, "culprit", "", culprit.text + gain * (culprit.before < 1))
+        yield warning("culprit", "", culprit.text + gain * (culprit.before < 1))
 
 
 def _strangers(validations: Sequence[Validation]) -> Iterable[Finding]:
@@ -247,7 +247,7 @@ def _strangers(validations: Sequence[Validation]) -> Iterable[Finding]:
                 f"the model explains no output (R² at most {max(scores):.2f}): is this log of another robot, or are "
                 "columns exchanged, or their signs or units wrong?"
             )
-            yield Finding(Severity.WARNING, "stranger", validation.source, text)
+            yield warning("stranger", validation.source, text)
 
 
 def _computed(validations: Sequence[Validation]) -> Iterable[Finding]:
@@ -258,23 +258,23 @@ def _computed(validations: Sequence[Validation]) -> Iterable[Finding]:
             f"all outputs are predicted without a filter, and their noise is {noise:.1g} of their deviation: they look "
             "computed from a model or commanded, not measured, so the fit repeats that model"
         )
-        yield Finding(Severity.WARNING, "computed", "", text)
+        yield warning("computed", "", text)
 
 
 def _silent(estimate: Estimate) -> Iterable[Finding]:
     for output, rows in zip(estimate.outputs, estimate.rows, strict=True):
         if not rows:
             text = "no row of it is left: it never moves faster than 'still', so nothing was fitted to it"
-            yield Finding(Severity.WARNING, "silent", f"output '{output}'", text)
+            yield warning("silent", f"output '{output}'", text)
 
 
 def _open(estimate: Estimate, seen: Conditioning) -> Iterable[Finding]:
     n = len(estimate.values)
     if seen.rank < n:
         text = f"the data determine {seen.rank} of {n} base parameters, though the sensors could see all of them"
-        yield Finding(Severity.WARNING, "conditioning", "", text)
+        yield warning("conditioning", "", text)
     for direction in seen.weak:
-        yield Finding(Severity.WARNING, "conditioning", "", direction.advice)
+        yield warning("conditioning", "", direction.advice)
 
 
 def _unconverged(estimate: Estimate) -> Iterable[Finding]:
@@ -282,7 +282,7 @@ def _unconverged(estimate: Estimate) -> Iterable[Finding]:
         text = (
             f"the estimator {estimate.method} did not converge in {estimate.diagnostics.get('iterations')} iterations"
         )
-        yield Finding(Severity.WARNING, "convergence", "", text)
+        yield warning("convergence", "", text)
 
 
 def _unphysical(feasible: Feasibility | None) -> Iterable[Finding]:
@@ -292,13 +292,13 @@ def _unphysical(feasible: Feasibility | None) -> Iterable[Finding]:
             f"{feasible.distance:.2g} standard deviations away"
         )
         if feasible.distance <= FAR:
-            yield Finding(Severity.NOTE, "feasibility", "", f"{text}, as noise does")
+            yield note("feasibility", "", f"{text}, as noise does")
             return
         if feasible.distance > IMPOSSIBLE:
             text += ": columns are exchanged, or their signs or units wrong, or the model lacks something"
         else:
             text += ": the model lacks something"
-        yield Finding(Severity.WARNING, "feasibility", "", text)
+        yield warning("feasibility", "", text)
 
 
 def _costly(physical: PhysicalFit | None, estimate: Estimate) -> Iterable[Finding]:
@@ -309,4 +309,4 @@ def _costly(physical: PhysicalFit | None, estimate: Estimate) -> Iterable[Findin
         text = (
             f"physical consistency raises the squares by {per_row:.2g} noise variances per row: is the model complete?"
         )
-        yield Finding(Severity.WARNING, "physics", "", text)
+        yield warning("physics", "", text)

@@ -30,7 +30,7 @@ from echelon.identification.estimators.least_squares import noise_estimate
 from echelon.identification.rows.plan import Plan
 from echelon.identification.rows.rows import ModelRows, rows_taken
 from echelon.logs.columns.column_map import ColumnMap
-from echelon.logs.finding import Finding, Severity, counted
+from echelon.logs.finding import Finding, counted, note, warning
 from echelon.logs.preparation.choices import Signals, chosen
 from echelon.logs.preparation.prepare import PreparationPlan, prepare
 from echelon.logs.preparation.settings import Preparation
@@ -181,7 +181,7 @@ def survey(setup: Setup, base: BaseModel, paths: Sequence[Path], unseen: Sequenc
         findings += _first_piece(setup, path).findings
     if max(len(paths), len(unseen)) > _LOGS:
         text = f"only the first {_LOGS} of {len(paths)} fitted logs and of {len(unseen)} others were examined"
-        findings.append(Finding(Severity.NOTE, "survey", "", text))
+        findings.append(note("survey", "", text))
     log = Signals.of(segments, setup.mechanism)
     preparation = chosen(setup.preparation, log)
     if setup.preparation.band is None:
@@ -202,7 +202,7 @@ def _short(preparation: Preparation, segments: Sequence[Segment], base: BaseMode
     lost = sum(len(segment) / segment.rate for segment in short)
     stretches = counted(len(short), "stretch is", "stretches are")
     text = f"{stretches} shorter than the {needed:.3g} s that filters need; left out ({lost:.3g} s in all)"
-    return [Finding(Severity.WARNING, "short", f"{short[0].source}, from {short[0].start:g} s", text)]
+    return [warning("short", f"{short[0].source}, from {short[0].start:g} s", text)]
 
 
 def _first_piece(setup: Setup, path: Path) -> LogPiece:

@@ -25,7 +25,6 @@ from echelon.dynamics.arguments import geometry_values
 from echelon.dynamics.evaluator import Builder, CompiledAssembly
 from echelon.dynamics.functions import closed_accelerations, closed_velocities, motion_function
 from echelon.errors import InputError
-from echelon.excite.problem.effort_limits import EffortLimit, EffortModel, effort_limits
 from echelon.excite.problem.information import ADJOINT, StateRegressor, pullback
 from echelon.excite.problem.state_limits import Slopes, StateConstraint
 from echelon.machine.kernel import Kernel
@@ -276,47 +275,34 @@ class LoopRegressor(StateRegressor):
 
 @dataclass(frozen=True, eq=False)
 class LoopPart:
-    """Some functions of the whole state."""
+    """Some functions of all positions, and of all rates or, as efforts, of the independent ones."""
 
     constraint: StateConstraint
+    of_independent: bool = False
 
-    def values(self, _motion: LoopMotion, closed: Closed) -> Floats:
+    def values(self, motion: LoopMotion, closed: Closed) -> Floats:
         """The functions, shape (N, m)."""
-        return self.constraint.values(closed.q, closed.qd, closed.qdd)
+        return self.constraint.values(*self._state(motion, closed))
 
     def slopes(self, motion: LoopMotion, closed: Closed) -> list[Triple]:
         """Derivatives of each function by the independent q, q̇ and q̈."""
-        parts = self.constraint.slopes(closed.q, closed.qd, closed.qdd)
-        rows = range(len(self.constraint.labels))
-        return [motion.pulled(closed, *(None if part is None else part[:, row] for part in parts)) for row in rows]
-
-
-class LoopEfforts:
-    """Torques and forces, by a model that was known before."""
-
-    def __init__(
-        self,
-        mechanism: Mechanism,
-        limits: Sequence[EffortLimit],
-        model: EffortModel,
-        margin: float,
-        smooth: float | None,
-    ) -> None:
-        self.constraint = effort_limits(mechanism, limits, model, margin, smooth)
-
-    def values(self, motion: LoopMotion, closed: Closed) -> Floats:
-        """The efforts, shape (N, m)."""
-        return self.constraint.values(*motion.independent(closed).values())
-
-    def slopes(self, motion: LoopMotion, closed: Closed) -> list[Triple]:
-        """Derivatives of each effort by the independent q, q̇ and q̈."""
-        by_q, *by_rates = self.constraint.slopes(*motion.independent(closed).values())
+        by_q, *by_rates = self.constraint.slopes(*self._state(motion, closed))
         assert by_q is not None
         found: list[Triple] = []
         for row in range(len(self.constraint.labels)):
-            by_qd, by_qdd = (closed.counted(part[:, row]) for part in by_rates if part is not None)
-            found.append((motion.along(closed, by_q[:, row]), by_qd, by_qdd))
+            rates = [None if part is None else part[:, row] for part in by_rates]
+            if self.of_independent:
+                by_qd, by_qdd = (closed.counted(part) for part in rates if part is not None)
+                found.append((motion.along(closed, by_q[:, row]), by_qd, by_qdd))
+            else:
+                found.append(motion.pulled(closed, by_q[:, row], *rates))
         return found
+
+    def _state(self, motion: LoopMotion, closed: Closed) -> Triple:
+        if not self.of_independent:
+            return closed.q, closed.qd, closed.qdd
+        q, qd, qdd = motion.independent(closed).values()
+        return q, qd, qdd
 
 
 OPEN = 0.15
@@ -331,8 +317,9 @@ class LoopLimits(StateConstraint):
     negative, by how far it is back to where they can.  All others count as kept there.
     """
 
+    leading: ClassVar[int] = 1
     motion: LoopMotion
-    parts: tuple[LoopPart | LoopEfforts, ...]
+    parts: tuple[LoopPart, ...]
 
     def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """The functions at independent states of shape (N, k), shape (N, m)."""
@@ -356,11 +343,11 @@ class LoopLimits(StateConstraint):
         return by_q, by_qd, by_qdd
 
 
-def loop_limits(motion: LoopMotion, parts: Sequence[LoopPart | LoopEfforts] = (), open_: float = OPEN) -> LoopLimits:
+def loop_limits(motion: LoopMotion, parts: Sequence[LoopPart] = ()) -> LoopLimits:
     """Limits of openness and of the whole state."""
     limits = [part.constraint for part in parts]
     labels = ("distance of the loops from singular poses", *(label for limit in limits for label in limit.labels))
     units = ("1", *(unit for limit in limits for unit in limit.units))
     low, high = ([limit.low for limit in limits], [limit.high for limit in limits])
-    ends = np.concatenate([[open_], *low]), np.concatenate([[np.inf], *high])
+    ends = np.concatenate([[OPEN], *low]), np.concatenate([[np.inf], *high])
     return LoopLimits(labels, units, *ends, motion, tuple(parts))

@@ -28,6 +28,8 @@ _PER_PERIOD = 20
 """Constrained samples per period of the highest frequency: between them a sine rises by 1.2 % of its amplitude."""
 
 _HALVINGS = 16
+_BLIND = 1e6
+"""Criterion of a motion that does not see some parameter at all, because loops cannot be closed."""
 _FAR = 1e6
 """Size of a motion, SI units, that is certainly beyond some limit."""
 
@@ -79,11 +81,13 @@ class Problem:
 
     def value(self, x: Floats) -> float:
         """The criterion."""
-        return self.criterion.evaluate(self.information(x.reshape(self.shape)).F)[0]
+        return self.value_and_gradient(x)[0]
 
     def value_and_gradient(self, x: Floats) -> tuple[float, Callable[[], Floats]]:
-        """The criterion, and what gives its derivatives."""
+        """The criterion, and what gives its derivatives; where loops hide a parameter, large with none."""
         found = self.information(x.reshape(self.shape))
+        if any(c.leading for c in self.constraints) and np.any(np.diag(found.F) <= 0):
+            return _BLIND, lambda: np.zeros(self.size)
         value, slope = self.criterion.evaluate(found.F)
         return value, lambda: found.gradient(slope).ravel()
 
@@ -210,9 +214,10 @@ class Problem:
     # -- parts of the problem ----------------------------------------------------------------------------------------
 
     def relaxed(self) -> Problem:
-        """The problem with limits of positions and velocities only, which bind in every good motion."""
-        nothing = tuple(np.zeros((len(self.grid), len(c.labels)), dtype=bool) for c in self.constraints)
-        return replace(self, limits=tuple(limit for limit in self.limits if limit.order < 2), enforced=nothing)
+        """The problem with limits of positions and velocities, which bind in every good motion, and closed loops."""
+        rows = len(self.grid)
+        few = tuple(np.tile(np.arange(len(c.labels)) < c.leading, (rows, 1)) for c in self.constraints)
+        return replace(self, limits=tuple(limit for limit in self.limits if limit.order < 2), enforced=few)
 
     def enforcing(self, x: Floats) -> Problem:
         """The problem with limits of positions and velocities, and all that a motion breaks or nearly breaks."""
@@ -254,32 +259,3 @@ def beyond(values: Floats, low: Floats, high: Floats) -> Floats:
     span = np.where(np.isfinite(high - low), high - low, np.maximum(np.minimum(np.abs(low), np.abs(high)), 1.0))
     found: Floats = np.maximum(low - values, values - high) / np.maximum(span, 1e-300)
     return found
-
-
-_BLIND = 1e6
-"""OptimalityCriterion of a motion that does not see some parameter at all, because loops cannot be closed."""
-
-
-@dataclass(frozen=True, eq=False)
-class LoopProblem(Problem):
-    """Minimise a criterion within limits; the first constraint is a :class:`LoopLimits`."""
-
-    def relaxed(self) -> Problem:
-        """The problem with limits of positions and velocities, and loops that can be closed."""
-        part = super().relaxed()
-        assert part.enforced is not None
-        loops = part.enforced[0].copy()
-        loops[:, 0] = True
-        return replace(part, enforced=(loops, *part.enforced[1:]))
-
-    def value(self, x: Floats) -> float:
-        """The criterion."""
-        return self.value_and_gradient(x)[0]
-
-    def value_and_gradient(self, x: Floats) -> tuple[float, Callable[[], Floats]]:
-        """The criterion, and what gives its derivatives; large and zero for a motion that does not see a parameter."""
-        found = self.information(x.reshape(self.shape))
-        if np.any(np.diag(found.F) <= 0):
-            return _BLIND, lambda: np.zeros(self.size)
-        value, slope = self.criterion.evaluate(found.F)
-        return value, lambda: found.gradient(slope).ravel()

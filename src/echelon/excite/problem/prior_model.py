@@ -19,7 +19,7 @@ from echelon.identification.rows.plan import Plan
 from echelon.identification.rows.rows import ModelRows
 from echelon.identification.survey import survey
 from echelon.logs.files.open_log import log_paths
-from echelon.logs.finding import Finding, Severity
+from echelon.logs.finding import Finding, note, warning
 from echelon.mechanism.mechanism import Mechanism
 from echelon.observe.observation import Observation
 from echelon.results.identified import load_identified
@@ -135,9 +135,9 @@ def _standard(
             problem = "limits of torques need inertial values: state them, an identified model under excitation: model,"
             raise InputError(f"{problem} or a file under identification: prior", element="effort limits")
         text = "torques are not limited, because the robot file states no inertial values to predict them with"
-        findings.append(Finding(Severity.WARNING, "effort", setup.source, text))
+        findings.append(warning("effort", setup.source, text))
         return None
     if np.isnan(values).any():
         text = "the prior model states no friction: the margin of the torque limits has to cover it"
-        findings.append(Finding(Severity.NOTE, "effort", setup.source, text))
+        findings.append(note("effort", setup.source, text))
     return EffortModel(np.nan_to_num(values))

@@ -20,7 +20,7 @@ from echelon.excite.problem.state_limits import ORDERS, MotionLimit
 from echelon.formats.schema.schema_excite import EVERY, LimitsEntry
 from echelon.formats.stated_limits import StatedLimits
 from echelon.hints import nearest_of
-from echelon.logs.finding import Finding, Severity
+from echelon.logs.finding import Finding, note
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
 
@@ -156,7 +156,7 @@ class _Resolver:
         for kind, taken in self.defaults.items():
             values = "; ".join(f"{', '.join(names)} {value}" for value, names in taken.items())
             text = f"no {kind} limits are stated, so these are taken: {values}"
-            yield Finding(Severity.NOTE, "default limit", self.source, text)
+            yield note("default limit", self.source, text)
 
     # -- drives ----------------------------------------------------------------------------------------------------
 

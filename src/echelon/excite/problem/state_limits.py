@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -69,6 +70,7 @@ class StateConstraint(ABC):
     units: tuple[str, ...]  # SI units of the functions
     low: Floats  # least values, shape (m,); −∞ for none
     high: Floats  # largest values, shape (m,); ∞ for none
+    leading: ClassVar[int] = 0  # functions, the first ones, that a solver has to keep from the beginning
 
     @abstractmethod
     def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:

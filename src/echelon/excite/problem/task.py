@@ -17,7 +17,6 @@ from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.excite.problem.clearance import Clearance, clearance_of
 from echelon.excite.problem.closed_loops import (
-    LoopEfforts,
     LoopMotion,
     LoopPart,
     LoopPositions,
@@ -33,7 +32,7 @@ from echelon.excite.problem.stated_shapes import entry_shapes
 from echelon.formats.schema.schema_excite import EVERY, ExcitationEntry, FrameEntry
 from echelon.formats.stated_limits import stated_limits
 from echelon.hints import nearest_of
-from echelon.logs.finding import Finding, Severity
+from echelon.logs.finding import Finding, note, warning
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism
@@ -116,7 +115,7 @@ def _held(setup: Setup, entry: ExcitationEntry, findings: list[Finding]) -> dict
         raise InputError(problem, element="move")
     if entry.move is None and free:
         text = f"{', '.join(sorted(free))} are held: a floating base is moved by nothing but its joints"
-        findings.append(Finding(Severity.NOTE, "held", setup.source, text))
+        findings.append(note("held", setup.source, text))
     return {name: float(entry.hold.get(name, 0.0)) for name in names if name not in moving or name in entry.hold}
 
 
@@ -134,19 +133,20 @@ def _constraints(
         model = effort_model(setup, entry, mechanism, limits.efforts, findings)
     else:
         text = "there are no limits of torques or forces: the trajectory may ask for more than the drives can give"
-        findings.append(Finding(Severity.WARNING, "effort", setup.source, text))
+        findings.append(warning("effort", setup.source, text))
     found: list[StateConstraint] = []
     points = [limit for frame in entry.frames for limit in _point_limits(frame)]
     if points:
         found.append(point_limits(mechanism, points))
     clearance = _clearance(setup, entry, mechanism, limits, findings)
     found += [] if clearance is None else [clearance]
+    efforts: list[StateConstraint] = []
+    if model is not None:
+        efforts.append(effort_limits(mechanism, limits.efforts, model, entry.effort_margin, smooth))
     if mechanism.closures:
-        efforts = [] if model is None else [LoopEfforts(mechanism, limits.efforts, model, entry.effort_margin, smooth)]
-        return (loop_limits(LoopMotion(mechanism), (*efforts, *map(LoopPart, found))),)
-    if model is None:
-        return tuple(found)
-    return (effort_limits(mechanism, limits.efforts, model, entry.effort_margin, smooth), *found)
+        parts = [*(LoopPart(some, of_independent=True) for some in efforts), *map(LoopPart, found)]
+        return (loop_limits(LoopMotion(mechanism), parts),)
+    return (*efforts, *found)
 
 
 def _clearance(
@@ -156,14 +156,14 @@ def _clearance(
     section, file, folder = entry.collisions, setup.robot_file, Path(setup.source).parent
     if "collisions" not in entry.model_fields_set:
         text = f"{UNCHECKED}: state the section collisions, with obstacles and shapes"
-        findings.append(Finding(Severity.WARNING, "collisions", setup.source, text))
+        findings.append(warning("collisions", setup.source, text))
         return None
     shapes, excluded = list(entry_shapes(mechanism, section.shapes, folder)), list(section.exclude)
     if file is not None and not file.is_description:
         # shapes that the set-up states stand in for those of the file that cannot be read
         geometry = read_geometry(mechanism, file, tolerant=bool(shapes))
         shapes, excluded = [*geometry.shapes, *shapes], [*geometry.excluded, *excluded]
-        findings += [Finding(Severity.NOTE, "collisions", setup.source, text) for text in geometry.notes]
+        findings += [note("collisions", setup.source, text) for text in geometry.notes]
     around = entry_shapes(mechanism, [{"body": "world", **obstacle} for obstacle in section.obstacles], folder)
     shapes += [replace(shape, obstacle=True) for shape in around]
     if not section.self:
@@ -176,7 +176,7 @@ def _clearance(
     found = clearance_of(
         pure, shapes, section.clearance, excluded, reference=start, ignore_touching=section.ignore_touching
     )
-    findings += [Finding(Severity.WARNING, "collisions", setup.source, text) for text in found.notes]
+    findings += [warning("collisions", setup.source, text) for text in found.notes]
     return found
 
 

@@ -16,7 +16,7 @@ from echelon.arrays import Flags, Floats, Integers
 from echelon.errors import InputError
 from echelon.excite.problem.closed_loops import state_regressor
 from echelon.excite.problem.information import Information, OptimalityCriterion, sample_times
-from echelon.excite.problem.optimisation import LoopProblem, Problem
+from echelon.excite.problem.optimisation import Problem
 from echelon.excite.problem.resolved_limits import ResolvedLimits
 from echelon.excite.problem.state_limits import StateConstraint
 from echelon.excite.problem.task import Task, names_of
@@ -207,8 +207,7 @@ def _designed(task: Task, prior: Floats | None) -> Design:
     times = sample_times(basis.duration, entry.rate)
     information = Information(regressor, basis, times, task.weights, prior)
     criterion = OptimalityCriterion(entry.criterion, np.ones(base.rank))
-    made = LoopProblem if base.mechanism.closures else Problem
-    problem = made(basis, n, information, criterion, limits.motion, task.constraints, centre)
+    problem = Problem(basis, n, information, criterion, limits.motion, task.constraints, centre)
     if entry.criterion == "a_optimal":
         problem = replace(problem, criterion=OptimalityCriterion("a_optimal", _sizes(problem, entry.seed)))
     return Design(task, centre, problem)

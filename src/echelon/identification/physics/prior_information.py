@@ -28,7 +28,7 @@ from echelon.conventions import PER_BODY
 from echelon.errors import InputError
 from echelon.identification.physics.bounds import Roles
 from echelon.inertia.spatial import from_pseudo_inertia, move, pseudo_inertia
-from echelon.logs.finding import Finding, Severity
+from echelon.logs.finding import Finding, note, warning
 from echelon.mechanism.body import GROUND
 from echelon.mechanism.joint import Motion, MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
@@ -91,7 +91,7 @@ def repaired(body: Floats, size: float, name: str) -> tuple[Floats, Finding | No
     why = "has no extent" if values[0] > -1e-9 else "cannot exist"
     text = f"the prior's body {why} (a pseudo-inertia with eigenvalue {values[0]:.2g} in its own scale); "
     text += "it is replaced by the nearest body that can exist"
-    return np.asarray(fixed), Finding(Severity.WARNING, "unphysical prior", f"body '{name}'", text)
+    return np.asarray(fixed), warning("unphysical prior", f"body '{name}'", text)
 
 
 def without_placeholder(body: Floats, size: float, name: str) -> tuple[Floats, Finding | None]:
@@ -104,7 +104,7 @@ def without_placeholder(body: Floats, size: float, name: str) -> tuple[Floats, F
         return body, None
     text = f"the prior's inertia needs a radius of gyration of {width:.2g} m, with links of {size:.2g} m at most; its "
     text += "mass and centre are kept, its extent is taken to be that of a plain body"
-    finding = Finding(Severity.WARNING, "implausible prior", f"body '{name}'", text)
+    finding = warning("implausible prior", f"body '{name}'", text)
     return _shrunk(body, _RADIUS * size / width), finding
 
 
@@ -198,7 +198,7 @@ def prior_from(base: BaseModel, other: Mechanism) -> Prior:
             findings += found
         elif len(carried) == PER_BODY:
             text = f"{other.name} states no inertia for it; it is drawn towards a plain shape only"
-            findings.append(Finding(Severity.NOTE, "no prior", f"body '{mechanism.bodies[body].name}'", text))
+            findings.append(note("no prior", f"body '{mechanism.bodies[body].name}'", text))
     stated = {(effect.parameter, effect.unit): effect.value for effect in other.effects}
     for column, effect in enumerate(mechanism.effects, len(values) - len(mechanism.effects)):
         known = stated.get((effect.parameter, effect.unit))
@@ -362,5 +362,5 @@ def _locked(other: Mechanism, hosts: set[int]) -> list[Finding]:
         if k not in hosts and _host(other, k, hosts) != GROUND:
             body = other.bodies[k]
             text = f"the set-up has no such joint; body '{body.name}' counts as fixed at its zero position"
-            findings.append(Finding(Severity.NOTE, "locked joint", f"joint '{body.joint.name}' of {other.name}", text))
+            findings.append(note("locked joint", f"joint '{body.joint.name}' of {other.name}", text))
     return findings
