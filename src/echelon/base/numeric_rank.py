@@ -196,8 +196,9 @@ def _sampled(
 def _at_closed_states(
     mechanism: Mechanism, rng: np.random.Generator, rows: int, given: Mapping[str, float] | None
 ) -> Floats:
-    states = Assembly(mechanism, given).random_closed_states(rng, -(-rows // max(1, len(mechanism.outputs))))
-    found = evaluate_floats(virtual_power_form(mechanism), mechanism, *states, given)
+    closed = Assembly(mechanism, given)
+    states = closed.random_closed_states(rng, -(-rows // max(1, len(mechanism.outputs))))
+    found = evaluate_floats(virtual_power_form(mechanism), mechanism, *states, given, assembly=closed)
     return found.reshape(-1, found.shape[2])
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import flint
@@ -21,11 +21,11 @@ from echelon.base.modes import Mode
 from echelon.errors import InputError
 from echelon.exact.elimination import ball_rank
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import all_symbols, value_texts
+from echelon.mechanism.stated import all_symbols, known_values, value_texts
 from echelon.regressor.energy import Rows
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.loops.recorded_loops import real_inputs
+from echelon.regressor.loops.recorded_loops import state_inputs
 from echelon.regressor.virtual_power import virtual_power_form
 from echelon.seeds import DEFAULT_SEED, random_generator
 
@@ -120,7 +120,7 @@ class OwnPose:
         forms, rng = virtual_power_form(self.mechanism), random_generator(DEFAULT_SEED)
         names = [given.name for given in forms.program.inputs.values() if given.name.startswith("i[")]
         inputs = {name[2:-1]: rng.uniform(-1.0, 1.0, len(self._real[0])) for name in names}
-        values = evaluate_floats(forms, self.mechanism, *self._real, inputs=inputs)
+        values = evaluate_floats(forms, self.mechanism, *self._real, inputs=inputs, assembly=self._assembly)
         table = values.reshape(-1, values.shape[2])[:, self._columns]
         # columns that vanish but for rounding stay small
         sizes = np.maximum(np.abs(table).max(axis=0), _SMALLEST * np.abs(table).max())
@@ -156,7 +156,7 @@ class OwnPose:
         rows = forms.shape[1] + _STATES  # with as many as the rank needs, relations are not told from rounding
         states = int(_SURPLUS * -(-rows // forms.shape[0])) + 2 * motions
         if bits not in self._tables:
-            near = replace(forms, loops=replace(forms.loops, real=partial(real_inputs, self.mechanism, reach=_NEAR)))
+            near = replace(forms, loops=replace(forms.loops, real=self._inputs))
             texts = value_texts(self.mechanism, all_symbols(self.mechanism))
             try:
                 with precision(bits):
@@ -165,6 +165,13 @@ class OwnPose:
                 found = None
             self._tables[bits] = found
         return self._tables[bits]
+
+    def _inputs(self, rng: np.random.Generator, count: int) -> dict[str, Floats]:
+        """Inputs of closed states near the pose, those of the rows in doubles where these are enough."""
+        known = len(self._real[0]) >= count
+        states = self._real if known else self._assembly.random_closed_states(rng, count, _NEAR)
+        values = {name: np.full(count, value) for name, value in known_values(self.mechanism).items()}
+        return values | state_inputs(self.mechanism, *(x[:count] for x in states))
 
     def _holds(self, mode: Mode) -> bool:
         """Whether the representatives of a mode are independent there, and its relations and no others hold."""

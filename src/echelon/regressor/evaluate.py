@@ -14,6 +14,7 @@ from echelon.mechanism.stated import symbol_values
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.assembly import Assembly
+from echelon.regressor.loops.recorded_loops import state_inputs
 
 _BLOCK = 1024  # samples evaluated together, so that the table of intermediate values stays small
 
@@ -26,6 +27,7 @@ def evaluate_floats(
     qdd: npt.ArrayLike,
     symbols: Mapping[str, float] | None = None,
     inputs: Mapping[str, npt.ArrayLike] | None = None,
+    assembly: Assembly | None = None,
 ) -> Floats:
     """Evaluate forms at states of all coordinates of a mechanism, at which loops are closed."""
     # shapes: q (N, positions); qd, qdd (N, velocities); inputs (N,); returns (N, rows, columns)
@@ -40,9 +42,9 @@ def evaluate_floats(
     named = {name: np.full(len(q), value) for name, value in constants.items()}
     named |= {f"i[{name}]": values for name, values in measured.items()}
     if forms.loops is None:
-        return _evaluated(forms, schedule, named | _columns(mechanism, q, qd, qdd), len(q))
-    named |= _columns(mechanism, q, qd, qdd)
-    speeds = _virtual_speeds(Assembly(mechanism, symbols), q)
+        return _evaluated(forms, schedule, named | state_inputs(mechanism, q, qd, qdd), len(q))
+    named |= state_inputs(mechanism, q, qd, qdd)
+    speeds = _virtual_speeds(assembly or Assembly(mechanism, symbols), q)
     rows = [_evaluated(forms, schedule, named | given, len(q)) for given in speeds]
     return np.concatenate(rows, axis=1)
 
@@ -70,14 +72,3 @@ def _virtual_speeds(assembly: Assembly, q: Floats) -> Iterator[dict[str, Floats]
     for k, output in enumerate(mechanism.outputs):
         speeds = {f"v[{name}]": moved[:, column, k] for column, name in enumerate(mechanism.velocities)}
         yield speeds | {f"u[{other.name}]": np.full(len(q), float(other is output)) for other in mechanism.outputs}
-
-
-def _columns(mechanism: Mechanism, q: Floats, qd: Floats, qdd: Floats) -> dict[str, Floats]:
-    """Values of the inputs of a state, by name."""
-    velocities = mechanism.velocities
-    found: dict[str, Floats] = {}
-    for kind, array, names in (("q", q, mechanism.positions), ("qd", qd, velocities), ("qdd", qdd, velocities)):
-        if array.ndim != 2 or array.shape[1] != len(names):
-            raise InputError(f"{kind} has shape {array.shape}; expected (samples, {len(names)}): {', '.join(names)}")
-        found |= {f"{kind}[{name}]": array[:, k] for k, name in enumerate(names)}
-    return found

@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import ShakyPoseError, SingularPoseError, UnknownRelationsError
+from echelon.exact import series
 from echelon.exact.field import PrimeField, Residues
 from echelon.program.canonical import Turn
 from echelon.program.generator_values import GeneratorValues
@@ -149,7 +150,7 @@ class CurveSampler(FieldSampler):
         return _PRODUCT * self._curves(states) * self.order**2 * (program + _LIFTS * closing)
 
     def _curves(self, states: int) -> int:
-        return max(1 + -(-_SURPLUS * states // (2 * self.order)), len(self._regions))
+        return max(1 + -(-_SURPLUS * states // (2 * self.order)), len(self._closed_regions[0]))
 
     def jacobian(self, field: PrimeField, rng: np.random.Generator, order: int = 0) -> Residues:
         """Jacobian of the closures by all coordinates at a closed pose of a random geometry.
@@ -182,13 +183,9 @@ class CurveSampler(FieldSampler):
         """Which regions are visited, where there are signs."""
         return self._closed_regions[1] if self._sign_leaves else None
 
-    @property
-    def _regions(self) -> npt.NDArray[np.int64]:
-        """Signs that occur together on closed configurations, (regions, nodes that are signs)."""
-        return self._closed_regions[0]
-
     @cached_property
     def _closed_regions(self) -> tuple[npt.NDArray[np.int64], RegionReport]:
+        """Signs that occur together on closed configurations, (regions, nodes that are signs), and what is said."""
         if not self._sign_leaves:
             return np.ones((1, 0), dtype=np.int64), RegionReport(1, COMPLETE)
         if self.loops.real is None:
@@ -198,8 +195,9 @@ class CurveSampler(FieldSampler):
 
     def _signs(self, field: PrimeField, rng: np.random.Generator, samples: int) -> dict[int, Residues]:
         """Values of the nodes that are signs: regions take turns, in random order."""
-        order = np.concatenate([rng.permutation(len(self._regions)) for _ in range(1 + samples // len(self._regions))])
-        chosen = self._regions[order[:samples]] % field.p
+        regions = self._closed_regions[0]
+        order = np.concatenate([rng.permutation(len(regions)) for _ in range(1 + samples // len(regions))])
+        chosen = regions[order[:samples]] % field.p
         return {node: chosen[:, k] for k, node in enumerate(self._sign_leaves)}
 
     # -- leaves ----------------------------------------------------------------------------------------------------
@@ -249,10 +247,8 @@ class CurveSampler(FieldSampler):
 
 def _mixed(values: Residues, states: int, field: PrimeField, rng: np.random.Generator) -> Residues:
     """Random combinations of the coefficients of all curves of a geometry."""
-    result = np.zeros((*values.shape[:2], states), dtype=np.int64)
-    for k, weights in enumerate(field.draw(rng, (values.shape[2], states))):
-        result += values[:, :, k, None] * weights % field.p
-    return result % field.p
+    weights = field.draw(rng, (values.shape[2], states))
+    return series.matrix_product(values[..., None], weights[..., None], field)[..., 0]
 
 
 def _regions_at(

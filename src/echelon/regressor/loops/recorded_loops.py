@@ -60,14 +60,15 @@ def real_inputs(mechanism: Mechanism, rng: np.random.Generator, count: int, reac
         except InputError:
             if not unknown or attempt == _DRAWS - 1:
                 raise
-    inputs: dict[str, Floats] = {
-        name: np.full(count, value) for name, value in (known_values(mechanism) | drawn).items()
-    }
-    for kind, names, values in (
-        ("q", mechanism.positions, q),
-        ("qd", mechanism.velocities, qd),
-        ("qdd", mechanism.velocities, qdd),
-    ):
-        for k, name in enumerate(names):
-            inputs[f"{kind}[{name}]"] = values[:, k]
-    return inputs
+    symbols = {name: np.full(count, value) for name, value in (known_values(mechanism) | drawn).items()}
+    return symbols | state_inputs(mechanism, q, qd, qdd)
+
+
+def state_inputs(mechanism: Mechanism, q: Floats, qd: Floats, qdd: Floats) -> dict[str, Floats]:
+    """Values of the inputs of states of all coordinates, by name."""
+    velocities, found = mechanism.velocities, dict[str, Floats]()
+    for kind, array, names in (("q", q, mechanism.positions), ("qd", qd, velocities), ("qdd", qdd, velocities)):
+        if array.ndim != 2 or array.shape[1] != len(names):
+            raise InputError(f"{kind} has shape {array.shape}; expected (samples, {len(names)}): {', '.join(names)}")
+        found |= {f"{kind}[{name}]": array[:, k] for k, name in enumerate(names)}
+    return found
