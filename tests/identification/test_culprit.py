@@ -11,12 +11,14 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 
+import echelon as ec
 from echelon.base.model import BaseModel
 from echelon.identification.culprit import common_unit, culprit
 from echelon.identification.rows.rows import ModelRows
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.recording import Samples
 from support.simulated_models import Floats
+from support.simulated_motions import RATE, fourier
 from support.simulated_systems import SYSTEMS, motion_of
 
 Plant = Callable[[Samples], Samples]
@@ -97,6 +99,62 @@ SLOWER = ("floating", "five-bar", "wrist sensor")
 def test_nothing_is_named_where_all_is_right(system: str) -> None:
     base, samples, _ = case(system)
     assert culprit(base, [samples]) is None
+
+
+LEG = """<robot name="leg"><link name="base"/>{}</robot>"""
+LINK = """<link name="{0}"><inertial><origin xyz="{1}"/><mass value="{2}"/>
+<inertia ixx="{3}" iyy="{3}" izz="{3}" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="{4}" type="{5}"><parent link="{6}"/><child link="{0}"/>
+<origin xyz="{7}"/><axis xyz="{8}"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>"""
+ROLL_AND_PITCH = LEG.format(
+    LINK.format("hip", "0.01 0.03 0", 1.2, 0.004, "roll", "revolute", "base", "0 0 0", "1 0 0")
+    + LINK.format("thigh", "0.005 0.02 -0.08", 2.0, 0.012, "pitch", "revolute", "hip", "0 0.08 0", "0 1 0")
+)
+GANTRY = LEG.format(
+    LINK.format("x", "0 0.3 0", 30, 1, "X", "prismatic", "base", "0 0 0", "1 0 0")
+    + LINK.format("z", "0 0 0.1", 6, 0.2, "Z", "prismatic", "x", "0 0 0", "0 0 1")
+    + LINK.format("a", "0 0.02 0.06", 1, 0.004, "A", "revolute", "z", "0 0 0", "1 0 0")
+)
+
+
+@cache
+def simple(text: str) -> tuple[BaseModel, Samples, Floats]:
+    """A small robot with the masses of its file times 1.3, samples, and the base parameters of the file."""
+    base = ec.base_parameters(ec.load(text))
+    prior, rng = base.values(), np.random.default_rng(3)
+    q, qd, qdd = fourier(rng, len(base.mechanism.positions), 0.9)
+    y = 1.3 * base.predict(q, qd, qdd, prior)
+    y += 0.01 * y.std(axis=0) * rng.standard_normal(y.shape)
+    return base, Samples("log", 0.0, RATE, q, qd, qdd, y), prior
+
+
+def test_the_prior_decides_between_mirrored_robots() -> None:
+    base, samples, prior = simple(ROLL_AND_PITCH)
+    wrong = outputs(lambda y: by(y, 0))(samples)
+    found = culprit(base, [wrong])
+    assert found is not None
+    assert found.text.count(" is wrong (scale: -1)") == 2
+    found = culprit(base, [wrong], prior=prior)
+    assert found is not None
+    assert found.text == "the sign of the output of 'roll' is wrong (scale: -1)"
+
+
+def test_mistakes_of_sliding_joints() -> None:
+    base, samples, prior = simple(GANTRY)
+    assert culprit(base, [samples], prior=prior) is None
+    planted = {
+        "the sign of the output of 'Z'": outputs(lambda y: by(y, 1)),
+        "the sign of the position of 'Z'": states(lambda q: by(q, 1)),
+        "the position of 'Z' is in mm": states(lambda q: by(q, 1, 1e3)),
+    }
+    for words, plant in planted.items():
+        found = culprit(base, [plant(samples)], prior=prior)
+        assert found is not None, words
+        assert found.text.startswith(words)
+    wrong = outputs(lambda y: by(y, 0, 1e3))(samples)
+    told = common_unit(ModelRows.of(base, [wrong]).observation(), prior)
+    assert told is not None
+    assert told.text.startswith("the output of 'X' is in mN·m or mN")
 
 
 def test_measured_velocities_have_mistakes_of_their_own() -> None:

@@ -25,8 +25,9 @@ from echelon.base.model import BaseModel
 from echelon.errors import EchelonError
 from echelon.identification.physics.feasibility import nearest_physical
 from echelon.identification.rows.rows import rows_taken
-from echelon.logs.columns.column_map import Channel, ColumnMap
+from echelon.logs.columns.column_map import Channel, ColumnMap, motion_of
 from echelon.logs.recording import Samples
+from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.motor_side import transmission_matrix
 from echelon.observe.observation import Observation
 
@@ -40,7 +41,11 @@ APART = 0.93
 """The same relative to every other change."""
 _LARGEST = 120
 """Base parameters beyond which physics is not asked: programmes of that size take seconds."""
-_PROGRAMMES = 12
+_FOREIGN = 50.0
+"""Ratio of an output to what the prior predicts that no robot explains: below that of units, above errors of priors."""
+_ALTERNATIVES = 2
+"""Changes that are named together, because nothing tells them apart."""
+_PROGRAMMES = 16
 """Physical programmes that are solved at most."""
 _RATES = ((10.0, 31), (1.17, 9))  # how far from the best one rates are tried, and how many: coarse, then fine
 _SAME_RATE = 0.05  # relative difference from which on a rate is another one
@@ -112,36 +117,49 @@ def culprit(
     *,
     velocities: bool = False,
     values: Floats | None = None,
+    prior: Floats | None = None,
 ) -> Culprit | None:
-    """The one change that restores physics and prediction, if there is one and only one.
+    """The one change that restores physics and prediction, if there is one, or two that do alike.
 
     ``velocities`` says whether the samples' velocities were measured, not differentiated from positions.  With the
-    ``values`` of base parameters from other logs a change is to restore their prediction.
+    ``values`` of base parameters from other logs a change is to restore their prediction.  Of changes that do alike the
+    ``prior`` decides.
     """
-    return _Search(base, rows_of(samples), columns[0] if columns else ColumnMap(), velocities, values).found()
+    return _Search(base, rows_of(samples), columns[0] if columns else ColumnMap(), velocities, values, prior).found()
 
 
 def common_unit(observation: Observation, prior: Floats) -> Culprit | None:
-    """A wrong unit that all outputs share: it scales all parameters, so that only those known before can tell."""
-    ratios = []
-    for R, columns in zip(observation.factors, observation.layout.columns, strict=True):
+    """A wrong unit that all outputs share, or one of them: it scales parameters, so that only a prior can tell."""
+    ratios = {}
+    layout = observation.layout
+    for name, R, columns in zip(layout.outputs, observation.factors, layout.columns, strict=True):
         measured, guess = R[:, -1], R[:, :-1] @ prior[list(columns)]
         sizes = float(np.linalg.norm(measured)), float(np.linalg.norm(guess))
         if min(sizes) > 0 and measured @ guess > _ALIKE * sizes[0] * sizes[1]:
-            ratios.append(sizes[0] / sizes[1])
-    ratio = float(np.median(ratios)) if ratios else 1.0
+            ratios[name] = sizes[0] / sizes[1]
     for factor, unit in ((1e3, "mN·m or mN (unit: mN·m)"), (1e-3, "kN·m or kN (unit: kN·m)")):
-        if abs(log(ratio / factor)) < log(4.0):
-            text = f"all outputs are in {unit}, because they are {ratio:.3g} times what the prior model predicts"
+        off = [name for name, ratio in ratios.items() if abs(log(ratio / factor)) < log(4.0)]
+        usual = [name for name, ratio in ratios.items() if abs(log(ratio)) < log(20.0)]
+        if off and (2 * len(off) > len(ratios) or len(off) == 1 == len(layout.outputs) - len(usual)):
+            ratio = float(np.median([ratios[name] for name in off]))
+            which = "all outputs are" if 2 * len(off) > len(ratios) else f"the output of '{off[0]}' is"
+            text = f"{which} in {unit}, {ratio:.3g} times what the prior model predicts"
             return Culprit(text, ratio, ratio / factor)
     return None
 
 
 class _Search:
     def __init__(
-        self, base: BaseModel, rows: States, columns: ColumnMap, velocities: bool, values: Floats | None
+        self,
+        base: BaseModel,
+        rows: States,
+        columns: ColumnMap,
+        velocities: bool,
+        values: Floats | None,
+        prior: Floats | None,
     ) -> None:
-        self.base, self.rows, self.columns, self.velocities, self.values = base, rows, columns, velocities, values
+        self.base, self.rows, self.columns, self.velocities = base, rows, columns, velocities
+        self.values, self.prior = values, prior
         self.outputs = [output.name for output in base.mechanism.outputs]
         self.marks = _Marks(base, rows.y.shape[1])
         self._read = self.marks.products(rows)
@@ -149,20 +167,29 @@ class _Search:
     def found(self) -> Culprit | None:
         """The best change, if it is far better than none and than all others."""
         before = best = self._mark(self.marks.normals(self._read), physical=True)
-        free = sorted(((self._free(change), change) for change in self._changes()), key=lambda entry: entry[0])
+        # of changes that physics alone tells apart, those that happen more often come first
+        free = sorted(
+            ((round(self._free(change), 2), change) for change in self._changes()), key=lambda entry: entry[0]
+        )
         marks: list[tuple[float, _Change]] = []
         for mark, change in free[:_PROGRAMMES]:
             if mark > best - log(APART):
                 break
-            marks.append((self._mark(self._normals(change), physical=True), change))
+            marks.append((self._mark(self._normals(change), physical=True, failed=inf), change))
             best = min(best, marks[-1][0])
-        marks.sort(key=lambda entry: entry[0])
-        if not marks or marks[0][0] > before + log(BETTER if self.values is None else _MUCH_BETTER):
+        if best > before + log(BETTER if self.values is None else _MUCH_BETTER):
             return None
-        after, change = marks[0]
-        if len(marks) > 1 and after > marks[1][0] + log(APART):
+        alike = self._likely([change for mark, change in marks if mark <= best - log(APART)])
+        if len(alike) > _ALTERNATIVES:
             return None
-        return Culprit(change.text, exp(before), exp(after))
+        return Culprit(", or ".join(change.text for change in alike), exp(before), exp(best))
+
+    def _likely(self, changes: list[_Change]) -> list[_Change]:
+        """Those of several changes with which the prior predicts best: a mirrored robot can exist as well."""
+        if self.prior is None or len(changes) < 2:
+            return changes
+        marks = [self.marks.mark(self._normals(change), self.prior) for change in changes]
+        return [change for mark, change in zip(marks, changes, strict=True) if mark <= min(marks) - log(APART)]
 
     def _free(self, change: _Change) -> float:
         try:
@@ -170,10 +197,10 @@ class _Search:
         except EchelonError:  # loops that cannot be closed
             return inf
 
-    def _mark(self, normals: list[_Normal], *, physical: bool) -> float:
+    def _mark(self, normals: list[_Normal], *, physical: bool, failed: float | None = None) -> float:
         if self.values is not None:
             return self.marks.mark(normals, self.values)
-        return self.marks.physical(normals) if physical else self.marks.free(normals)
+        return self.marks.physical(normals, failed) if physical else self.marks.free(normals)
 
     def _normals(self, change: _Change) -> list[_Normal]:
         same = change.positions is None and change.velocities is None and change.shift is None and change.rate == 1.0
@@ -197,7 +224,8 @@ class _Search:
             yield _Change(f"{label[i]} and {label[j]} are exchanged", outputs=_exchanged(m, i, j))
         for i in range(m):
             for factor, unit in ((1e-3, "mN·m (or mN)"), (1e3, "kN·m (or kN)")):
-                yield _Change(f"{label[i]} is in {unit}", outputs=_scaled(m, i, factor))
+                if not abs(log(self._sizes[i] * factor)) > log(_FOREIGN):  # also where it is nan
+                    yield _Change(f"{label[i]} is in {unit}", outputs=_scaled(m, i, factor))
 
     def _of_positions(self) -> Iterator[_Change]:
         label, n = self._position_labels, len(self._position_labels)
@@ -213,12 +241,17 @@ class _Search:
         for i, j in combinations(range(n), 2):
             yield _Change(f"{label[i]} and {label[j]} are exchanged", _exchanged(n, i, j))
         for i in range(n):
+            if self._slides[i]:
+                yield _Change(f"{label[i]} is in mm (unit: mm)", _scaled(n, i, 1e-3))
+                yield _Change(f"{label[i]} is in m, not in mm (unit: m)", _scaled(n, i, 1e3))
+                continue
             yield _Change(f"{label[i]} is in degrees (unit: deg)", _scaled(n, i, radians(1)))
             yield _Change(f"{label[i]} is in rad, not in degrees (unit: rad)", _scaled(n, i, degrees(1)))
             for shift, words in ((pi / 2, "pi/2"), (-pi / 2, "-pi/2"), (pi, "pi")):
                 yield _Change(f"zero of {label[i]} is not the robot's (offset: {words})", shift=shift * np.eye(n)[i])
-        yield _Change("all positions are in degrees (unit: deg)", radians(1) * np.eye(n))
-        yield _Change("all positions are in rad, not in degrees (unit: rad)", degrees(1) * np.eye(n))
+        for factor, words in ((radians(1), "degrees (unit: deg)"), (degrees(1), "rad, not in degrees (unit: rad)")):
+            if not all(self._slides):
+                yield _Change(f"all positions are in {words}", np.diag(np.where(self._slides, 1.0, factor)))
         yield from self._of_gears()
 
     def _of_velocities(self) -> Iterator[_Change]:
@@ -271,6 +304,18 @@ class _Search:
             words = f", {stated * rate:.4g} Hz in place of {stated:g} Hz" if stated else ""
             yield _Change(f"the clock is wrong: the rate is about {rate:.3g} times that{words}", rate=rate)
 
+    @cached_property
+    def _sizes(self) -> list[float]:
+        """Outputs relative to what the prior predicts, nan without one: then any unit may be right."""
+        if self.prior is None:
+            return [np.nan] * len(self.outputs)
+        found = []
+        for i, (columns, product) in enumerate(zip(self.marks.columns, self._read, strict=True)):
+            values, place = self.prior[columns], len(columns) + i
+            guess = float(values @ product[: len(columns), : len(columns)] @ values)
+            found.append(float(np.sqrt(product[place, place] / guess)) if guess > 0 < product[place, place] else np.nan)
+        return found
+
     # -- columns -------------------------------------------------------------------------------------------------
 
     @cached_property
@@ -295,6 +340,12 @@ class _Search:
         """What the columns of positions are of: coordinates, or drives."""
         stated = self.columns.positions
         return tuple(stated) if len(stated) == len(self.names) else self.names
+
+    @cached_property
+    def _slides(self) -> list[bool]:
+        """Whether columns of positions are lengths."""
+        motions = [motion_of(self.base.mechanism, key) for key in self._keys]
+        return [motion is not None and motion.kind is MotionKind.TRANSLATION for motion in motions]
 
     @cached_property
     def _channels(self) -> Floats:
@@ -382,7 +433,7 @@ class _Marks:
         self._base, self._outputs = base, outputs
         places, parameters = base.sparsity
         self._entries: list[Integers] = [np.flatnonzero(places == i) for i in range(outputs)]
-        self._columns = [parameters[entries] for entries in self._entries]
+        self.columns = [parameters[entries] for entries in self._entries]
 
     def products(self, rows: States) -> list[Floats]:
         """Of each output [W Y 1]ᵀ[W Y 1] over its rows, with the measured values Y of all outputs."""
@@ -398,7 +449,7 @@ class _Marks:
         """Normal equations where outputs are linear combinations of what was read."""
         mixed = np.eye(self._outputs) if outputs is None else outputs
         found = []
-        for columns, product, mix in zip(self._columns, products, mixed, strict=True):
+        for columns, product, mix in zip(self.columns, products, mixed, strict=True):
             n = len(columns)
             T = np.zeros((n + 2, len(product)))
             T[:n, :n], T[n, n:-1], T[n + 1, -1] = np.eye(n), mix, 1.0
@@ -412,15 +463,15 @@ class _Marks:
         """Of any parameters."""
         return self.mark(normals, self._solved(normals)[0])
 
-    def physical(self, normals: Sequence[_Normal]) -> float:
-        """Of those of the nearest robot that can exist."""
+    def physical(self, normals: Sequence[_Normal], failed: float | None = None) -> float:
+        """Of those of the nearest robot that can exist; where none is found ``failed``, or the mark of any."""
         values, matrix = self._solved(normals)
         if len(values) > _LARGEST:
             return self.mark(normals, values)
         try:
             standard, _ = nearest_physical(self._base, values, np.linalg.inv(matrix))
         except (EchelonError, np.linalg.LinAlgError):
-            return self.mark(normals, values)
+            return self.mark(normals, values) if failed is None else failed
         return self.mark(normals, self._base.B_float() @ standard)
 
     def _solved(self, normals: Sequence[_Normal]) -> tuple[Floats, Floats]:

@@ -163,7 +163,7 @@ def _fitted(
         if culprit is None and (unsolved or _is_doubtful(validations, feasible)):
             step("looking for a mistake in the set-up")
             measured = "qd" in (plan.preparation.measured or ())
-            culprit = find_culprit(base, data.fitted(), columns, velocities=measured)
+            culprit = find_culprit(base, data.fitted(), columns, velocities=measured, prior=prior_base)
         elsewhere = _culprits_of_unseen(data, models["model"], validations, unseen_logs, columns)
         step("looking for effects that the model lacks")
         lacking = _lacking(data, estimate, unseen_logs)

@@ -39,6 +39,8 @@ class Feasibility:
 
 _WEIGHT = 1e-6
 """Of the divergence that makes the nearest robot unique, in squared standard deviations."""
+_UNITS = (1.0, 10.0, 100.0)
+"""Standard deviations that count as one, because solvers fail where thousands are needed."""
 
 
 def physical_lift(base: BaseModel, values: npt.ArrayLike) -> Floats | None:
@@ -64,13 +66,23 @@ def nearest_physical(
     """Standard parameters, shape (p,), of the robot whose base parameters are nearest to given ones, and how near."""
     target, B = checked_values(base, values), base.B_float()
     root = _root(base, target, covariance)
+    problem = EchelonError("the solver found no nearest physical robot")
+    for unit in _UNITS:
+        try:
+            standard = _nearest(base, B, target, root / unit)
+            return standard, float(np.linalg.norm(root @ (B @ standard - target)))
+        except EchelonError as error:
+            problem = error
+    raise problem
+
+
+def _nearest(base: BaseModel, B: Floats, target: Floats, root: Floats) -> Floats:
     programme = Programme.of(base, root @ B, root @ target)
     weights = np.full(len(programme.role.bodies), _WEIGHT)
     standard, found = programme.fit(root @ B, root @ target, weights, _WEIGHT)
     if found.status != SOLVED:
         raise EchelonError(f"the solver found no nearest physical robot: {found.message}")
-    inside, _ = put_inside(programme, standard)
-    return inside, float(np.linalg.norm(root @ (B @ inside - target)))
+    return put_inside(programme, standard)[0]
 
 
 def checked_values(base: BaseModel, values: npt.ArrayLike) -> Floats:

@@ -42,7 +42,7 @@ from echelon.base.model import BaseModel
 from echelon.errors import EchelonError, InputError
 from echelon.identification.physics.bounds import Bounds, roles
 from echelon.identification.physics.interior import active, interior_point, put_inside
-from echelon.identification.physics.programme import INFEASIBLE, SOLVED, ConeSolution, Programme
+from echelon.identification.physics.programme import SOLVED, ConeSolution, Programme
 from echelon.inertia.spatial import divergence, pseudo_inertia
 from echelon.logs.finding import Finding, warning
 from echelon.mechanism.mechanism import Mechanism
@@ -217,9 +217,7 @@ class _Problem:
         informed = self.programme.reference.informed
         weights = np.where(informed, max(weight, PLAIN_WEIGHTS[-1]), self.plain)
         standard, found = self.programme.fit(design, target, weights, weight)
-        if found.status == INFEASIBLE:
-            raise InputError("the bounds contradict each other: no body that can exist satisfies all of them")
-        if found.status != SOLVED:
+        if found.status != SOLVED:  # that bounds do not contradict each other was seen before
             raise EchelonError(f"the solver found no physically consistent fit: {found.message}")
         return standard, found
 
