@@ -66,6 +66,8 @@ def main() -> None:
         shutil.copytree(ZOO, SITE / "zoo", ignore=shutil.ignore_patterns("row.json"))
     if not given.only_pages:
         missing = build_explorer.build(SITE / "explorer", [ROOT / "examples"], BUILD / "cache", given.wheels)
+        if missing and os.environ.get("CI"):
+            sys.exit(f"the explorer lacks {', '.join(missing)}")
         print(
             f"the explorer lacks {', '.join(missing)} and cannot answer: --wheels DIR" if missing else "explorer: whole"
         )

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from urllib.parse import unquote
 
 import pytest
 
@@ -60,6 +62,22 @@ def test_nothing_comes_from_elsewhere(site: Path) -> None:
     )
     found = [page for page in site.rglob("*") if page.suffix in (".html", ".css") and "explorer" not in page.parts]
     assert [page for page in found if foreign.search(page.read_text(encoding="utf-8"))] == []
+
+
+def test_the_zoo_leads_to_files_and_to_robots_of_the_explorer(site: Path) -> None:
+    if not (site / "zoo").exists():
+        pytest.skip("the site was built without the zoo")
+    robots = json.loads((site / "explorer/robots/robots.json").read_text(encoding="utf-8"))
+    links = 0
+    for page in (site / "zoo").rglob("*.html"):
+        for found in re.findall(r'<a [^>]*?href="([^"#]+)(?:#robot=([^"&]+))?', page.read_text(encoding="utf-8")):
+            assert (page.parent / unquote(found[0])).exists(), (page, found)
+            assert not found[1] or unquote(found[1]) in robots, (page, found)
+            links += bool(found[1])
+    assert links
+    assert [
+        page for pages in robots.values() for page in pages if not (site / "zoo" / page / "index.html").exists()
+    ] == []
 
 
 def test_numbers_are_those_of_this_run(site: Path) -> None:
