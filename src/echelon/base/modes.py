@@ -22,7 +22,6 @@ from echelon.exact.field import PrimeField, Residues
 from echelon.exact.interpolation import rational
 from echelon.exact.numbers import Rational
 from echelon.mechanism.mechanism import Mechanism
-from echelon.program.zero_dimensional import UnsolvedSystemError
 from echelon.regressor.energy import Rows, rows_of
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.curves import CurveSampler
@@ -73,7 +72,7 @@ def find_modes(
         try:
             prime = PrimeField.random(rng)
             found = _keys(_relations_at_poses(rows, prime, rng, order, poses), prime)
-        except (DegenerateSampleError, UnsolvedSystemError) as error:
+        except DegenerateSampleError as error:
             failure = str(error)
             continue
         new = found - orders.keys()
@@ -149,8 +148,11 @@ def _relations_at_poses(
         distinct = _distinct(pose)
         repeated = {s: np.repeat(value, len(distinct)) for s, value in geometry.items()}
         repeated[_ANY] = np.zeros(len(distinct), dtype=np.int64)
-        tables = _tables(rows, sampler, field, rng, repeated, pose.at(distinct))
-        return [_relations(table, rows.auxiliary, field) for table in tables]
+        found = _relations_of(rows, sampler, field, rng, repeated, pose.at(distinct))
+        known = [relations for relations in found if relations is not None]
+        if not known:
+            raise SingularPoseError("no motion goes on from a closed pose: redundant constraints contradict each other")
+        return known
 
     return sampler.from_pose(field, rng, geometry, relations)
 
@@ -160,17 +162,28 @@ def _distinct(pose: Pose) -> npt.NDArray[np.intp]:
     return np.sort(first)
 
 
-def _tables(
+def _relations_of(
     rows: Rows,
     sampler: CurveSampler,
     field: PrimeField,
     rng: np.random.Generator,
     geometry: Mapping[str, Residues],
     pose: Pose,
-) -> Residues:
-    """Rows at poses, (poses, states, columns)."""
+) -> list[_Relations | None]:
+    """How columns depend on others at poses, one of each geometry; None where a pose is singular."""
     states = rows.forms.shape[1] + _SURPLUS_ROWS
-    return rows.forms.stacked(sampler.evaluate_at(field, rng, states, geometry, pose))
+    try:
+        tables = rows.forms.stacked(sampler.evaluate_at(field, rng, states, geometry, pose))
+        return [_relations(table, rows.auxiliary, field) for table in tables]
+    except (DegenerateSampleError, SingularPoseError):
+        if len(pose.numbers) == 1:
+            return [None]
+    # one is singular, or modes differ in what follows from what
+    found: list[_Relations | None] = []
+    for k in range(len(pose.numbers)):
+        one = {name: values[k : k + 1] for name, values in geometry.items()}
+        found += _relations_of(rows, sampler, field, rng, one, pose.at(np.array([k])))
+    return found
 
 
 def _relations(table: Residues, auxiliary: int, field: PrimeField) -> _Relations:
@@ -197,8 +210,8 @@ class InMode:
         # symbols that the asking forms do not depend on have any value
         own = {s: geometry[s] if s in geometry else field.draw(rng, (count,)) for s in sampler.symbols}
         own[_ANY] = np.zeros(count, dtype=np.int64)
-        tables = _tables(self.rows, sampler, field, rng, own, pose)
-        return np.array([self._holds(_relations(table, self.rows.auxiliary, field), field) for table in tables])
+        found = _relations_of(self.rows, sampler, field, rng, own, pose)
+        return np.array([relations is not None and self._holds(relations, field) for relations in found])
 
     def _holds(self, relations: _Relations, field: PrimeField) -> bool:
         wanted = self.mode.dependence

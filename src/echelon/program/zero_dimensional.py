@@ -17,25 +17,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from echelon.arrays import Integers
-from echelon.errors import EchelonError
 from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.quotient_ring import Equation, Exponents, Monomials, NormalForms, Product, commute, quotient_points
 from echelon.program.recorded_forms import RecordedForms, Recorder, Recording
 
 _MONOMIALS = 1500  # default bound on the number of monomials
+_DEGREES = 6  # of monomials above that of equations; those of loops with finitely many solutions need two at most
+_FAILURES = 3  # samples in a row that have infinitely many solutions; then the others are taken to have them, too
 _ENTRIES = 1 << 24  # recorded numbers, or powers of multiplications; more samples are treated in parts
 
 
-class UnsolvedSystemError(EchelonError):
-    """The solutions are infinitely many, or need monomials of a higher degree than allowed."""
+class _UnsolvedSystemError(Exception):
+    """The solutions are infinitely many, or need more monomials than allowed."""
 
 
 @dataclass(frozen=True)
 class Solutions:
     """Solutions of the samples of a system."""
 
-    counts: Residues  # number of distinct solutions; −1 where a sample is unlike the first one and could not be solved
+    counts: Residues  # number of distinct solutions; −1 where they are infinitely many, as far as can be told
     points: list[Residues]  # the solutions of each sample
 
 
@@ -62,22 +63,22 @@ class Solver:
         variables = len(next(e for terms in equations for e in terms))
         points = [np.zeros((0, variables), dtype=np.int64) for _ in range(samples)]
         solutions, left, most = Solutions(np.full(samples, -1), points), np.arange(samples), 0
+        failures = 0
         key = tuple(tuple(equation.exponents) for equation in system)
         ring = self._rings.get(key)
-        while left.size:
+        while left.size and failures < _FAILURES:
             if ring is None:
                 try:
                     sample = [equation.at(left[:1]) for equation in system]
                     ring = _recorded(*_explore(sample, variables, field, self._limit), sample)
-                except UnsolvedSystemError:
-                    if left[0] == 0:
-                        raise
+                except _UnsolvedSystemError:
+                    failures += 1
                     left = left[1:]
                     continue
             rest = ring.solve(system, left, field, solutions)
             if len(left) - len(rest) > most:
                 self._rings[key], most = ring, len(left) - len(rest)
-            left, ring = rest, None
+            left, ring, failures = rest, None, 0
         return solutions
 
 
@@ -165,6 +166,8 @@ def _explore(
         steps += _complete(forms, system, degree)
         if not forms.free.size or (degree >= highest and _is_finite(forms)):
             return steps, forms
+        if degree >= highest + _DEGREES:
+            raise _UnsolvedSystemError
         degree += 1
         steps.append(_extend(forms, monomial_limit))
 
@@ -182,9 +185,7 @@ def _extend(forms: NormalForms, monomial_limit: int) -> _Extension:
     monomials.raise_degree()
     low, count = monomials.start[-2:]
     if count > monomial_limit:
-        raise UnsolvedSystemError(
-            f"a system of polynomials has infinitely many solutions, or needs more than {monomial_limit} monomials"
-        )
+        raise _UnsolvedSystemError
     size = np.count_nonzero(forms.table, axis=1)
     size[forms.free] = low
     best: dict[int, tuple[int, int]] = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from itertools import pairwise
 from math import cos, hypot, pi, sin, sqrt
 
 from support.zoo.case import Case
@@ -21,6 +22,10 @@ def slide(axis: str) -> str:
     return f"prismatic, axis: {axis}"
 
 
+def at(text: str, pose: str) -> str:
+    return f"{text}assembly: {{{pose}}}\n"
+
+
 def peaucellier() -> str:
     robot = Drawn()
     robot.body("crank", "base", (1, 0))
@@ -30,6 +35,17 @@ def peaucellier() -> str:
         robot.body(f"{arm}far", arm, corner)
         robot.loop(f"{arm}near", "crank", (2, 0))
     robot.loop("afar", "bfar", (6, 0))
+    return robot.text
+
+
+def octahedron() -> str:
+    """Bricard's ring of faces of a flexible octahedron that is symmetric about a plane; all edges are integers."""
+    robot, last = Drawn(), "base"
+    corners = ((-8, 1, -4), (-4, -7, 4), (10, 0, -10), (-8, -1, -4), (-4, 7, 4), (0, 0, 0))
+    edges = [[b - a for a, b in zip(*pair, strict=True)] for pair in pairwise((*corners, corners[0]))]
+    for k in range(5):
+        last = robot.body(f"face{k}", last, corners[k], turn(str(edges[k])))
+    robot.loop(last, "base", corners[5], turn(str(edges[5])))
     return robot.text
 
 
@@ -281,7 +297,15 @@ def welded_arms() -> str:
 TOP = ((1, 1, 4), (-2, 0, 4), (1, -2, 5))
 LINKAGES = {
     "Peaucellier": Case(1, 14, peaucellier()),
+    "Peaucellier, moved": Case(1, 14, at(peaucellier(), "crank: 0.2733, a: 0.1303, b: 0.143")),
+    "Peaucellier, rhombus folded": Case(
+        2, 11, at(peaucellier(), "crank: 0.1076, a: -1.2322, anear: -0.6776, afar: 1.6212, b: 0.0548, bfar: -1.6314")
+    ),
+    "octahedron": Case(1, 22, octahedron()),
     "scissor lift": Case(1, 5, scissors(3)),
+    "scissor lift, folded": Case(
+        2, 6, at(scissors(2), "left0: -2.4, foot: -4, right0: 2.0281, left1: 1.0122, right1: -2.697")
+    ),
     "Jansen": Case(1, 18, jansen(1)),
     "Jansen, three legs": Case(1, 48, jansen(3), slow=True),
     "parallelograms in series": Case(4, 12, parallelograms(4)),

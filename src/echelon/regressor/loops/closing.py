@@ -18,7 +18,6 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import has_values, in_numbers, inexact_symbols
 from echelon.mechanism.substitute import with_numeric_ratios
 from echelon.program.tape import Program
-from echelon.program.zero_dimensional import UnsolvedSystemError
 from echelon.regressor.loops.assembly import Assembled, Assembly, OpenLoopsError
 from echelon.regressor.loops.closed_motion import RANK_TOLERANCE
 from echelon.regressor.loops.coordinates import independent_coordinates
@@ -209,7 +208,7 @@ def _jacobian(mechanism: Mechanism, work: float = inf) -> tuple[PrimeField, Resi
             continue
         except ShakyPoseError:
             raise InputError(_shaky(mechanism)) from None
-        except (SingularPoseError, UnsolvedSystemError) as error:
+        except SingularPoseError as error:
             raise InputError(unsolved(mechanism, str(error))) from None
     raise InputError(unsolved(mechanism, "the equations have no solution at random points"))
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, reduce
+from functools import cache, cached_property, reduce
 from itertools import combinations_with_replacement, product
 from math import prod
 
@@ -41,6 +41,7 @@ class ClosureBlock:
         self.points = prod(len(_points(part.width, part.degree)) for part in self._parts)
         self.equations = recorded.schedule(nodes)
 
+    @cached_property
     def fewer(self) -> ClosureBlock:
         """The block with one of the unknown coordinates drawn."""
         return ClosureBlock(self.recorded, self.nodes, self.unknown[1:])

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from echelon.arrays import Floats
 from echelon.errors import ShakyPoseError, SingularPoseError, UnknownRelationsError
 from echelon.exact import series
+from echelon.exact.elimination import rank
 from echelon.exact.field import PrimeField, Residues
 from echelon.program.canonical import Turn
 from echelon.program.generator_values import GeneratorValues
@@ -37,6 +38,7 @@ from echelon.seeds import DEFAULT_SEED, random_generator
 
 _LOST = 2  # coefficients that are not known of accelerations
 _PRODUCT, _LIFTS = 0.25, 3  # what a product of series costs, of order², and how often closures are evaluated
+_VARIANTS = 6  # closed poses that are looked at for the one with the most freedom
 _SURPLUS = 3  # halves: that many more coefficients are taken than states, because some are not independent
 
 _REAL_STATES = 256
@@ -155,19 +157,24 @@ class CurveSampler(FieldSampler):
     def jacobian(self, field: PrimeField, rng: np.random.Generator, order: int = 0) -> Residues:
         """Jacobian of the closures by all coordinates at a closed pose of a random geometry.
 
-        ShakyPoseError if no curve goes on from there, as half of the coefficients up to an order show.
+        Of some poses it is the one with the most freedom from which a curve goes on, as half of the coefficients up to
+        an order show; ShakyPoseError if there is none.
         """
         geometry = {s: field.draw(rng, (1,)) for s in self.symbols}
         positions = self._positions(field, rng, geometry)
 
         def found(pose: Pose) -> Residues:
-            try:
-                if order:
-                    lift(positions, pose, order, rng)
-            except SingularPoseError:
-                raise ShakyPoseError("at closed poses, velocities are possible from which no motion goes on") from None
-            jacobian: Residues = positions.jacobian(pose)[0]
-            return jacobian
+            several = self._poses.variants(positions, pose, _VARIANTS, rng)
+            jacobians: Residues = positions.at(np.zeros(len(several.numbers), dtype=np.intp)).jacobian(several)
+            for k in sorted(range(len(jacobians)), key=lambda k: rank(jacobians[k], field)):
+                try:
+                    if order:
+                        lift(positions, several.at(np.array([k])), order, rng)
+                except SingularPoseError:
+                    continue
+                chosen: Residues = jacobians[k]
+                return chosen
+            raise ShakyPoseError("at closed poses, velocities are possible from which no motion goes on")
 
         return self.from_pose(field, rng, geometry, found)
 

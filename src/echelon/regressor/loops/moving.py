@@ -35,6 +35,10 @@ class Pose:
         """A copy of some samples."""
         return Pose(self.numbers[samples], self.angles[samples])
 
+    def __add__(self, others: Pose) -> Pose:
+        """These samples and then others."""
+        return Pose(np.concatenate([self.numbers, others.numbers]), np.concatenate([self.angles, others.angles]))
+
     def repeated(self, count: int) -> Pose:
         """Every sample repeated."""
         return self.at(np.repeat(np.arange(len(self.numbers)), count))

@@ -15,7 +15,6 @@ import numpy.typing as npt
 from echelon.errors import DegenerateSampleError, SingularPoseError
 from echelon.exact.elimination import rank
 from echelon.exact.field import Residues
-from echelon.program.zero_dimensional import UnsolvedSystemError
 from echelon.regressor.loops.closed_curve import choose
 from echelon.regressor.loops.closure_block import ClosureBlock
 from echelon.regressor.loops.closures import Accepts, Wrist
@@ -46,7 +45,6 @@ class PoseFinder:
         self._stated = stated
         self.takes_stated = False  # whether the poses that are found are the stated one
         self._blocks: list[ClosureBlock] | None = None
-        self._manageable: set[ClosureBlock] = set()
         self._spent = 0.0  # work since a pose was found last, over all primes
 
     def find(self, positions: Positions, rng: np.random.Generator) -> Pose:
@@ -72,12 +70,8 @@ class PoseFinder:
         if self.takes_stated or self._blocks is None:
             return pose
         one = np.zeros(1, dtype=np.intp)
-        try:
-            _, others = self._completed(positions, rng, one, pose.at(one), self._blocks, max(count, _LEAST_KEPT))
-        except UnsolvedSystemError:  # links that lie upon each other leave infinitely many
-            return pose
-        others = others.at(np.sort(rng.permutation(len(others.numbers))[:count]))
-        return Pose(np.concatenate([pose.numbers, others.numbers]), np.concatenate([pose.angles, others.angles]))
+        _, others = self._completed(positions, rng, one, pose.at(one), self._blocks, max(count, _LEAST_KEPT))
+        return pose + others.at(np.sort(rng.permutation(len(others.numbers))[:count]))
 
     def leave_stated(self) -> bool:
         """No longer take the zero or assembly pose, because it is singular; returns whether it was taken so far."""
@@ -207,9 +201,7 @@ class PoseFinder:
         not need more tries than others: what is lost at one block is made up for where another closes in several ways.
         """
         drawn, wanted = np.arange(len(owners)), len(np.unique(owners))
-        for number, block in enumerate(blocks):
-            if block not in self._manageable:
-                block = blocks[number] = self._made_manageable(positions.at(owners), pose, block)
+        for block in blocks:
             self._spend(len(owners) * block.points / wanted)
             chosen, pose = _closed(positions.at(owners), pose, block)
             kept = _thinned(drawn[chosen], most, rng)
@@ -219,21 +211,6 @@ class PoseFinder:
         if positions.at(owners).equations(pose).any():
             raise SingularPoseError("the closure equations are not linear in each coordinate")
         return owners, pose
-
-    def _made_manageable(self, positions: Positions, pose: Pose, block: ClosureBlock) -> ClosureBlock:
-        """A block with fewer unknowns, where its equations leave more freedom than their number says."""
-        one = np.zeros(1, dtype=np.intp)
-        while True:
-            try:
-                if block.points > _MOST_POINTS:
-                    raise SingularPoseError(f"{len(block.unknown)} coordinates would have to be solved for at once")
-                block.solve(positions.at(one), pose.at(one))
-                self._manageable.add(block)
-                return block
-            except UnsolvedSystemError:
-                if not block.unknown:
-                    raise SingularPoseError("no closed pose was found") from None
-                block = block.fewer()
 
 
 def _block(recorded: Recorded, nodes: Sequence[int], unknown: list[int]) -> ClosureBlock:
@@ -273,13 +250,23 @@ def _thinned(drawn: Indices, most: int, rng: np.random.Generator) -> Indices:
 
 
 def _closed(positions: Positions, pose: Pose, block: ClosureBlock) -> tuple[Indices, Pose]:
-    """The samples for which a block closes, as often as it does, and their poses."""
+    """The samples for which a block closes, as often as it does, and their poses.
+
+    Where links lie upon each other, or its equations depend on one another, they leave infinitely many solutions; there
+    one more coordinate is drawn.
+    """
     if not block.unknown:
         good = np.flatnonzero(~positions.equations(pose, block.equations).any(axis=1))
         return good, pose.at(good)
+    if block.points > _MOST_POINTS:
+        raise SingularPoseError(f"{len(block.unknown)} coordinates would have to be solved for at once")
     solutions = block.solve(positions, pose)
     samples = np.repeat(np.arange(len(solutions.counts)), np.maximum(solutions.counts, 0))
     closed = pose.at(samples)
     if samples.size:
         block.put(closed, np.concatenate([solutions.points[k] for k in np.unique(samples)]), positions.field)
+    open_ = np.flatnonzero(solutions.counts < 0)
+    if open_.size:
+        more, others = _closed(positions.at(open_), pose.at(open_), block.fewer)
+        samples, closed = np.concatenate([samples, open_[more]]), closed + others
     return samples, closed
