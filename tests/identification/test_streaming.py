@@ -23,7 +23,7 @@ from echelon.identification.passes_over_data import PassesOverData
 from echelon.identification.result import Identification
 from echelon.identification.rows import plan as model_plan
 from echelon.identification.rows import rows as model_rows
-from echelon.identification.rows.ingest import BATCHES, Batcher, grouped, ingest, total
+from echelon.identification.rows.ingest import BATCHES, Batcher, grouped, ingest, size_of, total
 from echelon.identification.rows.plan import Plan
 from echelon.identification.rows.rows import prefetched
 from echelon.logs.preparation.settings import Preparation
@@ -97,10 +97,12 @@ def test_memory_does_not_grow_with_logs(tmp_path: Path) -> None:
 
 def test_rows_are_kept_within_bounds(plan: Plan, folder: Path) -> None:
     log = next(iter(sorted(folder.iterdir())))
-    kept = ingest(plan, log, 4, memory=1 << 24)
-    assert 0 < kept.bytes < 1 << 24
-    assert ingest(plan, log, 4, memory=kept.bytes).bytes == kept.bytes
-    assert ingest(plan, log, 4, memory=kept.bytes - 1).bytes == 0
+    _, kept = ingest(plan, log, 4, memory=1 << 24)
+    assert kept is not None
+    size = sum(map(size_of, kept))
+    assert 0 < size < 1 << 24
+    assert ingest(plan, log, 4, memory=size)[1] is not None
+    assert ingest(plan, log, 4, memory=size - 1)[1] is None
 
 
 def test_rows_that_are_read_again_give_the_same(folder: Path) -> None:
@@ -131,7 +133,7 @@ def test_windows_do_not_change_the_result(
     whole = plan.rows([log], "first").observation()
     monkeypatch.setattr(model_rows, "_WINDOW", window)
     monkeypatch.setattr(model_rows, "_REACHES", 0)
-    cut = total(ingest(plan, log, 7).batches)
+    cut = total(ingest(plan, log, 7)[0])
     assert cut.counts == whole.counts
     for R, expected in zip(cut.factors, whole.factors, strict=True):
         np.testing.assert_allclose(R, expected, atol=1e-11 * np.abs(expected).max())
@@ -145,7 +147,7 @@ def test_windows_do_not_change_the_result(
 def test_batches_add_up_to_the_whole(count: int, preparation: Preparation, plan: Plan, folder: Path) -> None:
     """Whether rows are formed or, without a filter, factored as they are."""
     plan, log = replace(plan, preparation=preparation), folder / "run2.parquet"
-    batches = ingest(plan, log, count).batches
+    batches = ingest(plan, log, count)[0]
     assert count <= len(batches) <= 2 * count
     whole = plan.rows([log], "first").observation()
     assert total(batches).counts == whole.counts

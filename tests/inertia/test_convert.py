@@ -156,8 +156,8 @@ def test_pseudo_inertia_of_a_physical_body_is_positive() -> None:
 def test_what_cannot_be_converted() -> None:
     values = bodies(9, 2)
     values[1, 9] = 0.0
-    with pytest.raises(ec.InputError, match=r"body 'hand': its mass is 0 kg; mujoco states a centre of mass"):
-        ec.convert(values, "echelon", "mujoco", bodies=["arm", "hand"])
+    with pytest.raises(ec.InputError, match=r"body 1: its mass is 0 kg; mujoco states a centre of mass"):
+        ec.convert(values, "echelon", "mujoco")
     with pytest.raises(ec.InputError, match="body 1: its mass"):
         ec.convert(values, "echelon", "urdf")
     assert ec.convert(values, "echelon", "idyntree").shape == (2, 10)

@@ -21,6 +21,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import sparse_basis
+from echelon.identification.verdict import listed
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.stated import characteristic_length
 from echelon.observe.observation import Observation
@@ -200,11 +201,7 @@ def advice(
     order = [int(k) for k in np.argsort(-size, kind="stable") if size[k] >= _NAMED * size.max()]
     shown = [names[k] for k in order[:_MOST]] + (["others"] if len(order) > _MOST else [])
     how = "hardly" if seen else "do not"
-    problem = (
-        f"the data {how} show {shown[0]}"
-        if len(shown) == 1
-        else f"the data {how} tell {', '.join(shown[:-1])} and {shown[-1]} apart"
-    )
+    problem = f"the data {how} show {shown[0]}" if len(shown) == 1 else f"the data {how} tell {listed(shown)} apart"
     # what hardly belongs to the direction would only blur its sensitivity
     motion = None if base is None else _motion(base, np.where(size >= _NAMED * size.max(), change, 0.0))
     return f"{problem}: {motion}" if motion else f"{problem}: move in other ways"
@@ -214,7 +211,7 @@ def _motion(base: BaseModel, change: Floats) -> str:
     """Which joints to move, and how."""
     if base.mechanism.closures:
         # positions that close the loops cannot be drawn one by one
-        return f"move {_listed(base.mechanism.independent_velocities)} further, faster and with larger accelerations"
+        return f"move {_together(base.mechanism.independent_velocities)} further, faster and with larger accelerations"
     found = sensitivities(base, change)
     largest = max((value for values in found.values() for value in values.values()), default=0.0)
     if largest == 0:
@@ -230,9 +227,9 @@ def _motion(base: BaseModel, change: Floats) -> str:
         "q": "{} over more of the range",
         "inputs": "the drives of {} at other loads",
     }
-    parts = [phrases[kind].format(_listed(some)) for kind, some in chosen.items() if some]
+    parts = [phrases[kind].format(_together(some)) for kind, some in chosen.items() if some]
     if not parts:
-        parts = [phrases["inputs"].format(_listed(list(found["inputs"])))]
+        parts = [phrases["inputs"].format(_together(list(found["inputs"])))]
     return "move " + "; ".join(parts)
 
 
@@ -306,7 +303,5 @@ def _random_states(mechanism: Mechanism, rng: np.random.Generator) -> State:
     }
 
 
-def _listed(names: Sequence[str]) -> str:
-    if len(names) == 1:
-        return names[0]
-    return f"{', '.join(names[:-1])} and {names[-1]}{' together' if len(names) < _MOST else ''}"
+def _together(names: Sequence[str]) -> str:
+    return listed(names) + (" together" if 1 < len(names) < _MOST else "")

@@ -19,11 +19,11 @@ from echelon.identification.rows.ingest import (
     BATCHES,
     MEMORY,
     Batch,
-    Ingested,
     KeptRows,
     grouped,
     ingest,
     joined,
+    size_of,
     total,
 )
 from echelon.identification.rows.plan import Part, Plan
@@ -99,11 +99,11 @@ class PassesOverData:
         return chain.from_iterable(self.plan.parts(samples, part) for samples in kept)
 
     def _taken_here(self, count: int, plan: Plan, path: Path) -> tuple[Batch, ...]:
-        ingested = ingest(plan, path, count, self.memory)
-        if ingested.samples is not None:
-            self.memory -= ingested.bytes
-            self._kept[path] = ingested.samples
-        return _few(ingested, count)
+        batches, samples = ingest(plan, path, count, self.memory)
+        if samples is not None:
+            self.memory -= sum(map(size_of, samples))
+            self._kept[path] = samples
+        return batches
 
     def _validated_here(
         self, models: Models, reference: Validation | None, limit: int, plan: Plan, task: Task
@@ -113,12 +113,7 @@ class PassesOverData:
 
 def _taken(count: int, plan: Plan, path: Path) -> tuple[Batch, ...]:
     """A log, by a worker; its samples are not kept."""
-    return _few(ingest(plan, path, count), count)
-
-
-def _few(ingested: Ingested, count: int) -> tuple[Batch, ...]:
-    """The batches of a log; where logs are to be merged, at most one."""
-    return joined(ingested.batches, ()) if count == 1 else ingested.batches
+    return ingest(plan, path, count)[0]
 
 
 def _validated(models: Models, reference: Validation | None, limit: int, plan: Plan, task: Task) -> Validation:

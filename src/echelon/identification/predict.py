@@ -76,7 +76,8 @@ def predict_log(plan: Plan, values: npt.ArrayLike, path: str | Path) -> Predicti
     """
     model, zeta = plan.rows([path]), np.asarray(values, dtype=float)
     recordings, predicted = [], []
-    for piece in _pieces(plan, path):
+    rate = plan.preparation.rate
+    for piece in read_log(path, plan.base.mechanism, plan.columns, rate=rate, outputs=False):
         recordings.append(piece.recording)
         predicted.append(_at_rows(plan, model, zeta, piece))
     if not any(np.isfinite(some).any() for some in predicted):
@@ -93,11 +94,6 @@ def predict_log(plan: Plan, values: npt.ArrayLike, path: str | Path) -> Predicti
         np.concatenate(measured) if measured else None,
         validated(model, plan.samples(path), {"model": zeta}, role="validation").scores if measured else (),
     )
-
-
-def _pieces(plan: Plan, path: str | Path) -> Iterator[LogPiece]:
-    settings = plan.preparation
-    yield from read_log(path, plan.base.mechanism, plan.columns, rate=settings.rate, outputs=False)
 
 
 def _at_rows(plan: Plan, model: ModelRows, values: Floats, piece: LogPiece) -> Floats:

@@ -6,7 +6,7 @@ its centre, and the inertia about that centre, which no regressor is linear in.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -130,7 +130,7 @@ CONVENTIONS: dict[str, Convention] = {
 }
 
 
-def convert(values: npt.ArrayLike, source: str, target: str, bodies: Sequence[str] = ()) -> Floats:
+def convert(values: npt.ArrayLike, source: str, target: str) -> Floats:
     """Inertial parameters of bodies in another program's convention.
 
     Conventions: ``echelon``, ``pinocchio``, ``idyntree`` (orders of the ten numbers about the frame's origin),
@@ -143,8 +143,6 @@ def convert(values: npt.ArrayLike, source: str, target: str, bodies: Sequence[st
         SI units; ten numbers, or a matrix, per body.
     source, target : str
         Names of conventions.
-    bodies : sequence of str
-        Names for messages, one per row.
 
     Returns
     -------
@@ -167,19 +165,17 @@ def convert(values: npt.ArrayLike, source: str, target: str, bodies: Sequence[st
         raise InputError(f"{source} has numbers of shape {start.shape} per body, got an array of shape {array.shape}")
     standard = start.read(array)
     if end.needs_mass:
-        _check_mass(standard, target, bodies)
+        _check_mass(standard, target)
     return end.write(standard)
 
 
-def _check_mass(standard: Floats, target: str, bodies: Sequence[str]) -> None:
+def _check_mass(standard: Floats, target: str) -> None:
     masses = np.atleast_1d(standard[..., _M])
     bad = np.argwhere(~(masses > 0))
     if len(bad):
         place = tuple(int(k) for k in bad[0])
-        named = len(place) == 1 and len(bodies) == len(masses)
-        element = f"body '{bodies[place[0]]}'" if named else f"body {place[0] if len(place) == 1 else place}"
         problem = f"its mass is {masses[place]:g} kg; {target} states a centre of mass, which needs a positive mass"
-        raise InputError(problem, element=element)
+        raise InputError(problem, element=f"body {place[0] if len(place) == 1 else place}")
 
 
 def convert_columns(regressor: npt.ArrayLike, source: str, target: str) -> Floats:

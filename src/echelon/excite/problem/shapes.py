@@ -21,8 +21,6 @@ from echelon.arrays import Floats, Integers
 from echelon.errors import InputError
 from echelon.mechanism.body import GROUND
 
-_RIGID = 1e-9  # how far a rotation matrix may be from orthogonal
-
 
 class Kind(StrEnum):
     """Kinds of shapes."""
@@ -79,31 +77,11 @@ class Shape:
                 raise self._error(f"the {name} must be a positive number, got {value}")
         if self.kind is Kind.PLANE and self.body != GROUND:
             raise self._error("a plane is infinite: it can only belong to the world")
-        self._check_placement()
-        self._check_vertices()
 
     @property
     def owner(self) -> Owner:
         """The body or the obstacle that distances of the shape are named after."""
         return self.body, self.name if self.obstacle else ""
-
-    def _check_placement(self) -> None:
-        if self.placement.shape != (4, 4) or not np.all(np.isfinite(self.placement)):
-            raise self._error("the placement must be a 4 × 4 matrix of finite numbers")
-        rotation = self.placement[:3, :3]
-        if np.abs(rotation @ rotation.T - np.eye(3)).max() > _RIGID or np.linalg.det(rotation) < 0:
-            raise self._error("the placement's rotation is not a rotation matrix")
-
-    def _check_vertices(self) -> None:
-        if (self.kind is Kind.MESH) != (self.vertices is not None):
-            raise self._error("a mesh needs vertices, and no other shape has any")
-        if self.vertices is not None and (
-            self.vertices.ndim != 2
-            or self.vertices.shape[1] != 3
-            or len(self.vertices) < 4
-            or not np.all(np.isfinite(self.vertices))
-        ):
-            raise self._error("a mesh needs at least four vertices with three finite coordinates each")
 
     def _error(self, problem: str) -> InputError:
         return InputError(problem, element=f"shape '{self.name}'")

@@ -126,8 +126,6 @@ def least_clearances(clearance: Clearance, trajectory: Trajectory, tolerance: fl
     if trajectory.coordinates != clearance.mechanism.positions:
         wanted, got = ", ".join(clearance.mechanism.positions), ", ".join(trajectory.coordinates)
         raise InputError(f"the trajectory must move the positions {wanted}, in this order; it moves {got}")
-    if not (np.isfinite(tolerance) and tolerance > 0):
-        raise InputError(f"the tolerance must be a positive distance in m, got {tolerance}")
     return _Search(clearance, trajectory, tolerance).run()
 
 

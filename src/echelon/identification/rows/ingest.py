@@ -137,20 +137,6 @@ MEMORY = 1 << 28
 """Bytes of samples that are kept between passes over the logs unless said otherwise; what goes beyond is read again."""
 
 
-@dataclass(frozen=True)
-class Ingested:
-    """A log as it was taken in."""
-
-    path: Path
-    batches: tuple[Batch, ...]  # R-factors of what is fitted, in stretches of time
-    samples: tuple[Samples, ...] | None  # all that the log has; None where there is no memory for it
-
-    @property
-    def bytes(self) -> int:
-        """Memory that samples take."""
-        return sum(map(_bytes, self.samples or ()))
-
-
 @dataclass
 class KeptRows(Rows):
     """Rows that stay in memory after the first pass, if there is room for them."""
@@ -183,12 +169,16 @@ class KeptRows(Rows):
         self._kept = tuple(kept) if left >= 0 else ()
 
 
-def ingest(plan: Plan, path: Path, count: int, memory: int = 0) -> Ingested:
-    """Take in a log; its samples are kept if they need no more than so many bytes."""
+def ingest(plan: Plan, path: Path, count: int, memory: int = 0) -> tuple[tuple[Batch, ...], tuple[Samples, ...] | None]:
+    """R-factors of what is fitted of a log, in stretches of time; and all its samples, if there is memory for them.
+
+    Of a single stretch they are one batch, which can be merged with those of other logs.
+    """
     ingestion = _Ingestion(plan, count, memory)
     for block in prefetched(ingestion.blocks(prefetched(plan.samples(path)))):
         ingestion.factor(block)
-    return Ingested(path, ingestion.batcher.batches(), ingestion.samples)
+    batches = ingestion.batcher.batches()
+    return joined(batches, ()) if count == 1 else batches, ingestion.samples
 
 
 class _Ingestion:
@@ -230,10 +220,11 @@ class _Ingestion:
         """Keep samples for as long as there is memory: all that the log has, or none."""
         if self.samples is None:
             return
-        self._memory -= _bytes(samples)
+        self._memory -= size_of(samples)
         self.samples = (*self.samples, samples) if self._memory >= 0 else None
 
 
-def _bytes(samples: Samples) -> int:
+def size_of(samples: Samples) -> int:
+    """Bytes of memory that samples take."""
     signals = (samples.q, samples.qd, samples.qdd, samples.y, samples.moving, *samples.inputs.values())
     return sum(values.nbytes for values in signals if values is not None)
