@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from echelon.arrays import Floats
+from echelon.errors import one_line
+from echelon.extras import extra
 from echelon.identification.conditioning import Conditioning
 from echelon.identification.culprit import Culprit
-from echelon.identification.display import data_frame, figure, html
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
@@ -62,6 +64,10 @@ def fitted_ranges(preparation: Preparation, fitted: Validation) -> tuple[FittedR
         )
         for score in fitted.scores
     )
+
+
+_SHOWN = 30  # base parameters in a notebook
+_MEASURED, _PREDICTED = "#4477aa", "#ee6677"
 
 
 @dataclass(frozen=True, repr=False)
@@ -146,7 +152,9 @@ class Identification:
         MissingExtraError
             If pandas is not installed.
         """
-        return data_frame(self)
+        with extra("notebook"):
+            import pandas as pd
+        return pd.DataFrame(_columns(self)).set_index("parameter")
 
     def plot(self) -> Any:
         """Measured and predicted outputs of the last validation.
@@ -161,14 +169,67 @@ class Identification:
         MissingExtraError
             If plotly is not installed.
         """
-        return figure(self)
+        with extra("identify"):
+            from plotly.graph_objects import Scattergl
+            from plotly.subplots import make_subplots
+        traces = self.validations[-1].traces
+        found = make_subplots(len(traces), 1, shared_xaxes=True, vertical_spacing=0.02)
+        for row, trace in enumerate(traces, start=1):
+            for name, values, colour in (
+                ("measured", trace.measured, _MEASURED),
+                ("predicted", trace.predicted, _PREDICTED),
+            ):
+                line = Scattergl(x=trace.time, y=values, name=name, legendgroup=name, showlegend=row == 1)
+                found.add_trace(line.update(line={"color": colour, "width": 1}), row=row, col=1)
+            found.update_yaxes(title_text=f"{_safe(trace.output)}, {_safe(trace.unit)}", row=row, col=1)
+        found.update_xaxes(title_text="time, s", row=len(traces), col=1)
+        return found.update_layout(height=160 * len(traces) + 80, margin={"t": 30})
 
     def _repr_html_(self) -> str:
-        return html(self)
+        """The verdict, the scores and the first parameters."""
+        judged = self.pooled[-1]
+        scores = [(score.output, f"{score.rms:.4g} {score.unit}", f"{score.r2:.4f}") for score in judged.scores]
+        columns = _columns(self)
+        shown = zip(*(columns[name][:_SHOWN] for name in ("expression", "value", "low", "high", "unit")), strict=True)
+        rows = [(name, f"{value:.5g}", f"{low:.4g} … {high:.4g}", unit) for name, value, low, high, unit in shown]
+        left = len(self.base.pivots) - len(rows)
+        unseen = "rows the fit did not see" if judged.role == "validation" else "fitted rows"
+        return (
+            f"<b>{_safe(self.base.mechanism.name)}</b>: {_safe(self.verdict)}"
+            + _table(("output", "rms", f"R² of {unseen}"), scores)
+            + _table(("base parameter", "value", "interval of the estimate", "unit"), rows)
+            + (f"… {left} more" if left else "")
+        )
 
     def __repr__(self) -> str:
         logs = counted(len(self.logs), "log")
         return f"Identification({self.base.mechanism.name}: {self.base.rank} base parameters, {logs})"
+
+
+def _columns(result: Identification) -> dict[str, Sequence[Any]]:
+    """Base parameters by column: name, closed form, unit, the value of predictions, and the estimate's interval."""
+    level = float(result.settings.get("level", 0.95))
+    low, high = result.estimate.interval(level).T
+    return {
+        "parameter": list(result.base.pivots),
+        "expression": [str(expression) for expression in result.base.expressions],
+        "unit": list(result.estimate.units),
+        "value": result.values.tolist(),
+        "estimate": result.estimate.values.tolist(),
+        "std": result.estimate.std.tolist(),
+        "low": low.tolist(),
+        "high": high.tolist(),
+    }
+
+
+def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    cells = "".join(f"<th>{_safe(cell)}</th>" for cell in head)
+    body = "".join(f"<tr>{''.join(f'<td>{_safe(cell)}</td>' for cell in row)}</tr>" for row in rows)
+    return f"<table><tr>{cells}</tr>{body}</table>"
+
+
+def _safe(text: str) -> str:
+    return escape(one_line(text))
 
 
 _MOST = 12
@@ -204,16 +265,8 @@ def fit_findings(
     culprit: Culprit | None = None,
 ) -> list[Finding]:
     """What is wrong with a fit, or worth knowing."""
-    return [
-        *_culprit(culprit),
-        *_strangers(validations),
-        *_computed(validations),
-        *_silent(estimate),
-        *_open(estimate, seen),
-        *_unconverged(estimate),
-        *_unphysical(feasible),
-        *_costly(physical, estimate),
-    ]
+    found = [*_of_scores(validations), *_of_estimate(estimate, seen), *_of_physics(feasible, physical, estimate)]
+    return found if culprit is None else [_of_culprit(culprit), *found]
 
 
 def limited(findings: Iterable[Finding]) -> tuple[Finding, ...]:
@@ -230,16 +283,15 @@ def limited(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     return tuple(shown)
 
 
-def _culprit(culprit: Culprit | None) -> Iterable[Finding]:
-    if culprit is not None:
-        gain = (
-            f"; with this one change a physical robot explains the data, and what is left of the outputs falls from "
-            f"{culprit.before:.2%} to {culprit.after:.2%} of their spread"
-        )
-        yield warning("culprit", "", culprit.text + gain * (culprit.before < 1))
+def _of_culprit(culprit: Culprit) -> Finding:
+    gain = (
+        f"; with this one change a physical robot explains the data, and what is left of the outputs falls from "
+        f"{culprit.before:.2%} to {culprit.after:.2%} of their spread"
+    )
+    return warning("culprit", "", culprit.text + gain * (culprit.before < 1))
 
 
-def _strangers(validations: Sequence[Validation]) -> Iterable[Finding]:
+def _of_scores(validations: Sequence[Validation]) -> Iterable[Finding]:
     for validation in validations:
         scores = [score.r2 for score in validation.scores if np.isfinite(score.r2)]
         if validation.role == "identification" and scores and max(scores) < _STRANGER:
@@ -248,9 +300,6 @@ def _strangers(validations: Sequence[Validation]) -> Iterable[Finding]:
                 "columns exchanged, or their signs or units wrong?"
             )
             yield warning("stranger", validation.source, text)
-
-
-def _computed(validations: Sequence[Validation]) -> Iterable[Finding]:
     told = [score for validation in validations for score in validation.scores if score.raw.deviation > 0]
     if told and all(score.is_computed for score in told):
         noise = max(score.noise / score.raw.deviation for score in told)
@@ -261,52 +310,33 @@ def _computed(validations: Sequence[Validation]) -> Iterable[Finding]:
         yield warning("computed", "", text)
 
 
-def _silent(estimate: Estimate) -> Iterable[Finding]:
+def _of_estimate(estimate: Estimate, seen: Conditioning) -> Iterable[Finding]:
     for output, rows in zip(estimate.outputs, estimate.rows, strict=True):
         if not rows:
             text = "no row of it is left: it never moves faster than 'still', so nothing was fitted to it"
             yield warning("silent", f"output '{output}'", text)
-
-
-def _open(estimate: Estimate, seen: Conditioning) -> Iterable[Finding]:
-    n = len(estimate.values)
+    n, course = len(estimate.values), estimate.diagnostics
     if seen.rank < n:
         text = f"the data determine {seen.rank} of {n} base parameters, though the sensors could see all of them"
         yield warning("conditioning", "", text)
     for direction in seen.weak:
         yield warning("conditioning", "", direction.advice)
-
-
-def _unconverged(estimate: Estimate) -> Iterable[Finding]:
-    if estimate.diagnostics.get("converged") is False:
-        text = (
-            f"the estimator {estimate.method} did not converge in {estimate.diagnostics.get('iterations')} iterations"
-        )
+    if course.get("converged") is False:
+        text = f"the estimator {estimate.method} did not converge in {course.get('iterations')} iterations"
         yield warning("convergence", "", text)
 
 
-def _unphysical(feasible: Feasibility | None) -> Iterable[Finding]:
+def _of_physics(feasible: Feasibility | None, physical: PhysicalFit | None, estimate: Estimate) -> Iterable[Finding]:
     if feasible is not None and feasible.feasible is False:
-        text = (
-            "no physical robot has the estimated base parameters; the nearest one is "
-            f"{feasible.distance:.2g} standard deviations away"
-        )
+        away = f"{feasible.distance:.2g} standard deviations away"
+        text = f"no physical robot has the estimated base parameters; the nearest one is {away}"
         if feasible.distance <= FAR:
             yield note("feasibility", "", f"{text}, as noise does")
-            return
-        if feasible.distance > IMPOSSIBLE:
-            text += ": columns are exchanged, or their signs or units wrong, or the model lacks something"
         else:
-            text += ": the model lacks something"
-        yield warning("feasibility", "", text)
-
-
-def _costly(physical: PhysicalFit | None, estimate: Estimate) -> Iterable[Finding]:
-    if physical is None:
-        return
-    per_row = (physical.misfit - physical.unconstrained_misfit) / max(sum(estimate.rows), 1)
-    if physical.misfit > _COSTLY * max(physical.unconstrained_misfit, sum(estimate.rows)):
-        text = (
-            f"physical consistency raises the squares by {per_row:.2g} noise variances per row: is the model complete?"
-        )
+            wrong = "columns are exchanged, or their signs or units wrong, or " * (feasible.distance > IMPOSSIBLE)
+            yield warning("feasibility", "", f"{text}: {wrong}the model lacks something")
+    rows = max(sum(estimate.rows), 1)
+    if physical is not None and physical.misfit > _COSTLY * max(physical.unconstrained_misfit, rows):
+        more = (physical.misfit - physical.unconstrained_misfit) / rows
+        text = f"physical consistency raises the squares by {more:.2g} noise variances per row: is the model complete?"
         yield warning("physics", "", text)
