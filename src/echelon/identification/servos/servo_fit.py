@@ -1,9 +1,8 @@
 """Arms without torque sensors: servo gains, friction and base parameters from positions and position commands.
 
 An output-error fit: the closed loop of the servos is simulated (``servo_motion``), and its parameters are those whose
-motion is nearest to the measured one, by Gauss–Newton steps with Levenberg's damping (``output_error``; Ljung, "System
-Identification", 1999, section 7.2).  Starting values are those of the robot's file, and, for gains and
-friction, a least-squares fit of differentiated positions.
+motion is nearest to the measured one (Ljung, "System Identification", 1999, section 7.2).  Starting values are those
+of the robot's file, and, for gains and friction, a least-squares fit of differentiated positions.
 
 The equation y(q, q̇, q̈; u) = X̄ ζ̄ = 0 is homogeneous: a heavier robot with stronger servos moves alike.  How many such
 scales there are is decided exactly, by the ranks of what the joints' rows see: joints whose row spaces meet only in 0
