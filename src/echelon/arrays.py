@@ -1,4 +1,4 @@
-"""Types of NumPy arrays that many modules share, and the QR factorisation that NumPy lacks."""
+"""Types of NumPy arrays that many modules share, and factorisations that NumPy lacks."""
 
 from __future__ import annotations
 
@@ -34,3 +34,24 @@ def pivoted_qr(matrix: Floats) -> tuple[Floats, Integers]:
         mirror[0] += np.copysign(1.0, mirror[0])
         rest[k:, k:] -= np.outer(mirror / abs(mirror[0]), mirror @ rest[k:, k:])
     return sizes, order
+
+
+def independent_columns(matrix: Floats, tolerance: float) -> list[int]:
+    """Columns of which more than a tolerance is left when those chosen before are projected out.
+
+    The tolerance is relative to the length of a column that is longer than 1.
+
+    >>> independent_columns(np.array([[1.0, 2.0, 0.0], [1.0, 2.0, 1.0]]), 1e-9)
+    [0, 2]
+    """
+    basis: Floats = np.zeros((0, len(matrix)))
+    chosen: list[int] = []
+    for k, column in enumerate(matrix.T):
+        rest = column
+        for _ in range(2):  # twice is enough for orthogonality (Kahan)
+            rest = rest - basis.T @ (basis @ rest)
+        size = np.linalg.norm(rest)
+        if size > tolerance * max(1.0, float(np.linalg.norm(column))):
+            basis = np.vstack([basis, rest / size])
+            chosen.append(k)
+    return chosen

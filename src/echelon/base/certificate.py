@@ -173,7 +173,11 @@ def _certified(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: St
     rng = random_generator(seed)
     if regressor.loops is not None or values is None or not values.can_be_drawn:
         values = GENERAL  # lengths of loops cannot be chosen freely modulo a prime
-    minor = _check_minimal(regressor, matrix, values, rng)
+    minor = find_minor(regressor, matrix.pivots, values, rng)
+    if minor.rank < matrix.rank:
+        raise CertificateError(
+            f"the set is too large: its {matrix.rank} representatives span only {max(minor.rank, 0)} dimensions"
+        )
     if regressor.loops is not None:
         return _certified_on_curves(regressor, matrix, seed, regressor.loops.order, minor, rng)
     sampler = regressor.sampler()
@@ -189,7 +193,8 @@ def _certified(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: St
     return Certificate(
         matrix.rank,
         seed,
-        *minor,
+        minor.prime,
+        minor.states,
         tuple(primes),
         size.degree,
         points * missed,
@@ -208,13 +213,13 @@ def _certified_on_curves(
     matrix: BaseMatrix,
     seed: int,
     order: int,
-    minor: tuple[int, int],
+    minor: Minor,
     rng: np.random.Generator,
 ) -> Certificate:
     sampler = regressor.sampler()
     primes = tuple(_check_complete(regressor, matrix, sampler, rng, ARRAY_BITS) for _ in range(_CURVES))
     error = sum(log10(order) - log10(p) for p in primes)
-    return Certificate(matrix.rank, seed, *minor, primes, order, error, order, **_regions(sampler))
+    return Certificate(matrix.rank, seed, minor.prime, minor.states, primes, order, error, order, **_regions(sampler))
 
 
 def _check_echelon(matrix: BaseMatrix) -> None:
@@ -238,18 +243,6 @@ def _check_echelon(matrix: BaseMatrix) -> None:
                 raise CertificateError(f"row {name} contains the representative {other}")
             if position[column] < position[pivot] and coefficient:
                 raise CertificateError(f"row {name} contains {other}, which comes before it in the column order")
-
-
-def _check_minimal(
-    regressor: LinearForms, matrix: BaseMatrix, values: StatedValues, rng: np.random.Generator
-) -> tuple[int, int]:
-    """Find a non-zero minor; returns its prime and the number of states used."""
-    minor = find_minor(regressor, matrix.pivots, values, rng)
-    if minor.rank < matrix.rank:
-        raise CertificateError(
-            f"the set is too large: its {matrix.rank} representatives span only {max(minor.rank, 0)} dimensions"
-        )
-    return minor.prime, minor.states
 
 
 def _check_complete(

@@ -20,12 +20,12 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.base.ball_rows import Balls, ball_rows, precision, stated_generators
-from echelon.base.dependent import Kernel, Relation, relations, substituted
+from echelon.base.dependent import Kernel, Relation, relations
 from echelon.base.matrix import BaseMatrix, StatedNumbers, reordered
 from echelon.base.structure import Structure
 from echelon.conventions import PER_BODY
 from echelon.errors import ClosedFormError
-from echelon.exact.elimination import by_pivots
+from echelon.exact.elimination import by_pivots, substituted
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.interpolation import interpolate
 from echelon.exact.numbers import Number

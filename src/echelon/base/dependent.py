@@ -13,14 +13,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from echelon.base.structure import Structure, floating_pair, mount, pair_columns, pair_signature
 from echelon.conventions import PER_BODY
 from echelon.errors import DegenerateSampleError
-from echelon.exact.elimination import solve_batched
+from echelon.exact.elimination import T, solve_batched, substituted
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.numbers import Surd, parts_of
 from echelon.exact.polynomial import Polynomial, as_polynomial
@@ -36,17 +35,6 @@ from echelon.regressor.loops.curves import CurveSampler
 
 _MOST_TIMES = 32
 """So many times as many points where regions of signs need them."""
-
-
-class Ring(Protocol):
-    """Numbers that can be added and multiplied."""
-
-    def __add__(self, other: Any, /) -> Any: ...
-
-    def __mul__(self, other: Any, /) -> Any: ...
-
-
-T = TypeVar("T", bound=Ring)
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,16 +257,3 @@ def _degrees(mechanism: Mechanism, sources: Sequence[int], targets: Sequence[int
     if any(columns[c].kind is None for c in (*sources, *targets)):
         return None
     return [columns[s].length_degree - columns[t].length_degree for s in sources for t in targets]
-
-
-def substituted(combination: Mapping[int, T], solved: Mapping[int, Mapping[int, T]]) -> dict[int, T]:
-    """A combination of columns as one of pivots."""
-    total: dict[int, T] = {}
-    for column, coefficient in combination.items():
-        if column not in solved:
-            total[column] = total[column] + coefficient if column in total else coefficient
-            continue
-        for pivot, inner in solved[column].items():
-            addend = coefficient * inner
-            total[pivot] = total[pivot] + addend if pivot in total else addend
-    return dict(sorted(total.items()))

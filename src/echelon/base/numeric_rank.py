@@ -21,7 +21,7 @@ from math import sqrt
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats, pivoted_qr
+from echelon.arrays import Floats, independent_columns, pivoted_qr
 from echelon.base.own import stated_structure
 from echelon.errors import InputError
 from echelon.mechanism.joint import MotionKind
@@ -152,14 +152,7 @@ def firm_first(mechanism: Mechanism, order: Sequence[int], rank: int, rng: np.ra
     representative it would give others coefficients of the size of 1/rounding.  The order stays where columns that are
     independent in double precision are not as many as the rank.
     """
-    matrix = _sampled(mechanism, order, rng, None, None, None)
-    basis, firm = np.zeros((0, len(matrix))), list[int]()
-    for column, vector in zip(order, matrix.T, strict=True):
-        for _ in range(2):  # twice is enough for orthogonality (Kahan)
-            vector = vector - basis.T @ (basis @ vector)
-        size = np.linalg.norm(vector)
-        if size > _FIRM:
-            basis, firm = np.vstack([basis, vector / size]), [*firm, column]
+    firm = [order[k] for k in independent_columns(_sampled(mechanism, order, rng, None, None, None), _FIRM)]
     if len(firm) != rank:
         return tuple(order)
     return (*firm, *(column for column in order if column not in set(firm)))

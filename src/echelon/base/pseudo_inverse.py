@@ -26,6 +26,7 @@ import numpy.typing as npt
 
 from echelon.base.matrix import BaseMatrix, sympy_generators
 from echelon.errors import ClosedFormError, EchelonError, InputError
+from echelon.exact.elimination import substituted
 from echelon.exact.expressions import parse
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction, Ring
@@ -233,7 +234,7 @@ def pseudo_inverse(
     rows = [{c: ring.enter(p) for c, p in row.items()} for row, _ in cleared]
     weight = [ring.enter(weights[c]) for c in range(n)]
     weighted = [{c: entry * weight[c] for c, entry in row.items()} for row in rows]
-    columns: list[Sparse] = [{} for _ in range(n)]
+    columns: dict[int, Sparse] = {c: {} for c in range(n)}
     for i, row in enumerate(rows):
         for c, entry in row.items():
             columns[c][i] = entry
@@ -273,13 +274,9 @@ def _common_multiple(a: Polynomial, b: Polynomial) -> Polynomial:
     return shortened.denominator * a
 
 
-def _product(row: Sparse, others: Sequence[Sparse]) -> Sparse:
+def _product(row: Sparse, others: Mapping[int, Sparse]) -> Sparse:
     """A sparse row times a sparse matrix."""
-    found: Sparse = {}
-    for k, entry in row.items():
-        for c, other in others[k].items():
-            found[c] = found[c] + entry * other if c in found else entry * other
-    return {c: entry for c, entry in found.items() if entry}
+    return {c: entry for c, entry in substituted(row, others).items() if entry}
 
 
 def _block(
@@ -288,20 +285,17 @@ def _block(
     """Rows of S Bᵀ (B S Bᵀ)⁻¹ for one block, by standard parameter, times the denominator that follows."""
     place = {row: k for k, row in enumerate(block)}
     inverse, denominator = adjugate([{place[c]: e for c, e in gram[i].items()} for i in block], one, most_terms)
-    transposed: dict[int, Sparse] = {}
+    rows, transposed = dict(enumerate(inverse)), dict[int, Sparse]()
     for k, i in enumerate(block):
         for c, entry in weighted[i].items():
             transposed.setdefault(c, {})[k] = entry
-    return {c: _product(row, inverse) for c, row in transposed.items()}, denominator
+    return {c: _product(row, rows) for c, row in transposed.items()}, denominator
 
 
 def _check_inverse(rows: Sequence[Sparse], numerators: Mapping[int, Sparse], denominator: Any) -> None:
     """B · B† = 1 as an identity of polynomials."""
     for i, row in enumerate(rows):
-        total: Sparse = {}
-        for c, entry in row.items():
-            for k, numerator in numerators.get(c, {}).items():
-                total[k] = total[k] + entry * numerator if k in total else entry * numerator
+        total = substituted({c: entry for c, entry in row.items() if c in numerators}, numerators)
         if any(value != (denominator if k == i else 0) for k, value in total.items()) or i not in total:
             raise EchelonError("B · B† is not the identity; please report this model")
 

@@ -26,7 +26,6 @@ from echelon.exact.field import PrimeField, Residues
 from echelon.exact.interpolation import combine, rational
 from echelon.mechanism.mechanism import Mechanism
 from echelon.models.linear_model import LinearModel
-from echelon.program.sampling import FieldSampler
 from echelon.regressor.energy import energy_form
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.virtual_power import power_form, virtual_power_form
@@ -104,7 +103,6 @@ def _in_own_mode(mechanism: Mechanism, forms: LinearForms) -> LinearForms:
 Model = Mechanism | BaseModel | LinearModel | LinearBase | RecordedRows | LinearForms
 """What has a row space."""
 
-_SURPLUS_ROWS, _MORE_IN_REGIONS = 8, 4
 _ATTEMPTS, _AGREEING = 8, 2
 
 
@@ -224,7 +222,7 @@ class _Side:
         matrix: BaseMatrix | None = None
         if isinstance(model, BaseModel | LinearBase):
             self.names, matrix = model.parameters, model.matrix
-            self._rows: Callable[..., Residues] = lambda field, _, at: model.matrix.dense_modulo(at, field)
+            self.rows: Callable[..., Residues] = lambda field, _, at: model.matrix.dense_modulo(at, field)
         elif isinstance(model, Mechanism):
             self.names, forms, auxiliary = model.parameters, virtual_power_form(model), 0
             if model.closures:
@@ -243,11 +241,7 @@ class _Side:
             return
         sampler = forms.sampler()
         self.symbols, self.columns = sampler.symbols, forms.shape[1] - auxiliary
-        self._rows = lambda *point: _rows_of_forms(forms, auxiliary, sampler, *point)
-
-    def rows(self, field: PrimeField, rng: np.random.Generator, geometry: dict[str, Residues]) -> Residues:
-        """Rows that span the row space at a geometry."""
-        return self._rows(field, rng, geometry)
+        self.rows = lambda field, rng, at: forms.row_space(field, rng, at, auxiliary)
 
     def closed_form(self, pivot: str) -> str | None:
         """The base parameter of this representative, where there are closed forms."""
@@ -255,27 +249,6 @@ class _Side:
         if not isinstance(model, BaseModel | LinearBase) or pivot not in model.pivots:
             return None
         return str(model.expressions[model.pivots.index(pivot)])
-
-
-def _rows_of_forms(
-    forms: LinearForms,
-    auxiliary: int,
-    sampler: FieldSampler,
-    field: PrimeField,
-    rng: np.random.Generator,
-    geometry: dict[str, Residues],
-) -> Residues:
-    count = (forms.shape[1] + _SURPLUS_ROWS) * (_MORE_IN_REGIONS if sampler.regions > 1 else 1)
-    states = max(-(-count // max(1, forms.shape[0])), sampler.regions)
-    drawn = sampler.evaluate(field, rng, states, geometry or {"": np.zeros(1, dtype=np.int64)})
-    rows: Residues = forms.stacked(drawn)[0]
-    if not auxiliary:
-        return rows
-    # what is known up to constants is seen in combinations of rows that are free of them
-    reduced, pivots = reduced_echelon(rows, field)
-    kept = [k for k, pivot in enumerate(pivots) if pivot >= auxiliary]
-    table = [[int(reduced[k, c]) for c in range(auxiliary, rows.shape[1])] for k in kept]
-    return np.array(table, dtype=np.int64).reshape(len(kept), rows.shape[1] - auxiliary)
 
 
 def _places(first: Sequence[str], second: Sequence[str], columns: int, others: int) -> list[int]:

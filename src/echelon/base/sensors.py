@@ -12,19 +12,17 @@ import numpy as np
 from echelon.base.own import at_stated_values
 from echelon.base.structure import find_structure
 from echelon.errors import ClosedFormError, DegenerateSampleError, EchelonError, InputError
-from echelon.exact.elimination import rank, reduced_echelon
+from echelon.exact.elimination import rank
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.unknown import SOLVING, Work
 from echelon.mechanism.body import GROUND
 from echelon.mechanism.joint import Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut, Output, plain
-from echelon.program.sampling import FieldSampler
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.virtual_power import virtual_power_form
 from echelon.seeds import DEFAULT_SEED, random_generator
 
-_SURPLUS, _FIRST_STATES = 8, 32
 _FIELDS = 2
 _ATTEMPTS = 8
 Progress = Callable[[str], None]
@@ -196,26 +194,8 @@ def _row_spaces(
     for number, (name, sampler) in enumerate(samplers.items(), 1):
         progress(f"what {name} sees (sensor {number} of {len(samplers)}, modulo {field.p})")
         own = {s: geometry[s] for s in sampler.symbols}
-        spaces[name] = _row_space(forms[name], sampler, field, rng, own)
+        spaces[name] = forms[name].row_space(field, rng, own)
     return spaces
-
-
-def _row_space(
-    form: LinearForms, sampler: FieldSampler, field: PrimeField, rng: np.random.Generator, geometry: Geometry
-) -> Residues:
-    """A basis of one sensor's row space; most see much less than all, so states are few at first."""
-    columns = form.shape[1]
-    states, seen = max(min(_FIRST_STATES, columns + _SURPLUS), sampler.regions), -1
-    while True:
-        matrix = form.stacked(sampler.evaluate(field, rng, states, geometry))[0]
-        reduced, pivots = reduced_echelon(matrix, field)
-        enough = states >= min(len(pivots), columns) + _SURPLUS
-        if enough and (sampler.regions == 1 or len(pivots) == seen):
-            break
-        # with too few states, or because a region of signs may have more to show
-        states, seen = 2 * states, len(pivots) if enough else -1
-    rows = [[int(x) for x in row] for row in reduced.tolist()[: len(pivots)]]
-    return np.array(rows, dtype=np.int64).reshape(len(pivots), columns)
 
 
 def _listed(names: Sequence[str], spaces: _Spaces, size: int, progress: Progress) -> dict[tuple[str, ...], int]:

@@ -22,12 +22,13 @@ from fractions import Fraction
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import independent_columns
 from echelon.base.matrix import BaseMatrix, coefficient_value, reordered
 from echelon.base.model import BaseModel
 from echelon.claims.reading import Precision
 from echelon.claims.result import Agreement, TermDifference
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
-from echelon.exact.elimination import reduced_echelon
+from echelon.exact.elimination import reduced_echelon, substituted
 from echelon.exact.field import PrimeField
 from echelon.exact.numbers import Number, Surd
 from echelon.exact.polynomial import float_generators, is_trigonometric, symbol_of
@@ -137,13 +138,8 @@ def compare_row(row: Row, matrix: BaseMatrix, geometry: Geometry, precision: Pre
 
 def combination(row: Row, matrix: BaseMatrix) -> dict[int, RationalFunction]:
     """The member of the row space of B that has a row's coefficients at the pivots."""
-    total: dict[int, RationalFunction] = {}
-    for pivot, exact in zip(matrix.pivots, matrix.rows, strict=True):
-        factor = row.get(pivot)
-        if factor is not None:
-            for column, value in exact.items():
-                part = factor * value
-                total[column] = total[column] + part if column in total else part
+    exact = dict(zip(matrix.pivots, matrix.rows, strict=True))
+    total = substituted({pivot: row[pivot] for pivot in matrix.pivots if pivot in row}, exact)
     return {column: value for column, value in total.items() if value}
 
 
@@ -226,8 +222,8 @@ def span_roughly(
     values = np.array([[geometry.roughly(row.get(p, _ZERO)) or 0.0 for p in matrix.pivots] for row in rows])
     values = values.reshape(len(rows), matrix.rank)
     threshold = max(_NOISE, 4 * tolerance)
-    independent = _independent(values[list(right)].T, threshold)
-    return _span(right, independent, _independent(values, threshold), matrix)
+    independent = independent_columns(values[list(right)].T, threshold)
+    return _span(right, independent, independent_columns(values, threshold), matrix)
 
 
 def _span(right: Sequence[int], independent: Sequence[int], seen: Sequence[int], matrix: BaseMatrix) -> Span:
@@ -248,18 +244,3 @@ def _residues(
             if pivot in row:
                 values[i, k] = row[pivot].residue(known, field)
     return values
-
-
-def _independent(values: npt.NDArray[np.float64], threshold: float) -> list[int]:
-    """Columns that do not depend on the ones before, by modified Gram–Schmidt, applied twice for accuracy."""
-    basis: list[npt.NDArray[np.float64]] = []
-    chosen = []
-    for index, column in enumerate(values.T):
-        rest = column.astype(float)
-        for direction in basis * 2:
-            rest = rest - (direction @ rest) * direction
-        size = float(np.linalg.norm(rest))
-        if size > threshold * max(1.0, float(np.linalg.norm(column))):
-            basis.append(rest / size)
-            chosen.append(index)
-    return chosen

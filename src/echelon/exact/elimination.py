@@ -9,7 +9,8 @@ Columns without one are dependent up to a bound that shrinks with the precision.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Protocol, TypeVar
 
 import flint
 import numpy as np
@@ -105,3 +106,27 @@ def ball_rank(matrix: list[list[Any]], bits: int) -> int | None:
             factor = rows[i][column] / lead[column]
             rows[i] = [a - factor * b for a, b in zip(rows[i], lead, strict=True)]
     return rank
+
+
+class Ring(Protocol):
+    """Numbers that can be added and multiplied."""
+
+    def __add__(self, other: Any, /) -> Any: ...
+
+    def __mul__(self, other: Any, /) -> Any: ...
+
+
+T = TypeVar("T", bound=Ring)
+
+
+def substituted(combination: Mapping[int, T], solved: Mapping[int, Mapping[int, T]]) -> dict[int, T]:
+    """A combination of columns as one of those that the solved ones are combinations of."""
+    total: dict[int, T] = {}
+    for column, coefficient in combination.items():
+        if column not in solved:
+            total[column] = total[column] + coefficient if column in total else coefficient
+            continue
+        for pivot, inner in solved[column].items():
+            addend = coefficient * inner
+            total[pivot] = total[pivot] + addend if pivot in total else addend
+    return dict(sorted(total.items()))

@@ -1,14 +1,12 @@
-"""Functions along one symbol: from values on a line to the degrees of numerator and denominator, and the denominator.
+"""Denominators and numerators of unknown functions, symbol by symbol.
 
 On a line along one symbol every function is a quotient of univariate polynomials, found from its values by the extended
 Euclidean algorithm (von zur Gathen and Gerhard, *Modern Computer Algebra*, 5.8).  Along an angle these are polynomials
 in the tangent t of its half; they become polynomials in cosine and sine by a power of 1 + t², the least that is enough.
 
-Denominators and numerators of unknown functions, symbol by symbol.
-
-Along one symbol a denominator is found from values on a line.  If two lines with other values of the other symbols show
-the same one, it is a factor in this symbol alone, as the denominators of robots mostly are.  Symbols that are entangled
-with one another are fitted together, with all others held: the degrees are known from the lines.
+If two lines with other values of the other symbols show the same denominator, it is a factor in this symbol alone, as
+the denominators of robots mostly are.  Symbols that are entangled with one another are fitted together, with all others
+held: the degrees are known from the lines.
 
 Times its denominator a function is a polynomial.  Its monomials in the symbols seen so far are known; at some values of
 the next symbol, as many as its degree needs, their coefficients follow from as many random points as there are
@@ -19,7 +17,7 @@ last; the power of the very last one follows from the dimension.  All functions 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial, reduce
 from itertools import product
@@ -38,6 +36,7 @@ from echelon.exact.unknown import (
     Ansatz,
     Fit,
     Geometry,
+    UnknownFunctions,
     Work,
     circle_basis,
     design,
@@ -215,19 +214,16 @@ class Numerator:
 class SparseInterpolation:
     """What numerators are interpolated from."""
 
-    evaluate: Callable[[Mapping[str, Residues]], Residues]
+    unknown: UnknownFunctions
     field: PrimeField
     rng: np.random.Generator
     anchor: Mapping[str, int]  # values of the symbols that are held
-    angles: frozenset[str]
-    lengths: frozenset[str]
-    cost: float  # operations of one evaluation
     work: Work
 
     def finish(self, numerators: Sequence[Numerator]) -> list[Numerator]:
         """Those whose terms in all symbols could be found within the budget."""
         names = {name for numerator in numerators for name in numerator.degrees}
-        order = sorted(names, key=lambda name: (name in self.lengths, name))
+        order = sorted(names, key=lambda name: (name in self.unknown.lengths, name))
         going = list(numerators)
         for position, name in enumerate(order):
             concerned = [n for n in going if name in n.degrees]
@@ -241,16 +237,16 @@ class SparseInterpolation:
     # -- the last length -----------------------------------------------------------------------------------------
 
     def _is_last_length(self, numerator: Numerator, name: str) -> bool:
-        if numerator.length_degree is None or name not in self.lengths:
+        if numerator.length_degree is None or name not in self.unknown.lengths:
             return False
-        return name == max(n for n in numerator.degrees if n in self.lengths)
+        return name == max(n for n in numerator.degrees if n in self.unknown.lengths)
 
     def _complete(self, numerator: Numerator, name: str) -> None:
         """Add the power that makes every term homogeneous."""
         p, share = self.field.p, self.field.invert(self.anchor[name])
         terms = {}
         for monomial, coefficient in numerator.terms.items():
-            missing = (numerator.length_degree or 0) - sum(e for g, e in monomial if g in self.lengths)
+            missing = (numerator.length_degree or 0) - sum(e for g, e in monomial if g in self.unknown.lengths)
             if missing < 0:
                 raise DegenerateSampleError("a term has more lengths than the function")
             power = ((name, missing),) if missing else ()
@@ -261,14 +257,14 @@ class SparseInterpolation:
 
     def _extend(self, numerators: list[Numerator], known: Sequence[str], name: str) -> list[Numerator]:
         """Add a symbol to some numerators; returns those that the budget does not allow."""
-        bases = {n.index: symbol_basis(name, n.degrees[name], angle=name in self.angles) for n in numerators}
+        bases = {n.index: symbol_basis(name, n.degrees[name], angle=name in self.unknown.angles) for n in numerators}
         growing = sorted(numerators, key=lambda n: len(n.terms) * len(bases[n.index]))
         failed = [n for n in growing if len(n.terms) > self.work.terms]
         growing = [n for n in growing if len(n.terms) <= self.work.terms]
         while growing:
             points, nodes = max(len(n.terms) for n in growing), max(len(bases[n.index]) for n in growing)
             solving = sum(len(n.terms) ** 3 for n in growing) * SOLVING
-            if self.work.take(points * nodes * self.cost + solving):
+            if self.work.take(points * nodes * self.unknown.cost + solving):
                 break
             failed.append(growing.pop())
         if growing:
@@ -290,7 +286,7 @@ class SparseInterpolation:
         geometry = {s: np.full(total, value) for s, value in self.anchor.items()}
         geometry |= {s: np.repeat(value, nodes) for s, value in drawn.items()}
         geometry[name] = np.tile(along, points)
-        values = self.evaluate(geometry).reshape(-1, points, nodes)
+        values = self.unknown.values(field, geometry, total).reshape(-1, points, nodes)
         extended = []
         for numerator in numerators:
             basis, count = bases[numerator.index], len(numerator.terms)

@@ -246,16 +246,7 @@ class _Fitting:
             denominator = None if parts is None else self._denominator(index, parts, entangled[index])
             if parts is not None and denominator is not None:
                 numerators.append(self._numerator(index, parts, denominator, int(values[index])))
-        sparse = SparseInterpolation(
-            lambda geometry: self.unknown.values(self.field, geometry, len(next(iter(geometry.values())))),
-            self.field,
-            self.rng,
-            self.anchor,
-            self.unknown.angles,
-            self.unknown.lengths,
-            self.unknown.cost,
-            self.work,
-        )
+        sparse = SparseInterpolation(self.unknown, self.field, self.rng, self.anchor, self.work)
         fits: list[Fit | None] = [None] * len(found)
         for numerator in sparse.finish(numerators):
             fits[numerator.index] = numerator.fit(self.field)

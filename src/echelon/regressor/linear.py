@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from echelon.exact.elimination import rank
+from echelon.exact.elimination import rank, reduced_echelon
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.numbers import Rational
 from echelon.mechanism.body import ALL, GROUND
@@ -35,6 +35,7 @@ FEW_COLUMNS = 120
 """So many columns are eliminated at once in less time than block by block."""
 
 _SURPLUS_ROWS = 4
+_FIRST_STATES, _SURPLUS_STATES = 32, 8
 
 
 @dataclass(frozen=True)
@@ -239,6 +240,26 @@ class LinearForms:
         for (row, column), value in zip(self.entries, values, strict=True):
             matrix[:, :, row, column] = value
         return matrix.reshape(geometries, states * self.shape[0], self.shape[1])
+
+    def row_space(
+        self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues], auxiliary: int = 0
+    ) -> Residues:
+        """A basis of the row space at one geometry; of rows that are free of auxiliary columns, without these.
+
+        Most forms show much less than they have columns, so states are few at first.
+        """
+        sampler, columns = self.sampler(), self.shape[1]
+        states, seen = max(min(_FIRST_STATES, columns + _SURPLUS_STATES), sampler.regions), -1
+        while True:
+            reduced, pivots = reduced_echelon(self.stacked(sampler.evaluate(field, rng, states, geometry))[0], field)
+            enough = states >= min(len(pivots), columns) + _SURPLUS_STATES
+            if enough and (sampler.regions == 1 or len(pivots) == seen):
+                break
+            # with too few states, or because a region of signs may have more to show
+            states, seen = 2 * states, len(pivots) if enough else -1
+        kept = [k for k, pivot in enumerate(pivots) if pivot >= auxiliary]
+        rows = [[int(reduced[k, c]) for c in range(auxiliary, columns)] for k in kept]
+        return np.array(rows, dtype=np.int64).reshape(len(kept), columns - auxiliary)
 
     def operations(self) -> dict[str, int]:
         """Operations needed to evaluate all entries, by kind."""
