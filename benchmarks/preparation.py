@@ -189,10 +189,11 @@ def estimated(condition: Condition, seed: int):
     """Estimate of one seed, with the preparation that was chosen."""
     base, segment = model(condition.robot), log(condition, seed)
     signals = Signals.of([segment], base.mechanism)
-    made, findings = with_band(chosen(Preparation(), signals), signals, base)
+    made, noisy = with_band(chosen(Preparation(), signals), signals, base)
     made = with_delays(made.model_copy(update={"delays": None}), [segment], base)
     rows = ModelRows.of(base, [prepare(segment, made, base.mechanism)])
-    return clustered(rows, irls(rows.observation(), rows.units)), made, findings
+    found = clustered(rows, irls(rows.observation(), rows.units))
+    return found if noisy is None else noisy.corrected(found), made, noisy
 
 
 def judged(condition: Condition, seeds: int) -> list[str]:
@@ -200,12 +201,12 @@ def judged(condition: Condition, seeds: int) -> list[str]:
     real = truth(condition.robot)
     errors, inside, bands, told = [], [], [], []
     for seed in range(seeds):
-        found, made, findings = estimated(condition, seed)
+        found, made, noisy = estimated(condition, seed)
         errors.append((found.values - real) / found.std)
         low, high = found.interval(0.95).T
         inside.append((low <= real) & (real <= high))
         bands.append(made.band)
-        told.append(bool(findings))
+        told.append(noisy is not None)
     biases, hits, told = np.abs(np.mean(errors, axis=0)), np.array(inside), np.array(told)
     silent = f"{hits[~told].mean():.3f}" if not told.all() else ""
     return [
@@ -224,7 +225,8 @@ def page(rows: list[list[str]], seeds: int) -> str:
         f"parameter with the fewest; a single parameter has {low / seeds:.3f} to {high / seeds:.3f} in 99 of 100 cases "
         "by chance.  `bias` is the median over the base parameters of the mean error, by its standard deviation, of "
         f"which chance brings {0.67 / seeds**0.5:.2f}, and `largest` the largest, with {3 / seeds**0.5:.2f}.  `warned` "
-        "are logs whose encoders were said to move a parameter by half a standard deviation or more."
+        "are logs whose encoders were said to move a parameter by half a standard deviation or more; their estimates "
+        "are corrected for it."
     )
     return f"# Automatic preparation against planted parameters\n\n{fill(text, 120)}\n\n{table(head, rows)}\n"
 

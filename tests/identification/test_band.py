@@ -122,6 +122,24 @@ def test_the_band_ends_where_the_model_explains_no_more() -> None:
 
 def test_noise_that_no_band_mends_is_said() -> None:
     signals = Signals.of([log(100.0, 0.15, 1e-6, 0)], pendulum().mechanism)
-    _, findings = with_band(chosen(Preparation(delays={}), signals), signals, pendulum())
-    assert [finding.kind for finding in findings] == ["noisy positions"]
-    assert "standard deviations" in findings[0].text
+    _, noisy = with_band(chosen(Preparation(delays={}), signals), signals, pendulum())
+    assert noisy is not None
+    assert noisy.finding.kind == "noisy positions"
+    assert "standard deviations" in noisy.finding.text
+
+
+def test_what_noise_takes_away_is_given_back() -> None:
+    """Bias and coverage of least squares, before and after the correction."""
+    errors: list[list[np.ndarray]] = [[], []]
+    for seed in range(12):
+        segment = log(100.0, 0.1, 1e-2, seed, 40.0)
+        signals = Signals.of([segment], pendulum().mechanism)
+        made, noisy = with_band(chosen(Preparation(delays={}), signals), signals, pendulum())
+        assert noisy is not None
+        assert "corrected" in noisy.finding.text
+        estimate = fitted(segment, made)
+        for found, some in zip(errors, (estimate, noisy.corrected(estimate)), strict=True):
+            found.append((some.values - TRUE) / some.std)
+    before, after = (np.abs(np.mean(some, axis=0)).max() for some in errors)
+    assert before > 1
+    assert after < 0.3 * before

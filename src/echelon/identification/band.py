@@ -11,7 +11,7 @@ logarithms; by the spectra of outputs and residuals, of a fit to a narrower band
 parameter is biased by more than a third of its standard deviation, which leaves intervals of 95 % with 94 %.  It is
 never narrower than the motion, twice the mean frequency of the fastest velocity, nor wider than what the signals
 allow (:mod:`echelon.logs.preparation.choices`), and of a short log it leaves ten rows per parameter.  Where even the
-narrowest band is biased by more, that is said.
+narrowest band is biased by more, that is said, and what noise added once more takes away from a fit is given back.
 
 Sources: Fuller, Measurement Error Models, 1987; Cook and Stefanski, J. Amer. Stat. Assoc. 89, 1994 (noise added to
 data); Janot, Vandanjon and Gautier, IEEE Trans. Control Syst. Technol. 22, 2014 (bandwidth of identified robots).
@@ -29,6 +29,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
+from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.rows.rows import ModelRows
 from echelon.logs.finding import Finding, warning
 from echelon.logs.preparation.choices import NARROWEST, ROWS, Signals, reasoned, with_lowpass, with_still
@@ -50,6 +51,8 @@ _BIASED = 1 / 3
 """Largest bias of a base parameter, by its standard deviation."""
 _TOLD = 0.5
 """Bias from which on it is said: intervals of 95 % then hold 92 % or less."""
+_KNOWN = 0.3
+"""Largest share that noise takes of any combination of parameters, for which a correction of first order is enough."""
 _REWEIGHTED = 4
 _LEAST = 1e-9
 """Residual of an output at least, by its largest value: rounding of exact data is no knowledge."""
@@ -57,11 +60,43 @@ _OPEN = 1e-12
 """Share of the largest eigenvalue of the scaled normal matrix below which nothing is known."""
 
 
-def with_band(preparation: Preparation, log: Signals, base: BaseModel) -> tuple[Preparation, tuple[Finding, ...]]:
-    """The preparation with the band narrowed as the model asks, and a finding where noise biases nevertheless."""
+@dataclass(frozen=True, eq=False)
+class Noisy:
+    """What noise of the positions does to an estimate even in the narrowest band."""
+
+    source: str  # the log
+    parameter: str  # that is moved most
+    bias: float  # by its standard deviation
+    lost: Floats  # share of the parameters that noise takes away, shape (n, n)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether it is small enough for its first order to be all of it."""
+        return float(np.abs(np.linalg.eigvals(self.lost)).max()) < _KNOWN
+
+    @property
+    def finding(self) -> Finding:
+        """What is said of it."""
+        text = (
+            f"noise of the positions moves {self.parameter} by {self.bias:.2g} standard deviations, however narrow the "
+            f"band; {'least squares are corrected for it; ' if self.is_known else ''}finer encoders or measured "
+            "velocities would help"
+        )
+        return warning("noisy positions", self.source, text)
+
+    def corrected(self, estimate: Estimate) -> Estimate:
+        """An estimate by least squares without the bias, as if it were known exactly."""
+        if not self.is_known:
+            return estimate
+        whole = np.linalg.inv(np.eye(len(self.lost)) - self.lost)
+        return replace(estimate, values=whole @ estimate.values, covariance=whole @ estimate.covariance @ whole.T)
+
+
+def with_band(preparation: Preparation, log: Signals, base: BaseModel) -> tuple[Preparation, Noisy | None]:
+    """The preparation with the band narrowed as the model asks, and what noise does where it biases nevertheless."""
     trials = Trials.of(log, preparation, base)
     if not trials.usable(trials.bands[0]):
-        return preparation, ()
+        return preparation, None
     preparation, trials = _better_velocities(preparation, trials)
     bands = trials.bands
     informed = place = _explained(trials)
@@ -79,13 +114,10 @@ def with_band(preparation: Preparation, log: Signals, base: BaseModel) -> tuple[
         reason = f"{bands[place]:.3g} Hz: above it the model explains less than half of what is measured"
         preparation = reasoned(preparation, "band", bands[place], reason)
     preparation = with_still(log, preparation)
-    if fits[place].bias <= _TOLD:
-        return preparation, ()
-    text = (
-        f"noise of the positions moves {trials.name(fits[place])} by {fits[place].bias:.2g} standard deviations, "
-        "however narrow the band; finer encoders or measured velocities would help"
-    )
-    return preparation, (warning("noisy positions", log.source, text),)
+    fit = fits[place]
+    if fit.bias <= _TOLD:
+        return preparation, None
+    return preparation, Noisy(log.source, trials.name(fit), fit.bias, trials.lost(bands[place], fit))
 
 
 def _better_velocities(preparation: Preparation, trials: Trials) -> tuple[Preparation, Trials]:
@@ -126,7 +158,8 @@ class Fit:
     residual: float  # geometric mean of the outputs' rms
     bias: float  # largest of a base parameter, by its standard deviation
     worst: int  # that parameter
-    lost: Floats  # share of the parameters that noise of the positions takes away, shape (n, n)
+    noise: Floats  # of the outputs' rows
+    inverse: Floats  # of the normal matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +215,19 @@ class Trials:
             biased = np.nan_to_num(np.abs(inverse @ (D @ values)) / np.sqrt(np.diag(inverse)))
         worst = int(np.argmax(biased))
         level = float(np.exp(np.log(sigma[np.isfinite(sigma)]).mean()))
-        return Fit(values, level, float(biased[worst]), worst, inverse @ D)
+        return Fit(values, level, float(biased[worst]), worst, sigma, inverse)
+
+    def lost(self, band: float, fit: Fit) -> Floats:
+        """Share of the parameters that noise of the positions takes away, shape (n, n).
+
+        It is what noise takes once more from a fit to exact outputs; with both signs, since its first order is chance.
+        """
+        turned = tuple((slow, _mirrored(slow, noisy)) for slow, noisy in self.pairs)
+        taken = np.zeros_like(fit.inverse)
+        for trials in (self, replace(self, pairs=turned)):
+            for (_, W, E), s in zip(trials._rows(band), fit.noise, strict=True):
+                taken += 0.5 * (W + E).T @ E / s**2
+        return np.asarray(fit.inverse @ taken)
 
     def explained(self, values: Floats) -> Floats:
         """Share of what is measured that a model explains, from each band's edge to the next, shape (bands − 1,)."""
@@ -245,6 +290,12 @@ def slower(segment: Segment, rate: float, most: int) -> Segment:
         signals = {name: low_passed(values, 1 / factor)[::factor] for name, values in signals.items()}
     inputs = {name: values[whole][::factor] for name, values in segment.inputs.items()}
     return Segment(segment.source, segment.start, segment.rate / factor, signals, inputs)
+
+
+def _mirrored(segment: Segment, noisier: Segment) -> Segment:
+    """A segment with the opposite noise of another."""
+    signals = {name: 2 * values - noisier.signals[name] for name, values in segment.signals.items()}
+    return replace(segment, signals=signals)
 
 
 def _noisier(segment: Segment, spectra: Mapping[str, Sequence[Spectrum]], rng: np.random.Generator) -> Segment:

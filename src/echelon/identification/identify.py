@@ -55,6 +55,8 @@ Solved = TypeVar("Solved")
 
 _PIECES = 5
 """Stretches of the data that are predicted from one another to weigh the prior."""
+_BIASED = ("ols", "wls", "irls", "huber")
+"""Estimators that noise of the positions biases as it biases least squares."""
 _SAME_UNIT = 0.5
 """Decades that a factor between outputs may be off that of a unit."""
 
@@ -141,6 +143,8 @@ def _fitted(
         step("estimating")
         conditions = conditioning(observation, 1 / noise_estimate(observation), base)
         estimate = _estimate(settings, data, observation, conditions, prior_base)
+        if surveyed.noisy is not None and estimate.method in _BIASED and not settings.known:
+            estimate = surveyed.noisy.corrected(estimate)
         noise = usable_noise(observation, estimate)
         reduced = _essential(settings, observation, estimate, conditions, noise)
 

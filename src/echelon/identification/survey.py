@@ -24,7 +24,7 @@ from echelon.arrays import Floats
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
-from echelon.identification.band import SAMPLED, slower, with_band
+from echelon.identification.band import SAMPLED, Noisy, slower, with_band
 from echelon.identification.conditioning import Conditioning, conditioning, without_rounding
 from echelon.identification.estimators.least_squares import noise_estimate
 from echelon.identification.rows.plan import Plan
@@ -163,6 +163,7 @@ class Survey:
     preparation: Preparation  # with every choice made
     columns: tuple[ColumnMap, ...]  # what the columns of each kind of log were taken for
     findings: tuple[Finding, ...]
+    noisy: Noisy | None = None  # what noise of the positions does to an estimate
 
 
 def survey(setup: Setup, base: BaseModel, paths: Sequence[Path], unseen: Sequence[Path] = ()) -> Survey:
@@ -183,14 +184,14 @@ def survey(setup: Setup, base: BaseModel, paths: Sequence[Path], unseen: Sequenc
         text = f"only the first {_LOGS} of {len(paths)} fitted logs and of {len(unseen)} others were examined"
         findings.append(note("survey", "", text))
     log = Signals.of(segments, setup.mechanism)
-    preparation = chosen(setup.preparation, log)
+    preparation, noisy = chosen(setup.preparation, log), None
     if setup.preparation.band is None:
         preparation, noisy = with_band(preparation, log, base)
-        findings += noisy
+        findings += [] if noisy is None else [noisy.finding]
     preparation = preparation.model_copy(update={"delays": setup.preparation.delays})
     preparation = with_delays(preparation, segments, base)
     findings += _short(preparation, segments, base)
-    return Survey(preparation, tuple(columns), tuple(findings))
+    return Survey(preparation, tuple(columns), tuple(findings), noisy)
 
 
 def _short(preparation: Preparation, segments: Sequence[Segment], base: BaseModel) -> list[Finding]:
