@@ -102,6 +102,21 @@ def test_currents_are_taken_for_torques_and_said_to_be(motion: Motion, tmp_path:
     assert "give the torque per ampere as scale" in " ".join(text.replace("#", "").split())
 
 
+def test_commands_without_torques_make_a_fit_of_servos(motion: Motion, tmp_path: Path) -> None:
+    log = pd.DataFrame({"timestamp": motion["t"]})
+    for k in (0, 1):
+        log[f"observation.state_{k}"] = np.degrees(motion["q"][:, k])
+        log[f"action_{k}"] = np.degrees(motion["q"][:, k] + 0.01)
+    text = written(tmp_path, log)
+    assert "  - {type: servo, at: all}\n" in text
+    assert "  input: {all: {column: 'action_{i}', unit: deg}}\n" in text
+    assert "log.csv: 10 s at 300 Hz in 1 stretch" in text
+    (tmp_path / "setup.yaml").write_text(text)
+    assert not ec.load_setup(tmp_path / "setup.yaml").columns[0].outputs
+    with pytest.raises(ec.InputError, match="there are commands of positions: let  echelon setup"):
+        ec.identify(ARM, tmp_path / "log.csv")
+
+
 def test_gears_that_a_urdf_states_are_offered(motion: Motion, tmp_path: Path) -> None:
     gear = """<transmission name="t"><joint name="elbow_joint"/><actuator name="motor2">
     <mechanicalReduction>100</mechanicalReduction></actuator></transmission></robot>"""

@@ -65,13 +65,13 @@ class Understood:
     choices: tuple[dict[str, float], ...] = ()  # the same, where only the user can tell which joints rest
 
 
-def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = False) -> Understood:
+def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = False, outputs: bool = True) -> Understood:
     """What the columns of a log are, by their names, and by their values where that is asked for.
 
     Joints that are not in the log rest, and so do those that never move there; if it is not the ``only`` log, those of
     which moreover no output is measured.
     """
-    found = guess(file.names, setup.mechanism, lambda: first_table(file), by_values=by_values)
+    found = guess(file.names, setup.mechanism, lambda: first_table(file), by_values=by_values, outputs=outputs)
     notes, columns, silent = list(found.notes), found.columns, set(found.unmeasured)
     locked = _assumed(setup, found.unlogged)
     if locked:

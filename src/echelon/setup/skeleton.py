@@ -31,13 +31,13 @@ effects:
   # - rotor_inertia                     # geared motors, whose rotors weigh more than links
   # - {type: stribeck, at: all, velocity: 0.05}
 """
-_KEYS = {
-    "position": "positions",
-    "velocity": "velocities",
-    "acceleration": "accelerations",
-    "output": "outputs",
-    "reference": "references",
-}
+_SERVOS = """\
+effects:                                # no torques are logged: servos follow commands, and their motion is simulated
+  - {type: servo, at: all}
+  - {type: viscous, at: all}
+  - {type: coulomb, at: all}
+  - {type: rotor_inertia, at: all}
+"""
 _UNUSED = "columns that are not used"
 _WIDTH = 112
 
@@ -61,6 +61,8 @@ def skeleton(robot: str | os.PathLike[str], logs: Sequence[str | os.PathLike[str
     paths = joined(log_paths(logs), setup.mechanism)
     log = opened(paths[0])
     found = understood(log, setup, only=len(paths) == 1, by_values=True)
+    if found.columns.references and not found.columns.outputs:
+        found = _commanded(understood(log, setup, only=len(paths) == 1, by_values=True, outputs=False))
     problems = found.problems
     if found.columns.positions and found.columns.time is None and not first_table(log).clocks:
         problems += ("no column is the time: state the rate of the samples",)
@@ -71,6 +73,13 @@ def skeleton(robot: str | os.PathLike[str], logs: Sequence[str | os.PathLike[str
     head += [f"#   echelon identify THIS_FILE {' '.join(map(str, logs))} -o result/", "#"]
     head += _comments("found", found.notes) + _comments("not decided", questions) + _comments("tried", trial)
     return Skeleton("\n".join(head) + "\n" + body, questions, (*found.notes, *trial))
+
+
+def _commanded(found: Understood) -> Understood:
+    """What a log means that has position commands and no torques."""
+    columns = replace(found.columns, references={}, inputs=found.columns.references)
+    note = "there are no outputs but position commands, so that servos are fitted"
+    return replace(found, columns=columns, notes=(*found.notes, note))
 
 
 def _questions(columns: ColumnMap) -> list[str]:
@@ -100,7 +109,7 @@ def _body(file: RobotFile, found: Understood, log: LogFile, folder: Path) -> str
     source = Path(file.source)
     path = os.path.relpath(source.absolute(), folder.absolute()) if source.is_file() else str(source)
     head = [dump_flow({key: value}) for key, value in (("echelon", 1), ("name", mechanism.name), ("robot", path))]
-    return "\n".join([*head, *_gears(file), *parts, _EFFECTS]) + section
+    return "\n".join([*head, *_gears(file), *parts, _SERVOS if found.columns.inputs else _EFFECTS]) + section
 
 
 def _locked_lines(found: Understood) -> list[str]:
@@ -131,11 +140,10 @@ def _log_section(columns: ColumnMap, mechanism: Mechanism, log: LogFile) -> str:
         lines.append(f"  {dump_flow({'time': _entry(columns.time)})}")
     elif not first_table(log).clocks:
         lines.append("  rate: 1000                            # Hz; a guess, to be corrected")
-    for key, name in _KEYS.items():
-        group: Mapping[str, Channel] = getattr(columns, name)
+    for key, group in columns.channels.items():
         if group:
             lines += _group(key, group)
-        elif key in ("position", "output"):
+        elif key == "position" or (key == "output" and not columns.inputs):
             lines.append(
                 f'  # {key}: "…_{{n}}"                       # one column for each of {listed(_names(mechanism, key))}'
             )
@@ -207,7 +215,10 @@ def _trial(body: str, folder: Path, paths: Sequence[Path]) -> tuple[str, ...]:
         setup = load_setup(RobotFile(body.encode(), "setup.yaml", True, folder))
         lines = []
         for path in paths:
-            piece = next(read_log(path, setup.mechanism, setup.columns), None)
+            piece = next(
+                read_log(path, setup.mechanism, setup.columns, outputs=any(some.outputs for some in setup.columns)),
+                None,
+            )
             segments = () if piece is None else piece.segments
             seconds = sum(len(segment) / segment.rate for segment in segments)
             rate = f" at {segments[0].rate:.5g} Hz" if segments else ""

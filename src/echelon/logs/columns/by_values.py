@@ -243,7 +243,8 @@ def with_units(columns: ColumnMap, table: Table, mechanism: Mechanism) -> tuple[
         positions = {**positions, **{name: replace(some, unit="deg") for name, some in turning.items()}}
         text = f"positions up to {max(far):.4g} are taken to be in degrees"
         notes.append(warning("units", table.source, text))
-    guessed = replace(columns, time=time, positions=positions)
+    asked = {name: replace(some, unit=some.unit or positions[name].unit) for name, some in columns.references.items()}
+    guessed = replace(columns, time=time, positions=positions, references=asked)
     return replace(guessed, velocities=_with_rates(guessed, table, mechanism)), tuple(notes)
 
 

@@ -302,6 +302,9 @@ def _question(
     what = (
         f"no columns for {' and '.join(f'{kind}s' for kind in absent)} of {mechanism.name} can be told from their names"
     )
+    if groups["reference"] and absent == ["output"]:
+        advice = "let  echelon setup ROBOT LOG -o setup.yaml  write a set-up that fits servos"
+        return f"{what}, but there are commands of positions: {advice}"
     return f"{what}; not understood: {listed(asked)}; {_ADVICE}"
 
 
