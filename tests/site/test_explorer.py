@@ -295,18 +295,20 @@ WRITE: Step = ("silently", "click", "#write summary")
 def test_a_description_is_written(visit: Visit, tmp_path: Path) -> None:
     text = "echelon: 1\nname: own\nmodified_dh:\n- {joint: revolute}\n- {joint: revolute, a: 1/2}\n"
     (tmp_path / "robot.yaml").write_text(text)
-    *_, offered, accepted, _, last = visit(
+    *_, offered, closed, again, accepted, _, last = visit(
         WRITE,
         ("silently", "type", "#editor", "echelon: 1\nmod"),
+        ("silently", "press", "Escape"),
+        ("silently", "press", " ", "ctrl"),
         ("silently", "press", "Enter"),
         ("silently", "type", "#editor", text),
         ("press", "Enter", "ctrl"),
     )
-    assert offered["words"] == ["modified_dh"]
+    assert (offered["words"], closed["words"], again["words"]) == (["modified_dh"], [], ["modified_dh"])
     assert accepted["editor"] == "echelon: 1\nmodified_dh: "
     assert seen(last) == derived(tmp_path / "robot.yaml")
-    (again,) = visit(address=last["hash"])
-    assert seen(again) == seen(last)
+    (linked,) = visit(address=last["hash"])
+    assert seen(linked) == seen(last)
 
 
 @pytest.mark.slow
@@ -386,6 +388,10 @@ def test_everything_is_reached_by_keyboard(visit: Visit, explorer: Explorer) -> 
         explorer.browser.press("Tab")
         found.append(explorer.browser.evaluate(order))
     assert found == list(range(count))
+    explorer.browser.evaluate("document.querySelector('#canvas').focus()")
+    before = explorer.browser.picture()
+    explorer.browser.press("ArrowRight")
+    assert explorer.browser.picture() != before
     explorer.browser.evaluate("document.querySelector('#joints button').focus()")
     locked = explorer.act("press", " ")
     first = json.loads(answers().answer(json.dumps({"name": ARM.name, "text": ARM.read_text(), "changes": {}})))

@@ -27,7 +27,7 @@ FLAGS = (
 )  # fmt: skip
 PHONE = 700
 """Screens that are narrower, px, are those of phones."""
-KEYS = {"Tab": 9, "Enter": 13, "Escape": 27, " ": 32, "ArrowLeft": 37, "ArrowRight": 39, "ArrowDown": 40}
+KEYS = {"Tab": 9, "Enter": 13, "Escape": 27, " ": 32, "ArrowRight": 39}
 _CTRL = 2
 _PLACE = """(() => {
   const element = document.querySelector(SELECTOR);
@@ -219,7 +219,7 @@ class DevTools:
         )
         return {file.name: file.read_text(encoding="utf-8") for file in folder.iterdir()}
 
-    def picture(self, file: Path, *, whole: bool = False) -> None:
+    def picture(self, *, whole: bool = False) -> bytes:
         """What is seen, or the whole page, as a PNG."""
         told = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
-        file.write_bytes(base64.b64decode(told["data"]))
+        return base64.b64decode(told["data"])
