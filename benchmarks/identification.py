@@ -24,7 +24,7 @@ import echelon as ec
 from echelon.identification.cluster import connect
 from echelon.identification.identify import identify
 from echelon.identification.rows.ingest import stacked
-from echelon.logs.preparation.settings import Preparation
+from echelon.logs.preparation.states import Preparation
 from echelon.setup.setup import Setup, load_setup
 
 ROOT = Path(__file__).parent.parent

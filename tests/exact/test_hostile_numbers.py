@@ -18,7 +18,7 @@ from echelon.identification.conditioning import without_rounding
 from echelon.identification.validation import Score, fit
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.files.bag_file import nanoseconds
-from echelon.logs.preparation.settings import Preparation
+from echelon.logs.preparation.states import Preparation
 from echelon.regressor.loops import poses
 from echelon.results.identified import load_identified
 from echelon.results.schema import ColumnMapRecord, PreparationRecord, made

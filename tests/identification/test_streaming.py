@@ -26,7 +26,7 @@ from echelon.identification.rows import rows as model_rows
 from echelon.identification.rows.ingest import BATCHES, Batcher, grouped, ingest, size_of, total
 from echelon.identification.rows.plan import Plan
 from echelon.identification.rows.rows import prefetched
-from echelon.logs.preparation.settings import Preparation
+from echelon.logs.preparation.states import Preparation
 from echelon.observe.triangle import upper_triangle
 from support.paths import TESTS
 from support.pendulum_logs import PREPARATION, pendulum, write_log, write_logs

@@ -30,7 +30,7 @@ from echelon.identification.validation import (
     validated,
 )
 from echelon.identification.verdict import Grade, grade, overall_verdict, verdict
-from echelon.logs.preparation.settings import Preparation
+from echelon.logs.preparation.states import Preparation
 from echelon.logs.recording import Samples
 from support.observation_rows import ArrayRows, fit_of, judged_rows
 

@@ -13,7 +13,7 @@ import echelon as ec
 from echelon.errors import InputError
 from echelon.logs.preparation.choices import Signals, chosen
 from echelon.logs.preparation.prepare import PreparationPlan, prepare, rubs, speed_rows
-from echelon.logs.preparation.settings import Preparation
+from echelon.logs.preparation.states import Preparation
 from echelon.logs.recording import Segment
 from support.measured_logs import measured
 from support.paths import ROOT

@@ -17,7 +17,7 @@ from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.result import Identification
 from echelon.identification.validation import Score, Trace, Validation, fit
 from echelon.logs.finding import Finding, Severity
-from echelon.logs.preparation.settings import Preparation
+from echelon.logs.preparation.states import Preparation
 from support.paths import EXAMPLES
 
 Floats = npt.NDArray[np.float64]

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any
 from echelon.cli.destination import Destination
 from echelon.cli.screen import json_text, say_time, say_written, show, steps
 from echelon.cli.terminal import print_identification, print_servos
+from echelon.codegen import TARGETS
 from echelon.errors import InputError
+from echelon.hints import nearest_of
 from echelon.identification.identify import identify
 from echelon.identification.servos.servo_fit import fit_servos
 from echelon.identification.servos.servo_start import servo_joints
@@ -42,7 +44,8 @@ def run_identify(
 ) -> tuple[str, ...]:
     """Identify with changed settings, write all files, print the summary; why the model should not be used."""
     started = perf_counter()
-    _check_target(target)
+    if target not in (NO_CODE, *TARGETS):
+        raise InputError(f"there is no language '{target}'{nearest_of(target, [*TARGETS, NO_CODE])}")
     if output is not None:
         output.check((MODEL, REPORT))
     setup = load_setup(setup_file, prior=prior, **read)
@@ -63,14 +66,6 @@ def run_identify(
     say_written(paths)
     say_time(started)
     return result.reasons
-
-
-def _check_target(target: str) -> None:
-    from echelon.codegen import TARGETS
-    from echelon.hints import nearest_of
-
-    if target != NO_CODE and target not in TARGETS:
-        raise InputError(f"there is no language '{target}'{nearest_of(target, [*TARGETS, NO_CODE])}")
 
 
 def _cluster(where: str | None) -> Any:

@@ -84,7 +84,10 @@ class Bodies:
             joint = Joint(part.joint, part.kind, steps if before.is_identity else merge((before, *steps)))
         self.made.append(Body(part.name, label, parent, joint, part.carried, part.inertial))
         if floats and part.parent is None:
-            self._hang_base_on(steps)
+            # this part carries the base, so all else that hangs on the base hangs on it
+            frames = (step.inverse() for step in reversed(steps) if isinstance(step, Placement))
+            back = reduce(matmul, frames, Placement())
+            self.host[None], self._frames[None] = 0, (lambda _: (back,),)
         self.host[part.name], self._frames[part.name] = len(self.made) - 1, ()
         self._elements[part.name] = []
         return label
@@ -93,9 +96,3 @@ class Bodies:
         """The base becomes a body of its own."""
         self.made.append(body)
         self.host[None] = 0
-
-    def _hang_base_on(self, steps: tuple[Step, ...]) -> None:
-        """The first part carries the base, so all else that hangs on the base hangs on it."""
-        frames = (step.inverse() for step in reversed(steps) if isinstance(step, Placement))
-        back = reduce(matmul, frames, Placement())
-        self.host[None], self._frames[None] = 0, (lambda _: (back,),)

@@ -88,14 +88,16 @@ class Snapping:
 
     def name_lengths(self, steps: tuple[Step, ...], label: str, element: str) -> tuple[Step, ...]:
         """The steps with tiny translations dropped and the others, if so wished, given symbols."""
-        return tuple(self._with_lengths(s, label, element) if isinstance(s, Placement) else s for s in steps)
-
-    def _with_lengths(self, placement: Placement, label: str, element: str) -> Placement:
-        x, y, z = (
-            self._length(value, f"p{axis}{label}", f"{element} {axis}")
-            for axis, value in zip("xyz", placement.translation, strict=True)
-        )
-        return Placement(placement.rotation, (x, y, z))
+        named: list[Step] = []
+        for step in steps:
+            if isinstance(step, Placement):
+                x, y, z = (
+                    self._length(value, f"p{axis}{label}", f"{element} {axis}")
+                    for axis, value in zip("xyz", step.translation, strict=True)
+                )
+                step = Placement(step.rotation, (x, y, z))
+            named.append(step)
+        return tuple(named)
 
     def without_noise(self, placement: Placement, element: str) -> Placement:
         """A placement with tiny translations dropped and the others left as numbers."""
@@ -226,15 +228,12 @@ class Snapping:
                     self.snaps.append(Snap(element, f"({text})", "xyz"[axis], off))
                 return Placement(), axis, 1 if component > 0 else -1
         angles = atan2(y, x), atan2(hypot(x, y), z)
-        if not all(self._is_on_grid(angle, element) for angle in angles):
+        if any(abs(a - round(a / _STEP) * _STEP) > self.angle_tolerance(element) for a in angles):
             with suppress(ValueError):
                 return _turned_to(direction)
         azimuth = self.angle(angles[0], f"{element} azimuth", f"azimuth{label}")
         elevation = self.angle(angles[1], f"{element} inclination", f"inclination{label}")
         return turn(2, azimuth) @ turn(1, elevation), 2, 1
-
-    def _is_on_grid(self, angle: float, element: str) -> bool:
-        return abs(angle - round(angle / _STEP) * _STEP) <= self.angle_tolerance(element)
 
     # -- gravity and symbols ---------------------------------------------------------------------------------------
 

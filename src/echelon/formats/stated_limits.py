@@ -59,8 +59,15 @@ def stated_limits(file: RobotFile, mechanism: Mechanism) -> dict[str, StatedLimi
         found = {str(joint.get("name")): _of_joint(joint, robot.source) for joint in joints}
     offsets = _offsets(robot, mechanism)
     names = [motion.name for motion in mechanism.motions if len(motion.velocities) == 1]
-    said = {name: _counted_from(offsets.get(name, 0.0), found[name]) for name in names if name in found}
-    return {name: limits for name, limits in said.items() if limits != StatedLimits()}
+    said: dict[str, StatedLimits] = {}
+    for name in names:
+        limits = found.get(name, StatedLimits())
+        if limits.position is not None:
+            low, high = (end - offsets.get(name, 0.0) for end in limits.position)
+            limits = replace(limits, position=(low, high))
+        if limits != StatedLimits():
+            said[name] = limits
+    return said
 
 
 def _offsets(robot: RobotFile, mechanism: Mechanism) -> dict[str, float]:
@@ -69,13 +76,6 @@ def _offsets(robot: RobotFile, mechanism: Mechanism) -> dict[str, float]:
         return {}
     couplings = resolved(robot.tree().couplings, lambda element, problem: InputError(problem, element=element))
     return {name: coupling.offset.evaluate({}, float) for name, coupling in couplings.items()}
-
-
-def _counted_from(offset: float, limits: StatedLimits) -> StatedLimits:
-    if limits.position is None:
-        return limits
-    low, high = limits.position
-    return replace(limits, position=(low - offset, high - offset))
 
 
 # -- URDF -------------------------------------------------------------------------------------------------------------

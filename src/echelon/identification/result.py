@@ -19,7 +19,7 @@ from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.validation import Validation, by_role
 from echelon.logs.finding import Finding, Severity, counted, note, warning
-from echelon.logs.preparation.settings import Preparation
+from echelon.logs.preparation.states import Preparation
 
 if TYPE_CHECKING:
     from echelon.base.model import BaseModel

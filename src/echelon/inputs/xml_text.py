@@ -24,7 +24,11 @@ def parse_xml(text: str | bytes, source: str) -> Any:
         raise InputError("document type declarations and entities are not accepted", source=source) from None
     except (ValueError, LookupError) as error:
         raise InputError(f"cannot be decoded: {error}", source=source) from None
-    _check_depth(root, source)
+    level, depth = [root], 0
+    while level:
+        depth += 1
+        XML_DEPTH.check(depth, source)
+        level = [child for element in level for child in element]
     return root
 
 
@@ -33,11 +37,3 @@ def _check_size(text: str | bytes, source: str) -> None:
     DOCUMENT.check(len(text), source)
     found = text.count("<") + text.count("=") if isinstance(text, str) else text.count(b"<") + text.count(b"=")
     XML_NODES.check(found, source)
-
-
-def _check_depth(root: Any, source: str) -> None:
-    level, depth = [root], 0
-    while level:
-        depth += 1
-        XML_DEPTH.check(depth, source)
-        level = [child for element in level for child in element]

@@ -12,7 +12,7 @@ from echelon.identification.result import Identification
 from echelon.identification.validation import Score
 from echelon.inputs.json_text import plain_data
 from echelon.logs.finding import Finding, Severity
-from echelon.logs.preparation.settings import Preparation
+from echelon.logs.preparation.states import Preparation
 from echelon.report.drawing import seen_links
 from echelon.report.matrix_picture import matrix_picture, mergings
 from echelon.report.page import Context, html_page

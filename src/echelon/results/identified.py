@@ -27,7 +27,7 @@ from echelon.identification.validation import Score, Validation
 from echelon.inputs.content import read_content
 from echelon.inputs.json_text import parse_json, plain_data
 from echelon.logs.columns.column_map import ColumnMap
-from echelon.logs.preparation.settings import Preparation
+from echelon.logs.preparation.states import Preparation
 from echelon.results.saved import from_json, to_dict
 from echelon.results.schema import (
     ConditioningRecord,

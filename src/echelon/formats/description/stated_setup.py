@@ -260,11 +260,15 @@ class _Additions:
 
     def _closures(self) -> Iterator[Closure]:
         """The joints that close loops."""
+        from echelon.formats.schema.schema_geometry import Frame, LoopEntry
+
         taken = {closure.name for closure in self.mechanism.closures}
         for index, entry in enumerate(self.robot.loops):
             path = f"loops[{index}]"
             if isinstance(entry, tuple):
-                entry = _weld(entry)
+                shown = "-".join(part or BASE for part in entry)  # two frames that are held together as they are
+                own = Frame.model_construct()
+                entry = LoopEntry.model_construct(name=shown, joint="weld", connects=entry, on_second=own)
             name = entry.name or f"loop{len(self.mechanism.closures) + index + 1}"
             if name in taken:
                 raise self.expressions.error(f"{path}.name", f"another loop has the name '{name}'")
@@ -357,11 +361,3 @@ class _Additions:
             else:
                 stated += entry.terms
         return [name for name in dict.fromkeys(stated) if name in self.mechanism.velocities]
-
-
-def _weld(pair: tuple[str | None, str | None]) -> LoopEntry:
-    """Two frames that are held together as they are."""
-    from echelon.formats.schema.schema_geometry import Frame, LoopEntry
-
-    name = "-".join(part or BASE for part in pair)
-    return LoopEntry.model_construct(name=name, joint="weld", connects=pair, on_second=Frame.model_construct())

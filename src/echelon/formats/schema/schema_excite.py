@@ -92,10 +92,6 @@ def _written(value: float) -> float | str:
     return value if math.isfinite(value) else _NONE
 
 
-def _written_range(value: tuple[float, float]) -> list[float | str]:
-    return [_written(end) for end in value]
-
-
 _ENDS: dict[str, Any] = {"type": "array", "items": SCALAR, "minItems": 2, "maxItems": 2}
 _INTERVAL: dict[str, Any] = {"anyOf": [_ENDS, {"const": _NONE}]}
 _THREE = WithJsonSchema({"type": "array", "items": SCALAR, "minItems": 3, "maxItems": 3})
@@ -111,7 +107,9 @@ NotNegative = Annotated[Number, Field(ge=0)]
 Count = Annotated[Whole, Field(ge=1)]
 # JSON has no infinity, and what is written there is read again
 _WRITTEN = PlainSerializer(_written, return_type=float | str, when_used="json")
-_WRITTEN_RANGE = PlainSerializer(_written_range, return_type=list[float | str], when_used="json")
+_WRITTEN_RANGE = PlainSerializer(
+    lambda ends: [_written(end) for end in ends], return_type=list[float | str], when_used="json"
+)
 Limit = Annotated[float, BeforeValidator(_limit), Field(gt=0), _WRITTEN]
 Range = Annotated[tuple[float, float], BeforeValidator(_range), WithJsonSchema(_INTERVAL), _WRITTEN_RANGE]
 Point = Annotated[tuple[float, float, float], BeforeValidator(_corner), _THREE]

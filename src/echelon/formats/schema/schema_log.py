@@ -31,10 +31,6 @@ def _range(value: tuple[float, float]) -> tuple[float, float]:
     return value
 
 
-def _mass(value: tuple[float, float]) -> tuple[float, float]:
-    return _range((max(value[0], 0.0), value[1]))
-
-
 def _box(value: _Triples) -> _Triples:
     if not all(-inf < low <= high < inf for low, high in zip(*value, strict=True)):
         raise refusal("the first corner of the box must not exceed the second")
@@ -51,21 +47,17 @@ def _stages(value: object) -> tuple[object, ...]:
     return tuple(value) if isinstance(value, list | tuple) else (value,)
 
 
-def _auto(value: object) -> object:
-    return None if value == "auto" else value
-
-
 def _listed(value: object) -> object:
     return None if value is None or value == "auto" else _stages(value)
 
 
 Positive = Annotated[Real, Field(gt=0)]
 Bound = Annotated[tuple[Real, Real], AS_LIST, AfterValidator(_range)]
-MassBound = Annotated[Bound, AfterValidator(_mass)]
+MassBound = Annotated[Bound, AfterValidator(lambda value: _range((max(value[0], 0.0), value[1])))]
 Corner = Annotated[tuple[Real, Real, Real], AS_LIST]
 Box = Annotated[tuple[Corner, Corner], AS_LIST, AfterValidator(_box)]
 Ellipsoid = Annotated[tuple[Corner, Corner], AS_LIST, AfterValidator(_ellipsoid)]
-Automatic = BeforeValidator(_auto)
+Automatic = BeforeValidator(lambda value: None if value == "auto" else value)
 _DERIVATIVES = WithJsonSchema({"type": ["array", "string", "null"], "items": {"enum": ["qd", "qdd"]}})
 
 

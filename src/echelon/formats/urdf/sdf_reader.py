@@ -135,7 +135,11 @@ class _Frames(ExactXml):
             common += 1
         inward = [replace(p, inverse=True) for name in reversed(up[common:]) for p in reversed(self.known[name].pose)]
         way = (*inward, *(p for name in down[common:] for p in self.known[name].pose))
-        return way if sum(_is_general(p) for p in way) <= _MOST_GENERAL else _as_one(way, element)
+        if sum(_is_general(p) for p in way) <= _MOST_GENERAL:
+            return way
+        frame = numeric_placements(way)  # several as one, rounded as doubles are
+        x, y, z = (exact_number(round(float(v), _DIGITS)) for v in frame[:3, 3])
+        return placements_of(element, (x, y, z), frame[:3, :3])
 
     def _way(self, name: str, element: str) -> list[str]:
         """From the world to a frame."""
@@ -341,7 +345,8 @@ class _Reader(_Frames):
             turned, axis = self._axis(joint, "axis" if number == 1 else f"axis{number}")
             x, y, z = (-v for v in axis) if backwards else axis
             name = joint.name if len(kinds) == 1 else f"{joint.name}.{number}"
-            motion: list[LiteralStep] = [*turned, LiteralMotion(joint.element, name, kind, (x, y, z)), *_undone(turned)]
+            back = (replace(turn, inverse=not turn.inverse) for turn in reversed(turned))
+            motion: list[LiteralStep] = [*turned, LiteralMotion(joint.element, name, kind, (x, y, z)), *back]
             steps = motion + steps if backwards else steps + motion
         return tuple(steps)
 
@@ -404,18 +409,7 @@ class _Reader(_Frames):
             yield StatedCoupling(where, joint.name, {leader: linear(as_polynomial(ratio))}, constant)
 
 
-def _undone(turns: tuple[LiteralPlacement, ...]) -> tuple[LiteralPlacement, ...]:
-    return tuple(replace(turn, inverse=not turn.inverse) for turn in reversed(turns))
-
-
 def _is_general(placement: LiteralPlacement) -> bool:
     """Whether a placement turns by angles that are no multiples of 15°."""
     step = pi / STEPS_PER_HALF_TURN
     return any(abs(a - step * round(a / step)) > ANGLE_TOLERANCE for a in map(float, placement.rpy))
-
-
-def _as_one(way: tuple[LiteralPlacement, ...], element: str) -> tuple[LiteralPlacement, ...]:
-    """Several placements as one, rounded as doubles are."""
-    frame = numeric_placements(way)
-    x, y, z = (exact_number(round(float(v), _DIGITS)) for v in frame[:3, 3])
-    return placements_of(element, (x, y, z), frame[:3, :3])

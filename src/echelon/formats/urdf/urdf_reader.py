@@ -98,7 +98,10 @@ class _Reader(ExactXml):
         if not self.links:
             raise self.error("the robot has no links")
         parents = self._parents()
-        order = list(self._depth_first(self._root_link(parents)))
+        order, pending = list[str](), [self._root_link(parents)]
+        while pending:  # depth first
+            order.append(pending.pop())
+            pending.extend(reversed(self.children[order[-1]]))
         if len(order) < len(self.links):
             lost = sorted(set(self.links) - set(order))
             raise self.error(f"links {listed(lost, _MOST_NAMED)} form a cycle and are not connected to the root")
@@ -186,13 +189,6 @@ class _Reader(ExactXml):
         if len(roots) > 1:
             raise self.error(f"there are {len(roots)} root links, {listed(roots, _MOST_NAMED)}; a tree has one")
         return roots[0]
-
-    def _depth_first(self, root: str) -> Iterator[str]:
-        pending = [root]
-        while pending:
-            name = pending.pop()
-            yield name
-            pending.extend(reversed(self.children[name]))
 
     # -- elements --------------------------------------------------------------------------------------------------
 

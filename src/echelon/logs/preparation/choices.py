@@ -19,8 +19,7 @@ from echelon.errors import InputError, locating
 from echelon.formats.schema.schema_log import PreparationEntry
 from echelon.logs.columns.column_map import quaternion_columns, signal_names
 from echelon.logs.preparation.prepare import rubs, speed_rows
-from echelon.logs.preparation.settings import Preparation
-from echelon.logs.preparation.states import cutoffs, usable, velocity_names
+from echelon.logs.preparation.states import Preparation, cutoffs, usable, velocity_names
 from echelon.logs.recording import Segment
 from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.derivatives import REACH, derivative

@@ -15,8 +15,7 @@ import numpy as np
 
 from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
-from echelon.logs.preparation.settings import Preparation
-from echelon.logs.preparation.states import states, states_reach, usable, velocity_names
+from echelon.logs.preparation.states import Preparation, states, states_reach, usable, velocity_names
 from echelon.logs.recording import Samples, Segment
 from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import Mechanism

@@ -1,4 +1,4 @@
-"""States from positions: filtered and differentiated, each coordinate by its kind.
+"""Settings of the preparation of logs; and states from positions: filtered and differentiated by kind of coordinate.
 
 A low-pass that took acceleration off the regressor and not off the outputs would make inertias too large.  So it lies
 far above the band that both sides keep, and is there only for what products of states would fold into that band.  A
@@ -16,16 +16,24 @@ from dataclasses import replace
 from math import inf, isfinite
 
 import numpy as np
+from pydantic import Field
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
+from echelon.formats.schema.schema_log import PreparationEntry
 from echelon.logs.columns.column_map import motion_of, quaternion_columns, signal_names
-from echelon.logs.preparation.settings import Preparation
 from echelon.logs.recording import Segment
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.derivatives import REACH, body_rates, continuous, derivative, derivatives
 from echelon.signals.filters import FAR, WORTH, butterworth, lowpass
+
+
+class Preparation(PreparationEntry):
+    """How a log becomes samples for least squares: the section of a set-up, with what was chosen from the data."""
+
+    reasons: dict[str, str] = Field({}, description="For settings that were chosen: why, in a sentence.")
+
 
 States = tuple[Floats, Floats, Floats]
 
