@@ -69,17 +69,15 @@ def derive(
     from echelon.cli.destination import output_file
 
     target = output_file(output, force)
-    derivation = {"order": order, "prefer": tuple(prefer or ())}
-    if regressor is not None:
-        derive.run_regressor(robot, regressor, read, derivation, target, seed)
-    elif compare_numeric:
+    derivation = {"order": order, "prefer": tuple(prefer or ()), "generic": generic}
+    if compare_numeric:
         derive.run_compare_numeric(robot, read, target, seed, as_json=chosen == "json")
     elif special:
         derive.run_special(robot, read, target, seed, as_json=chosen == "json")
     elif rank_only:
         derive.run_rank_only(robot, read, target, seed, generic=generic, as_json=chosen == "json")
     else:
-        derive.run_derive(robot, chosen, read, {**derivation, "generic": generic}, target, seed, budget)
+        derive.run_derive(robot, chosen, regressor, read, derivation, target, seed, budget)
 
 
 @app.command(epilog="Example: echelon sensors arm.yaml --size 2")

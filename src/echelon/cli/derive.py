@@ -34,19 +34,20 @@ from echelon.seeds import DEFAULT_SEED, random_generator
 def run_derive(
     file: Path,
     output_format: str,
+    regressor: str | None,
     read: Mapping[str, Any],
     derivation: Mapping[str, Any],
     output: Destination | None,
     seed: int | None,
     budget: float,
 ) -> None:
-    """Derive, then print or write."""
+    """Derive, then print or write; of a regressor, which is ``latex`` or ``sympy``, its formulas instead."""
     started = perf_counter()
     title = f"deriving {file.name}"
     with steps(title) as step:
         base = _base(file, read, {**derivation, "seed": _seed(seed)}, budget, lambda phase: step(f"{title}: {phase}"))
-        text = _rendered(base, output_format)
-    on_terminal = output is None and output_format == "text"
+        text = _rendered(base, output_format if regressor is None else f"regressor as {regressor}")
+    on_terminal = output is None and output_format == "text" and regressor is None
     if on_terminal and isinstance(base, BaseModel) and sys.stdout.isatty():
         from echelon.cli.terminal import print_model
 
@@ -55,22 +56,6 @@ def run_derive(
         deliver(text, output)
     if on_terminal:
         say_time(started)
-
-
-def run_regressor(
-    file: Path,
-    language: str,
-    read: Mapping[str, Any],
-    derivation: Mapping[str, Any],
-    output: Destination | None,
-    seed: int | None,
-) -> None:
-    """Derive, then print or write the base regressor as formulas."""
-    with steps(title := f"deriving {file.name}") as step:
-        base = _base(file, read, {**derivation, "seed": _seed(seed)}, 1.0, lambda phase: step(f"{title}: {phase}"))
-        found = base.symbolic_regressor()
-        text = found.latex() if language == "latex" else found.python()
-    deliver(text, output)
 
 
 def _seed(seed: int | None) -> int:
@@ -101,6 +86,9 @@ def _rendered(base: BaseModel | LinearBase, output_format: str) -> str:
         return to_json(base)
     if output_format == "text":
         return to_text(base) + "\n"
+    if output_format.startswith("regressor"):
+        formulas = base.symbolic_regressor()
+        return formulas.latex() if output_format.endswith("latex") else formulas.python()
     return to_latex(base) if output_format == "latex" else to_markdown(base)
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from functools import partial
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, WithJsonSchema
@@ -47,7 +48,7 @@ def refusal(problem: str) -> PydanticCustomError:
     return PydanticCustomError("refused", "{problem}", {"problem": problem})
 
 
-def _scalar(value: object, what: str) -> str:
+def _scalar(what: str, value: object) -> str:
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         found = str(value).lower() if isinstance(value, bool) else kind_of(value)
         raise refusal(f"needs {what}, found {found}")
@@ -57,12 +58,7 @@ def _scalar(value: object, what: str) -> str:
     return text
 
 
-def _expression(value: object) -> str:
-    return _scalar(value, "an expression such as 0.333, pi/2 or -l1/2")
-
-
-def _name(value: object) -> str:
-    return _scalar(value, "a name")
+_name = partial(_scalar, "a name")
 
 
 def _flag(value: object) -> object:
@@ -92,10 +88,6 @@ def _rows(value: object) -> tuple[object, ...]:
     return _items(value)
 
 
-def _part(value: object) -> str | None:
-    return None if value is None else _name(value)
-
-
 def of_size(value: object, size: int, what: str) -> tuple[object, ...]:
     """The entries of a list of known size; refuses everything else as not being what it needs."""
     if not isinstance(value, list | tuple):
@@ -110,7 +102,11 @@ def sized(size: int, what: str) -> BeforeValidator:
     return BeforeValidator(lambda value: of_size(value, size, f"a list of {what}"))
 
 
-Expression = Annotated[str, BeforeValidator(_expression), WithJsonSchema({"type": ["number", "string"]})]
+Expression = Annotated[
+    str,
+    BeforeValidator(partial(_scalar, "an expression such as 0.333, pi/2 or -l1/2")),
+    WithJsonSchema({"type": ["number", "string"]}),
+]
 """The text of an exact expression."""
 
 Name = Annotated[str, BeforeValidator(_name), WithJsonSchema({"type": ["string", "integer"]})]
@@ -119,7 +115,11 @@ Version = Annotated[Literal[1], BeforeValidator(_version)]
 Triple = Annotated[tuple[Expression, Expression, Expression], sized(3, "three expressions such as [0, 0, 0.333]")]
 Matrix = Annotated[tuple[Triple, Triple, Triple], sized(3, "three rows such as [[1, 0, 0], [0, 0, -1], [0, 1, 0]]")]
 Ten = Annotated[tuple[Expression, ...], sized(10, "ten numbers: XX XY XZ YY YZ ZZ MX MY MZ M")]
-Part = Annotated[str | None, BeforeValidator(_part), WithJsonSchema({"type": ["string", "integer", "null"]})]
+Part = Annotated[
+    str | None,
+    BeforeValidator(lambda value: None if value is None else _name(value)),
+    WithJsonSchema({"type": ["string", "integer", "null"]}),
+]
 PairOfParts = Annotated[tuple[Part, Part], sized(2, "two names of bodies such as [coupler, rocker]")]
 
 AS_LIST = BeforeValidator(_items)
