@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
@@ -10,13 +10,6 @@ import numpy.typing as npt
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import symbol_values
-
-
-def motor_names(mechanism: Mechanism, names: Sequence[str]) -> tuple[str, ...]:
-    """Coordinates with the driven ones replaced by their actuators, in the order in which these are stated."""
-    driven = _driven(mechanism)
-    actuators = iter(actuator.name for actuator in mechanism.actuators)
-    return tuple(next(actuators) if name in driven else name for name in names)
 
 
 def joint_side(
@@ -30,7 +23,7 @@ def joint_side(
         With actuators θ = T q.
     values : array of shape (N, positions) or (N, velocities), or (N, independent velocities) with loops
         In the order of the mechanism's names, where the columns of driven coordinates hold the actuators in the order
-        in which these are stated (see :func:`motor_names`).
+        in which these are stated.
     symbols : mapping of str to float, optional
         Values of symbols in the transmission ratios that replace or complete those of the mechanism.
 
@@ -50,12 +43,14 @@ def joint_side(
     >>> ec.joint_side(robot, [[0, 1.5, 0.5, 0, 0, 0, 0]]).tolist()
     [[0.0, 1.0, 0.5, 0.0, 0.0, 0.0, 0.0]]
     """
+    driven, matrix = transmission_matrix(mechanism, symbols)
     result = np.array(values, dtype=float, ndmin=2)
     orders = (mechanism.velocities, mechanism.positions, mechanism.independent_velocities)
     names = next((order for order in orders if result.ndim == 2 and len(order) == result.shape[1]), None)
     if names is None:
-        raise InputError(f"expected columns for {', '.join(motor_names(mechanism, mechanism.velocities))}")
-    driven, matrix = transmission_matrix(mechanism, symbols)
+        left = iter(actuator.name for actuator in mechanism.actuators)
+        columns_of = [next(left) if name in driven else name for name in mechanism.velocities]
+        raise InputError(f"expected columns for {', '.join(columns_of)}")
     if not driven:
         return result
     columns = [names.index(name) for name in driven]
@@ -67,7 +62,8 @@ def transmission_matrix(
     mechanism: Mechanism, symbols: Mapping[str, float] | None = None
 ) -> tuple[tuple[str, ...], npt.NDArray[np.float64]]:
     """Numbers of the stated part of θ = T q.  Shapes: returns (actuators, driven)."""
-    driven = tuple(name for name in mechanism.velocities if name in _driven(mechanism))
+    moved = {name for actuator in mechanism.actuators for name, _ in actuator.terms}
+    driven = tuple(name for name in mechanism.velocities if name in moved)
     ratios = [ratio for actuator in mechanism.actuators for _, ratio in actuator.terms]
     known = symbol_values(mechanism, sorted({s for ratio in ratios for s in ratio.symbols()}), symbols)
     matrix = np.zeros((len(mechanism.actuators), len(driven)))
@@ -75,7 +71,3 @@ def transmission_matrix(
         for name, ratio in actuator.terms:
             matrix[row, driven.index(name)] = ratio.at(known)
     return driven, matrix
-
-
-def _driven(mechanism: Mechanism) -> frozenset[str]:
-    return frozenset(name for actuator in mechanism.actuators for name, _ in actuator.terms)
