@@ -101,14 +101,14 @@ FAULTS = (
         "else derivative(qd, rate)",
         "else derivative(x, rate, 2)",
         "accelerations from measured velocities",
-        "signals/test_prepare.py",
+        "logs/test_prepare.py",
     ),
     Fault(
         "logs/preparation/segments.py",
         "* rate) + 1)",
         "* rate))",
         "samples that a stretch keeps",
-        "signals/test_prepare.py logs/test_clock.py",
+        "logs/test_prepare.py logs/test_clock.py",
     ),
     Fault(
         "signals/filters.py",
@@ -146,7 +146,7 @@ FAULTS = (
         "ROOM * preparation.band",
         "preparation.band",
         "one side is not attenuated",
-        "signals/test_prepare.py",
+        "logs/test_prepare.py",
     ),
     Fault(
         "identification/band.py",
