@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 
+import flint
 import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.base.ball_rows import ball_rows, precision, stated_ball
+from echelon.base.ball_rows import ball_rows, stated_ball
 from echelon.errors import InputError
 from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import read_description
@@ -57,7 +58,7 @@ def states(mechanism: Mechanism, count: int) -> tuple[np.ndarray, np.ndarray, np
     names = [[f"{kind}[{name}]" for name in some] for kind, some in kinds]
     node = {program.inputs[n].name: n for n in program.inputs}
     inputs = [node[name] for some in names for name in some if name in node]
-    with precision(400):
+    with flint.ctx.workprec(400):
         at = {n: stated_ball(t) for n, t in value_texts(mechanism, known_values(mechanism)).items()}
         closed = ClosedBalls(program, forms.loops, at)
         leaves = closed.leaves(Schedule(program, inputs), forms.loops.real(rng, count), rng)
@@ -89,7 +90,7 @@ def test_states_are_closed(name: str) -> None:
 def test_rows_have_the_null_space_of_the_closed_forms(name: str) -> None:
     base = ec.base_parameters(ec.load(LOOPS / f"{name}.yaml"))
     forms = virtual_power_form(base.mechanism)
-    with precision(400):
+    with flint.ctx.workprec(400):
         at = value_texts(base.mechanism, known_values(base.mechanism))
         rows = np.array([[float(x.mid()) for x in row] for row in ball_rows(forms, at, 4, np.random.default_rng(1))])
     reduced = rows[:, list(base.matrix.pivots)]
@@ -124,5 +125,5 @@ def test_a_box_without_a_solution_is_refused() -> None:
     forms = virtual_power_form(mechanism)
     assert forms.loops is not None
     at = {**value_texts(mechanism, known_values(mechanism)), "l4": "0.95"}
-    with precision(400), pytest.raises(InputError, match="not proved to close"):
+    with flint.ctx.workprec(400), pytest.raises(InputError, match="not proved to close"):
         ball_rows(forms, at, 1, np.random.default_rng(1))

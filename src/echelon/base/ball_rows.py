@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from fractions import Fraction
 from typing import Any
 
@@ -16,23 +15,10 @@ from echelon.exact.expressions import PI, parse
 from echelon.exact.polynomial import is_trigonometric, multiple_of, symbol_of
 from echelon.program.schedule import BallArithmetic, Schedule, ball
 from echelon.regressor.linear import LinearForms
-from echelon.regressor.loops.closed_balls import ClosedBalls
+from echelon.regressor.loops.closed_balls import BALL_STEPS, ClosedBalls, random_balls
 
 Balls = npt.NDArray[Any]
 """Array of ``arb``."""
-
-_STEPS = 256
-
-
-@contextmanager
-def precision(bits: int) -> Iterator[None]:
-    """FLINT's precision for a while."""
-    before = flint.ctx.prec
-    flint.ctx.prec = bits
-    try:
-        yield
-    finally:
-        flint.ctx.prec = before
 
 
 def stated_ball(text: str) -> Any:
@@ -80,7 +66,7 @@ def _free_states(
             text = at[given.name] if given.name in at else str(int(rng.integers(2, 1000)))
             leaves[node] = np.array([stated_ball(text)] * states, dtype=object)
         else:
-            leaves[node] = np.array(_random(rng, states), dtype=object)
+            leaves[node] = random_balls(rng, (states,))
     for group in program.unit_groups:
         points = np.array([_sphere(rng, len(group)) for _ in range(states)], dtype=object).T
         leaves |= {node: point for node, point in zip(group, points, strict=True) if node in leaves}
@@ -99,12 +85,8 @@ def _closed_states(
     return ClosedBalls(forms.program, loops, symbols).leaves(schedule, real, rng, motions)
 
 
-def _random(rng: np.random.Generator, count: int) -> list[Any]:
-    return [ball(Fraction(int(n), _STEPS)) for n in rng.integers(-2 * _STEPS, 2 * _STEPS, size=count)]
-
-
 def _sphere(rng: np.random.Generator, size: int) -> list[Any]:
     """A rational point of the unit sphere by stereographic projection."""
-    t = [Fraction(int(n), _STEPS) for n in rng.integers(-2 * _STEPS, 2 * _STEPS, size=size - 1)]
+    t = [Fraction(int(n), BALL_STEPS) for n in rng.integers(-2 * BALL_STEPS, 2 * BALL_STEPS, size=size - 1)]
     scale = 1 / (1 + sum(x * x for x in t))
     return [ball((1 - sum(x * x for x in t)) * scale), *(ball(2 * x * scale) for x in t)]

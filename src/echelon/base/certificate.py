@@ -25,9 +25,10 @@ from dataclasses import dataclass, replace
 from math import ceil, log2, log10
 from typing import Any
 
+import flint
 import numpy as np
 
-from echelon.base.ball_rows import ball_rows, precision
+from echelon.base.ball_rows import ball_rows
 from echelon.base.matrix import BaseMatrix, StatedNumbers
 from echelon.errors import CertificateError, DegenerateSampleError
 from echelon.exact.elimination import rank
@@ -342,7 +343,7 @@ def _check_stated(
 def _check_in_balls(
     regressor: LinearForms, matrix: BaseMatrix, numbers: StatedNumbers, rng: np.random.Generator
 ) -> float | None:
-    with precision(_BALL_BITS):
+    with flint.ctx.workprec(_BALL_BITS):
         rows = ball_rows(regressor, numbers.at, _BALL_STATES, rng)
         largest = max(1.0, *map(_upper, rows.ravel()))
         allowed, worst = numbers.radius * largest * (matrix.rank + 1), 0.0

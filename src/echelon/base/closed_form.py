@@ -19,7 +19,7 @@ import flint
 import numpy as np
 import numpy.typing as npt
 
-from echelon.base.ball_rows import Balls, ball_rows, precision, stated_generators
+from echelon.base.ball_rows import Balls, ball_rows, stated_generators
 from echelon.base.dependent import Kernel, Relation, relations
 from echelon.base.matrix import BaseMatrix, StatedNumbers, reordered
 from echelon.base.structure import Structure
@@ -207,7 +207,7 @@ class StatedColumns:
         """Values rounded to a fixed number of digits, and the largest error."""
         bits = _BITS
         while bits <= _MOST_BITS:
-            with precision(bits):
+            with flint.ctx.workprec(bits):
                 found = self._balls(pairs, needed, at)
                 if found is not None and all(_error(x) <= _LOOSE * max(1.0, float(abs(x).mid())) for x in found):
                     return _rounded(found)

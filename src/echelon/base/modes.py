@@ -145,7 +145,7 @@ def _relations_at_poses(
 
     def relations(pose: Pose) -> list[_Relations]:
         pose = sampler.variants(field, rng, geometry, pose, poses)
-        distinct = _distinct(pose)
+        distinct = np.unique(pose.numbers, axis=0, return_index=True)[1]
         repeated = {s: np.repeat(value, len(distinct)) for s, value in geometry.items()}
         repeated[_ANY] = np.zeros(len(distinct), dtype=np.int64)
         found = _relations_of(rows, sampler, field, rng, repeated, pose.at(distinct))
@@ -155,11 +155,6 @@ def _relations_at_poses(
         return known
 
     return sampler.from_pose(field, rng, geometry, relations)
-
-
-def _distinct(pose: Pose) -> npt.NDArray[np.intp]:
-    _, first = np.unique(pose.numbers, axis=0, return_index=True)
-    return np.sort(first)
 
 
 def _relations_of(

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Floats, pivoted_qr
-from echelon.base.ball_rows import ball_rows, precision
+from echelon.base.ball_rows import ball_rows
 from echelon.base.modes import Mode
 from echelon.errors import InputError
 from echelon.exact.elimination import ball_rank
@@ -90,7 +90,7 @@ class OwnPose:
             table = self._balls(bits)
             if table is None:
                 return None
-            with precision(bits):
+            with flint.ctx.workprec(bits):
                 found = ball_rank([list(row) for row in table], bits)
             if found is not None:
                 return found - self._rows.auxiliary
@@ -159,7 +159,7 @@ class OwnPose:
             near = replace(forms, loops=replace(forms.loops, real=self._inputs))
             texts = value_texts(self.mechanism, all_symbols(self.mechanism))
             try:
-                with precision(bits):
+                with flint.ctx.workprec(bits):
                     found = ball_rows(near, texts, states, random_generator(DEFAULT_SEED), motions)
             except InputError:
                 found = None
@@ -179,7 +179,7 @@ class OwnPose:
             table = self._balls(bits)
             if table is None:  # there is no exact pose of the stated frames
                 return self._moved and not self.shows_less(len(self._columns) - len(mode.dependence))
-            with precision(bits):
+            with flint.ctx.workprec(bits):
                 verdict = self._holds_in_balls(mode, table, bits)
             if verdict is not None:
                 return verdict

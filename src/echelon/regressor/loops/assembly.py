@@ -98,15 +98,6 @@ def _by(moved: Sequence[Moved]) -> str:
     return ", ".join(f"'{m.coordinate}' by {m.distance:.3g} {m.unit}" for m in moved)
 
 
-@dataclass(frozen=True)
-class Resisted:
-    """A motion that the loops do not allow."""
-
-    closure: str  # the one that resists most
-    coordinate: str  # the one that would move most
-    size: float  # the singular value of the closure equations about the largest one
-
-
 class OpenLoopsError(InputError):
     """What stays open near the assembly pose; the pose where it does least, and its size, rad or lengths."""
 
@@ -169,15 +160,18 @@ class Assembly(ClosedMotion):
             change[:, place] *= motion.name in looped
         return self._moved(np.repeat(self._stated[None], _TRIES, axis=0), change)
 
-    def easiest(self, q: Floats) -> Resisted:
-        """Of the motions that a closed configuration does not allow, the one that closures resist least."""
+    def easiest(self, q: Floats) -> tuple[str, str, float]:
+        """Of the motions that a closed configuration does not allow, the one that closures resist least.
+
+        Its coordinate that moves most, the closure that resists most, and its singular value about the largest one.
+        """
         jacobian = self._jacobian(q[None])[0]
         _, singular, motions = np.linalg.svd(jacobian, full_matrices=False)
         stopped = int((singular > RANK_TOLERANCE * singular[0]).sum()) - 1
         motion = motions[stopped]
         owner = self.closures.owners[int(np.abs(jacobian @ motion).argmax())]
         moved = self.mechanism.velocities[int(np.abs(motion).argmax())]
-        return Resisted(owner, moved, float(singular[stopped] / singular[0]))
+        return moved, owner, float(singular[stopped] / singular[0])
 
     @property
     def closes(self) -> bool:

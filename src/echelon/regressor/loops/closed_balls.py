@@ -33,7 +33,7 @@ Values = dict[str, Balls]
 
 _ITERATIONS = 16
 _RANK = 1e-6  # what counts as nothing among the pivots of a Jacobian in doubles
-_STEPS = 256
+BALL_STEPS = 256  # of random numbers, to one
 _SPARE = 32  # bits between the last step and the box
 
 _middle = np.frompyfunc(lambda x: x.mid(), 1, 1)
@@ -120,12 +120,12 @@ class ClosedBalls:
     ) -> Values:
         """Values of inputs at a random motion through each pose."""
         shape = (len(self._names), len(chosen))
-        rates = jacobian.completed(chosen, _random(rng, shape))
+        rates = jacobian.completed(chosen, random_balls(rng, shape))
         values = _inputs("q", q) | _inputs("qd", dict(zip(self._names, rates, strict=True)))
         if any(name.startswith("qdd[") for name in names):
-            found = jacobian.completed(chosen, _random(rng, shape), self._bias(q, rates))
+            found = jacobian.completed(chosen, random_balls(rng, shape), self._bias(q, rates))
             values |= _inputs("qdd", dict(zip(self._names, found, strict=True)))
-        values |= {name: _random(rng, shape[1:]) for name in names if name not in {*values, *self.symbols}}
+        values |= {name: random_balls(rng, shape[1:]) for name in names if name not in {*values, *self.symbols}}
         values |= {name: np.array([x] * len(chosen), dtype=object) for name, x in self.symbols.items()}
         if any(name.startswith("v[") for name in names):
             values |= _inputs("v", self._virtual(q, values, rng, len(chosen)))
@@ -223,7 +223,7 @@ class ClosedBalls:
         speeds = list(self.loops.speeds or ())
         names = [*self._names, *(name for name in speeds if name not in self._names)]
         given = [names.index(name) for name in speeds]
-        free = _random(rng, (len(names), poses)) if self.loops.speeds is None else _zeros((len(names), poses))
+        free = random_balls(rng, (len(names), poses)) if self.loops.speeds is None else _zeros((len(names), poses))
         if given:
             free[given] = self._run(self._speeds, values)
         jacobian = self._closure(q, names)[1]
@@ -256,6 +256,7 @@ def _power_of_two(exponent: int) -> Any:
     return flint.arb(2) ** exponent
 
 
-def _random(rng: np.random.Generator, shape: tuple[int, ...]) -> Balls:
-    numbers = rng.integers(-2 * _STEPS, 2 * _STEPS, size=shape)
-    return np.asarray(np.frompyfunc(lambda n: ball(Fraction(int(n), _STEPS)), 1, 1)(numbers))
+def random_balls(rng: np.random.Generator, shape: tuple[int, ...]) -> Balls:
+    """Random exact numbers."""
+    numbers = rng.integers(-2 * BALL_STEPS, 2 * BALL_STEPS, size=shape)
+    return np.asarray(np.frompyfunc(lambda n: ball(Fraction(int(n), BALL_STEPS)), 1, 1)(numbers))

@@ -215,14 +215,14 @@ def _jacobian(mechanism: Mechanism, work: float = inf) -> tuple[PrimeField, Resi
 
 def _rigid(mechanism: Mechanism, assembly: Assembly) -> str:
     """That the loops leave no motion: what stops the easiest one, and another pose where they move."""
-    found, moving = assembly.easiest(assembly.pose), assembly.moving_pose()
+    (coordinate, closure, size), moving = assembly.easiest(assembly.pose), assembly.moving_pose()
     problem = (
-        f"{shown_loops(mechanism)} leave no motion: that of '{found.coordinate}' is stopped by "
-        f"'{found.closure}' (singular value {found.size:.1g} of the equations)"
+        f"{shown_loops(mechanism)} leave no motion: that of '{coordinate}' is stopped by "
+        f"'{closure}' (singular value {size:.1g} of the equations)"
     )
     if moving is not None:
         return f"{problem}.  They move where they are put together otherwise: write  {assembly.written(moving)}"
-    if found.size < _NEARLY_FREE:
+    if size < _NEARLY_FREE:
         return f"{problem}.  If rounding has locked it: {_EXACTLY}"
     return f"{problem}.  Check the frames of that closure, or give it a kind that holds less, such as  joint: spherical"
 
@@ -317,11 +317,11 @@ def _nearly_free(mechanism: Mechanism, assembly: Assembly) -> list[str]:
     near = sizes[(sizes > RANK_TOLERANCE) & (sizes < _NEARLY_FREE)]
     if not near.size:
         return []
-    freedoms, found = len(mechanism.independent_velocities), assembly.easiest(states[-1])
+    freedoms, (coordinate, closure, _) = len(mechanism.independent_velocities), assembly.easiest(states[-1])
     more = "a motion" if len(near) == 1 else f"{len(near)} motions"
     return [
         f"{shown_loops(mechanism)} nearly allow {more} (singular value {near.max():.1g} of their "
-        f"equations): that of '{found.coordinate}' is stopped by closure '{found.closure}'.  If rounding has locked "
+        f"equations): that of '{coordinate}' is stopped by closure '{closure}'.  If rounding has locked "
         f"it, the mechanism is meant to have {freedoms + len(near)} degrees of freedom instead of {freedoms}: write "
         "directions and angles as expressions such as pi/3, lengths exactly"
     ]

@@ -31,33 +31,37 @@ def independent_coordinates(
     the spin of a rod between two balls, and then those by which it can really turn most.
     """
     place = {name: k for k, name in enumerate(mechanism.velocities)}
-    chosen = _Chosen(rank)
+    chosen: list[int] = []
+
+    def take(names: Sequence[str]) -> None:
+        """Take coordinates as a whole, if all stay independent."""
+        more = [place[name] for name in names if name in place and place[name] not in chosen]
+        if more and rank(chosen + more) == len(chosen) + len(more):
+            chosen.extend(more)
+
     joints = _near_the_base(mechanism)
+    whole = {joint.name: [name for motion in joint.motions for name in motion.velocities] for joint in joints}
     motions = [m for joint in joints for m in joint.motions if m.name not in mechanism.dependent]
-    balls = [[place[name] for name in m.velocities] for m in motions if m.kind is MotionKind.BALL]
+    balls = [m.velocities for m in motions if m.kind is MotionKind.BALL]
     single = [place[m.name] for m in motions if m.kind is not MotionKind.BALL]
-
-    def take(joint: Joint) -> None:
-        chosen.take([place[name] for motion in joint.motions for name in motion.velocities if name in place])
-
     for name in first:
-        chosen.take([place[name]])
+        take([name])
     for joint in joints:
         if joint.kind == "floating":
-            take(joint)
+            take(whole[joint.name])
     for ball in balls:
-        if chosen.rank([*chosen.columns, *ball, *single]) > chosen.rank([*chosen.columns, *single]):
-            chosen.take(ball)
+        if rank([*chosen, *(place[name] for name in ball), *single]) > rank([*chosen, *single]):
+            take(ball)
     for joint in joints:
         if all(motion.kind is not MotionKind.BALL for motion in joint.motions):
-            take(joint)
+            take(whole[joint.name])
     for column in single:
-        chosen.take([column])
+        take([mechanism.velocities[column]])
     for ball in balls:
-        turning = [0.0] * len(ball) if real is None else _left(ball, chosen.columns, real)
-        for _, column in sorted(zip(turning, ball, strict=True), key=lambda part: -part[0]):
-            chosen.take([column])
-    return tuple(name for name, k in place.items() if k in chosen.columns)
+        turning = [0.0] * len(ball) if real is None else _left([place[name] for name in ball], chosen, real)
+        for _, name in sorted(zip(turning, ball, strict=True), key=lambda part: -part[0]):
+            take([name])
+    return tuple(name for name, k in place.items() if k in chosen)
 
 
 def split_balls(mechanism: Mechanism) -> list[str]:
@@ -65,20 +69,6 @@ def split_balls(mechanism: Mechanism) -> list[str]:
     chosen = set(mechanism.independent)
     balls = [motion for motion in mechanism.motions if motion.kind is MotionKind.BALL]
     return [name for m in balls for name in m.velocities if name in chosen and not chosen.issuperset(m.velocities)]
-
-
-class _Chosen:
-    """Columns that are independent of one another."""
-
-    def __init__(self, rank: Callable[[Sequence[int]], int]) -> None:
-        self.rank = rank
-        self.columns: list[int] = []
-
-    def take(self, group: Sequence[int]) -> None:
-        """Add a group of columns as a whole, if all stay independent."""
-        more = [column for column in group if column not in self.columns]
-        if more and self.rank(self.columns + more) == len(self.columns) + len(more):
-            self.columns += more
 
 
 def _left(columns: Sequence[int], taken: Sequence[int], real: Floats) -> list[float]:
