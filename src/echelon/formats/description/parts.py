@@ -28,7 +28,9 @@ def read_parts(robot: RobotDescription, expressions: Expressions) -> list[Part]:
         if rows is not None:
             return _sorted(_rows(form, rows, joints), expressions)
     assert robot.bodies is not None
-    parts = _sorted(_bodies(robot.bodies, joints), expressions)
+    names = [body.name for body in robot.bodies]
+    stated = [_body_part(body, f"bodies[{index}]", names, joints) for index, body in enumerate(robot.bodies)]
+    parts = _sorted(stated, expressions)
     for part in parts[1:]:
         if part.kind == "root":
             raise expressions.error(part.elements[0], "needs a joint; only the first body may go without one")
@@ -39,7 +41,11 @@ def read_parts(robot: RobotDescription, expressions: Expressions) -> list[Part]:
 
 
 def _rows(form: str, rows: Sequence[ModifiedRow | StandardRow], joints: Joints) -> list[Part]:
-    names = _row_names(rows, form, joints.expressions)
+    names = [row.name or f"j{number}" for number, row in enumerate(rows, 1)]
+    for index, name in enumerate(names):
+        if is_whole(name):
+            problem = f"'{name}' would be confused with the number of a row: use a name such as j{name}"
+            raise joints.expressions.error(f"{form}[{index}].name", problem)
     return [_row_part(row, index, f"{form}[{index}]", names, joints) for index, row in enumerate(rows)]
 
 
@@ -61,15 +67,6 @@ def _row_part(row: ModifiedRow | StandardRow, index: int, path: str, names: Sequ
     )
 
 
-def _row_names(rows: Sequence[ModifiedRow | StandardRow], form: str, expressions: Expressions) -> list[str]:
-    names = [row.name or f"j{number}" for number, row in enumerate(rows, 1)]
-    for index, name in enumerate(names):
-        if is_whole(name):
-            problem = f"'{name}' would be confused with the number of a row: use a name such as j{name}"
-            raise expressions.error(f"{form}[{index}].name", problem)
-    return names
-
-
 def _antecedent(
     stated: str | None, index: int, names: Sequence[str], path: str, expressions: Expressions
 ) -> str | None:
@@ -86,11 +83,6 @@ def _antecedent(
 
 
 # -- bodies ---------------------------------------------------------------------------------------------------------
-
-
-def _bodies(bodies: Sequence[BodyEntry], joints: Joints) -> list[Part]:
-    names = [body.name for body in bodies]
-    return [_body_part(body, f"bodies[{index}]", names, joints) for index, body in enumerate(bodies)]
 
 
 def _body_part(body: BodyEntry, path: str, names: Sequence[str], joints: Joints) -> Part:

@@ -228,13 +228,11 @@ class CouplingSpline(Model):
     spline: SplineThrough
 
 
-def _kind(value: object) -> str:
-    return ("spline" if "spline" in value else "mapping") if isinstance(value, dict) else "text"
-
-
 CouplingEntry = Annotated[
     Annotated[Expression, Tag("text")]
     | Annotated[CouplingTerms, Tag("mapping")]
     | Annotated[CouplingSpline, Tag("spline")],
-    Discriminator(_kind),
+    Discriminator(
+        lambda value: "text" if not isinstance(value, dict) else "spline" if "spline" in value else "mapping"
+    ),
 ]

@@ -48,11 +48,6 @@ class RobotFile(Model):
     )
 
 
-def file_or_mapping(value: object) -> object:
-    """A robot file that is given by its name alone."""
-    return {"file": value} if isinstance(value, str) else value
-
-
 class LinearTerms(Model):
     """A combination of joint coordinates term by term, for names that cannot stand in an expression."""
 
@@ -252,16 +247,12 @@ class SumOutput(Model):
     )
 
 
-def output_kind(value: object) -> str | None:
-    """Tag of an output: the key that says what it measures."""
-    kinds = [kind for kind in ("joint", "actuator", "wrench", "sum") if isinstance(value, dict) and kind in value]
-    return kinds[0] if kinds else None
-
-
+_MEASURED = ("joint", "actuator", "wrench", "sum")
 OutputEntry = Annotated[
     Annotated[JointOutput, Tag("joint")]
     | Annotated[ActuatorOutput, Tag("actuator")]
     | Annotated[WrenchOutput, Tag("wrench")]
     | Annotated[SumOutput, Tag("sum")],
-    Discriminator(output_kind),
+    # the key that says what it measures
+    Discriminator(lambda value: next((key for key in _MEASURED if isinstance(value, dict) and key in value), None)),
 ]
