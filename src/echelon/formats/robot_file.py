@@ -149,9 +149,9 @@ class RobotFile:
             from echelon.formats.urdf.sdf_reader import read_sdf
 
             return read_sdf(self.root, self.source, mimics=mimics)
-        from echelon.formats.urdf.urdf_reader import read_urdf
+        from echelon.formats.urdf.urdf_reader import UrdfReader
 
-        return read_urdf(self.root, self.source, mimics=mimics)
+        return UrdfReader(self.root, self.source).read(mimics)
 
     # -- mechanisms ------------------------------------------------------------------------------------------------
 

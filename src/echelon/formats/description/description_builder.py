@@ -24,7 +24,7 @@ from echelon.formats.description.stated_expressions import (
     with_intended_angles,
 )
 from echelon.formats.description.stated_joints import coordinate_axis, offset_placement, read_couplings
-from echelon.formats.description.stated_setup import cut_off, with_additions
+from echelon.formats.description.stated_setup import Additions, cut_off
 from echelon.formats.literal import StatedCoupling, move_inertial
 from echelon.formats.reading_options import ReadingOptions, StatedJoint, gravity_vector
 from echelon.formats.snapping import symbol_stem
@@ -71,7 +71,7 @@ def build_description(
         tuple(c.coupling for c in couplings),
         {name: s for name, s in expressions.snapping.symbols.items() if name not in bare},
     )
-    mechanism = with_additions(mechanism, robot, expressions, tree.find)
+    mechanism = Additions(mechanism, robot, expressions, tree.find).added()
     mechanism = with_intended_angles(mechanism, expressions.snapping)
     notes = (*tree.notes, *check_use(mechanism, robot, document))
     return Built(mechanism, tuple(expressions.snapping.snaps), notes)
@@ -98,7 +98,7 @@ def _added_to_file(
     expressions = Expressions(document, options, (), {**mechanism.symbols, **symbols})
     mechanism, notes = _labelled(replace(mechanism, symbols={**mechanism.symbols, **known}), robot, document)
     find = _FileParts(mechanism, stated.riders, expressions)
-    mechanism = with_additions(mechanism, robot, expressions, find)
+    mechanism = Additions(mechanism, robot, expressions, find).added()
     snaps = tuple(dict.fromkeys((*stated.snaps, *find.snaps)))
     return Built(mechanism, snaps, (*stated.notes, *notes))
 

@@ -64,19 +64,15 @@ def cut_off(robot: RobotDescription) -> tuple[str, ...]:
     return tuple(w for w in (getattr(output, "wrench", BASE) for output in robot.outputs or ()) if w != BASE)
 
 
-def with_additions(
-    mechanism: Mechanism, robot: RobotDescription, expressions: Expressions, find: FindPart
-) -> Mechanism:
-    """A mechanism with the loops, drives, rotors, effects and outputs that a description states."""
-    return _Additions(mechanism, robot, expressions, find).added()
+class Additions:
+    """What a description adds to a mechanism: loops, drives, rotors, effects and outputs."""
 
-
-class _Additions:
     def __init__(self, mechanism: Mechanism, robot: RobotDescription, expressions: Expressions, find: FindPart) -> None:
         self.mechanism, self.robot, self.expressions, self.find = mechanism, robot, expressions, find
         self.joints = Joints(expressions)
 
     def added(self) -> Mechanism:
+        """The mechanism with all of them."""
         self.mechanism = self._closed()
         self.mechanism = replace(self.mechanism, actuators=tuple(self._actuators()))
         for index, rotor in enumerate(self.robot.rotors):

@@ -53,11 +53,6 @@ def stated_number(text: str | None) -> float:
         return 0.0
 
 
-def read_urdf(root: Any, source: str, *, mimics: bool = True) -> LiteralTree:
-    """The tree of a URDF document."""
-    return _Reader(root, source).read(mimics)
-
-
 class ExactXml:
     """Exact numbers of an XML document, and errors that name the element."""
 
@@ -86,7 +81,9 @@ class ExactXml:
         return (x, y, z)
 
 
-class _Reader(ExactXml):
+class UrdfReader(ExactXml):
+    """Reads a URDF document."""
+
     def __init__(self, root: Any, source: str) -> None:
         super().__init__(source)
         self.root = root
@@ -95,6 +92,7 @@ class _Reader(ExactXml):
         self.joints = self._named("joint")
 
     def read(self, mimics: bool) -> LiteralTree:
+        """The tree of its links."""
         if not self.links:
             raise self.error("the robot has no links")
         parents = self._parents()
