@@ -8,12 +8,12 @@ CLAIMS = "claims/test_false_claims.py"
 FAULTS = (
     Fault(
         CERTIFICATE,
-        "if (actual.get(column, 0) - claimed[column]) % field.p:",
-        "if column in actual and (actual[column] - claimed[column]) % field.p:",
+        "if (actual.get(column, 0) - claimed.get(column, 0)) % field.p:",
+        "if column in actual and (actual[column] - claimed.get(column, 0)) % field.p:",
         "a false claim about an invisible parameter",
         CLAIMS,
     ),
-    Fault(CERTIFICATE, "    states = sampler.regions", "    states = 1", "one region is looked at", CLAIMS),
+    Fault(CERTIFICATE, "        states = sampler.regions\n", "        states = 1\n", "one region is looked at", CLAIMS),
     Fault(
         CERTIFICATE,
         "if minor.rank < matrix.rank:",
@@ -29,9 +29,9 @@ FAULTS = (
         "base/test_certificate.py",
     ),
     Fault(
-        CERTIFICATE,
-        "claimed[column] += factor * value",
-        "claimed[column] = factor * value",
+        "exact/elimination.py",
+        "total[pivot] + addend if pivot in total else addend",
+        "addend",
         "sums in X̄ B",
         "base/test_certificate.py::test_right_sets_pass",
     ),

@@ -20,7 +20,7 @@ The set was derived from energies; the check uses the inverse dynamics (as rows 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from math import ceil, log2, log10
 from typing import Any
@@ -31,8 +31,8 @@ import numpy as np
 from echelon.base.ball_rows import ball_rows
 from echelon.base.matrix import BaseMatrix, StatedNumbers
 from echelon.errors import CertificateError, DegenerateSampleError
-from echelon.exact.elimination import rank
-from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField
+from echelon.exact.elimination import rank, substituted
+from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField, Residues
 from echelon.exact.numbers import Number
 from echelon.exact.polynomial import is_trigonometric, multiple_of
 from echelon.mechanism.stated import GENERAL, StatedValues
@@ -179,13 +179,18 @@ def _certified(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: St
         raise CertificateError(
             f"the set is too large: its {matrix.rank} representatives span only {max(minor.rank, 0)} dimensions"
         )
+    complete = _Completeness(regressor, matrix, rng)
+    sampler = complete.sampler
     if regressor.loops is not None:
-        return _certified_on_curves(regressor, matrix, seed, regressor.loops.order, minor, rng)
-    sampler = regressor.sampler()
-    primes: list[int] = []
+        order = regressor.loops.order
+        primes = [complete.prime(ARRAY_BITS) for _ in range(_CURVES)]
+        error = sum(log10(order) - log10(p) for p in primes)
+        evidence = (minor.prime, minor.states, tuple(primes), order, error, order)
+        return Certificate(matrix.rank, seed, *evidence, **_regions(sampler))
+    primes = []
     points, forms = _FEWEST_POINTS, size_bound(sampler.program, sampler.outputs)
     while len(primes) < points:
-        primes.append(_check_complete(regressor, matrix, sampler, rng, CERTIFICATE_BITS))
+        primes.append(complete.prime(CERTIFICATE_BITS))
         size = _identity_size(forms, matrix, sampler)  # by now all that occurs in some region of signs is known
         missed = _log10_missed(size)
         if missed > _LEAST_SHOWN:
@@ -207,20 +212,6 @@ def _certified(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: St
 def _regions(sampler: FieldSampler) -> dict[str, Any]:
     report = sampler.region_report
     return {} if report is None else {"regions": report.count, "regions_note": str(report)}
-
-
-def _certified_on_curves(
-    regressor: LinearForms,
-    matrix: BaseMatrix,
-    seed: int,
-    order: int,
-    minor: Minor,
-    rng: np.random.Generator,
-) -> Certificate:
-    sampler = regressor.sampler()
-    primes = tuple(_check_complete(regressor, matrix, sampler, rng, ARRAY_BITS) for _ in range(_CURVES))
-    error = sum(log10(order) - log10(p) for p in primes)
-    return Certificate(matrix.rank, seed, minor.prime, minor.states, primes, order, error, order, **_regions(sampler))
 
 
 def _check_echelon(matrix: BaseMatrix) -> None:
@@ -246,73 +237,52 @@ def _check_echelon(matrix: BaseMatrix) -> None:
                 raise CertificateError(f"row {name} contains {other}, which comes before it in the column order")
 
 
-def _check_complete(
-    regressor: LinearForms,
-    matrix: BaseMatrix,
-    sampler: FieldSampler,
-    rng: np.random.Generator,
-    bits: int,
-    stated: Mapping[str, Number] | None = None,
-) -> int:
-    """Check X = X̄ B at a random point modulo a random prime; returns the prime.
+class _Completeness:
+    """Checks X = X̄ B at random points modulo random primes."""
 
-    Columns that are numbers are checked where symbols have their stated values, all others where these are random.
-    """
-    for _ in range(_ATTEMPTS):
-        field = PrimeField.random(rng, bits)
-        try:
-            _compare_at_point(regressor, matrix, sampler, field, rng, stated)
-        except DegenerateSampleError:
-            continue
-        return field.p
-    raise CertificateError("every random point is singular" + " at the stated values" * (stated is not None))
+    def __init__(self, regressor: LinearForms, matrix: BaseMatrix, rng: np.random.Generator) -> None:
+        self.regressor, self.matrix, self.rng = regressor, matrix, rng
+        self.sampler = regressor.sampler()
 
+    def prime(self, bits: int, stated: Mapping[str, Number] | None = None) -> int:
+        """A random prime modulo which it holds at a random point.
 
-def _compare_at_point(
-    regressor: LinearForms,
-    matrix: BaseMatrix,
-    sampler: FieldSampler,
-    field: PrimeField,
-    rng: np.random.Generator,
-    stated: Mapping[str, Number] | None,
-) -> None:
-    known = {s: np.array([field.embed(value)], dtype=field.dtype) for s, value in (stated or {}).items()}
-    names = sorted({*sampler.symbols, *matrix.symbols})
-    symbols = {s: known[s] if s in known else field.draw(rng, (1,)) for s in names}
-    states = sampler.regions
-    values = sampler.evaluate(field, rng, states, symbols)[:, 0]
-    rows = matrix.modulo(symbols, field)
-    numbers = set(matrix.numbers.columns) if matrix.numbers else set()
-    columns = [c for c in range(len(matrix.parameters)) if (c in numbers) == (stated is not None)]
-    wrong = "the set is incomplete or wrong" if stated is None else _WRONG_THERE
-    for k in range(states):
-        entry = {key: int(value[k]) for key, value in zip(regressor.entries, values, strict=True)}
-        _compare_entries(entry, matrix, rows, field, columns, wrong)
+        Columns that are numbers are checked where symbols have their stated values, all others where these are random.
+        """
+        for _ in range(_ATTEMPTS):
+            field = PrimeField.random(self.rng, bits)
+            try:
+                self._compare(field, stated)
+            except DegenerateSampleError:
+                continue
+            return field.p
+        raise CertificateError("every random point is singular" + " at the stated values" * (stated is not None))
 
+    def _compare(self, field: PrimeField, stated: Mapping[str, Number] | None) -> None:
+        matrix, sampler = self.matrix, self.sampler
+        known = {s: np.array([field.embed(value)], dtype=field.dtype) for s, value in (stated or {}).items()}
+        names = sorted({*sampler.symbols, *matrix.symbols})
+        symbols = {s: known[s] if s in known else field.draw(self.rng, (1,)) for s in names}
+        states = sampler.regions
+        values = sampler.evaluate(field, self.rng, states, symbols)[:, 0]
+        rows = dict(zip(matrix.pivots, matrix.modulo(symbols, field), strict=True))
+        numbers = set(matrix.numbers.columns) if matrix.numbers else set()
+        columns = [c for c in range(len(matrix.parameters)) if (c in numbers) == (stated is not None)]
+        for actual in self._rows_of_regressor(values):
+            claimed = substituted({pivot: actual[pivot] for pivot in matrix.pivots if actual.get(pivot)}, rows)
+            for column in columns:
+                if (actual.get(column, 0) - claimed.get(column, 0)) % field.p:
+                    wrong = "the set is incomplete or wrong" if stated is None else _WRONG_THERE
+                    name = matrix.parameters[column]
+                    raise CertificateError(f"{wrong}: it does not reproduce the effect of {name}")
 
-def _compare_entries(
-    entry: Mapping[tuple[int, int], int],
-    matrix: BaseMatrix,
-    rows: Sequence[Mapping[int, int]],
-    field: PrimeField,
-    columns: Sequence[int],
-    wrong: str,
-) -> None:
-    """Check some columns of X = X̄ B for the values of X at one state and of B."""
-    by_row: dict[int, dict[int, int]] = {}
-    for (row, column), value in entry.items():
-        by_row.setdefault(row, {})[column] = value
-    for actual in by_row.values():
-        claimed = dict.fromkeys(range(len(matrix.parameters)), 0)
-        for pivot, combination in zip(matrix.pivots, rows, strict=True):
-            value = actual.get(pivot, 0)
-            if value:
-                for column, factor in combination.items():
-                    claimed[column] += factor * value
-        for column in columns:
-            if (actual.get(column, 0) - claimed[column]) % field.p:
-                name = matrix.parameters[column]
-                raise CertificateError(f"{wrong}: it does not reproduce the effect of {name}")
+    def _rows_of_regressor(self, values: Residues) -> Iterator[dict[int, int]]:
+        """Rows of X at all states, by column.  Shapes: values (entries, states)."""
+        for state in values.T:
+            rows: dict[int, dict[int, int]] = {}
+            for (row, column), value in zip(self.regressor.entries, state, strict=True):
+                rows.setdefault(row, {})[column] = int(value)
+            yield from rows.values()
 
 
 def _check_stated(
@@ -330,13 +300,13 @@ def _check_stated(
         raise CertificateError(f"numbers with errors of {numbers.radius:.0e} prove nothing")
     if numbers.radius:
         return _check_in_balls(regressor, matrix, numbers, rng)
-    sampler = regressor.sampler()
-    values = numbers.exact(sampler.angles)
+    complete = _Completeness(regressor, matrix, rng)
+    values = numbers.exact(complete.sampler.angles)
     if values is None:
         raise CertificateError("numbers at angles without exact sines cannot be exact")
     for _ in range(_FEWEST_POINTS):
         bits = CERTIFICATE_BITS if regressor.loops is None else ARRAY_BITS
-        _check_complete(regressor, matrix, sampler, rng, bits, values)
+        complete.prime(bits, values)
     return None
 
 
