@@ -11,8 +11,8 @@ import numpy.typing as npt
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import symbol_values
-from echelon.program.function import Argument
-from echelon.program.tape import Op, Program
+from echelon.program.function import Argument, Function
+from echelon.program.tape import Op, Program, Scalar
 
 STATE = ("q", "qd", "qdd")
 """Positions, velocities and accelerations."""
@@ -48,6 +48,19 @@ class Arguments:
             else:
                 found.append(made[name]())
         return tuple(found)
+
+    def function(
+        self,
+        name: str,
+        entries: Mapping[tuple[int, ...], Scalar],
+        axes: tuple[tuple[str, ...], ...],
+        arguments: str,
+        meaning: str,
+        units: tuple[str, ...] = (),
+    ) -> Function:
+        """The function with these entries, of arguments whose names are separated by spaces."""
+        nodes = {index: value.node for index, value in entries.items() if not value.is_zero}
+        return Function(name, self.program, self.of(arguments.split(), nodes.values()), nodes, axes, units, meaning)
 
     def _named(self, name: str, labels: Sequence[str], units: Sequence[str], meaning: str) -> Argument:
         nodes = tuple(self.program.input(f"{name}[{label}]").node for label in labels)

@@ -78,10 +78,9 @@ def constraint_forces(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
     left_out = ", ".join(name for name in shares if name not in kept)
     meaning += f"; redundant constraints leave undetermined: {left_out}" if left_out else ""
     units = tuple("N" if "force" in name else "N*m" for name in kept)
-    entries: dict[Index, int] = {(k,): found[name].node for k, name in enumerate(kept) if not found[name].is_zero}
-    names = ["q", "qd", "qdd", "inputs", "parameters", "symbols"]
-    made = Arguments(mechanism, recorded.program, recorded.parameters, standard=True).of(names, entries.values())
-    return Function("constraint_forces", recorded.program, made, entries, (kept,), units, meaning)
+    entries: dict[Index, Scalar] = {(k,): found[name] for k, name in enumerate(kept)}
+    arguments = "q qd qdd inputs parameters symbols"
+    return recorded.arguments.function("constraint_forces", entries, (kept,), arguments, meaning, units)
 
 
 def _determined(mechanism: Mechanism, motion: DependentMotion) -> dict[str, float]:
@@ -127,10 +126,9 @@ def motion_function(
     units: tuple[str, ...] = (),
 ) -> Function:
     """A function of positions, and perhaps independent velocities and accelerations."""
-    entries: dict[Index, int] = {(k,): value.node for k, value in enumerate(values) if not value.is_zero}
+    entries: dict[Index, Scalar] = {(k,): value for k, value in enumerate(values)}
     make = Arguments(motion.mechanism, motion.program, {})
-    made = make.of([*arguments.split(), "symbols"], entries.values())
-    return Function(name, motion.program, made, entries, (labels,), units, meaning)
+    return make.function(name, entries, (labels,), f"{arguments} symbols", meaning, units)
 
 
 Builder = Callable[[Mechanism, Sequence[int]], Function]
@@ -138,7 +136,7 @@ Builder = Callable[[Mechanism, Sequence[int]], Function]
 
 def inverse_dynamics(recorded: RecordedOutputs) -> Function:
     """Record y(q, q̇, q̈): inertial forces with gravity, and all effects."""
-    forces = _total(recorded.inertial(True), recorded.effects())
+    forces = [a + b for a, b in zip(recorded.inertial(True), recorded.effects(), strict=True)]
     return _vector("inverse_dynamics", recorded, forces, "q qd qdd inputs", "outputs that a motion needs")
 
 
@@ -165,7 +163,8 @@ def mass_matrix(recorded: RecordedOutputs) -> Function:
     for index, slope in recorded.effect_inertia().items():
         entries[index] = entries[index] + slope
     axes = (recorded.names, recorded.mechanism.independent_velocities)
-    return _function("mass_matrix", recorded, entries, axes, "q", "outputs per unit of each acceleration")
+    meaning = "outputs per unit of each acceleration"
+    return recorded.arguments.function("mass_matrix", entries, axes, "q parameters symbols", meaning)
 
 
 def inverse_dynamics_derivatives(recorded: RecordedOutputs) -> Function:
@@ -179,7 +178,8 @@ def inverse_dynamics_derivatives(recorded: RecordedOutputs) -> Function:
         entries[index] = entries[index] + slope
     meaning = "derivatives of the inverse dynamics by positions and velocities"
     axes = (recorded.names, recorded.state)
-    return _function("inverse_dynamics_derivatives", recorded, entries, axes, "q qd qdd inputs", meaning)
+    arguments = "q qd qdd inputs parameters symbols"
+    return recorded.arguments.function("inverse_dynamics_derivatives", entries, axes, arguments, meaning)
 
 
 def regressor(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
@@ -252,26 +252,8 @@ def robot_function(name: str, mechanism: Mechanism, pivots: Sequence[int]) -> Fu
 # -- putting together --------------------------------------------------------------------------------------------------
 
 
-def _total(first: Sequence[Scalar], second: Sequence[Scalar]) -> list[Scalar]:
-    return [a + b for a, b in zip(first, second, strict=True)]
-
-
 def _vector(name: str, recorded: RecordedOutputs, forces: Sequence[Scalar], arguments: str, meaning: str) -> Function:
     entries: dict[Index, Scalar] = {(row,): force for row, force in enumerate(forces)}
     units = tuple(output.unit for output in recorded.mechanism.outputs)
-    return _function(name, recorded, entries, (recorded.names,), arguments, meaning, units)
-
-
-def _function(
-    name: str,
-    recorded: RecordedOutputs,
-    entries: Mapping[Index, Scalar],
-    axes: tuple[tuple[str, ...], ...],
-    arguments: str,
-    meaning: str,
-    units: tuple[str, ...] = (),
-) -> Function:
-    nodes = {index: value.node for index, value in entries.items() if not value.is_zero}
-    make = Arguments(recorded.mechanism, recorded.program, recorded.parameters)
-    made = make.of([*arguments.split(), "parameters", "symbols"], nodes.values())
-    return Function(name, recorded.program, made, nodes, axes, units, meaning)
+    arguments = f"{arguments} parameters symbols"
+    return recorded.arguments.function(name, entries, (recorded.names,), arguments, meaning, units)

@@ -23,7 +23,7 @@ from functools import cached_property
 import numpy as np
 
 from echelon.conventions import PER_BODY
-from echelon.dynamics.arguments import parameter_input, row_names
+from echelon.dynamics.arguments import Arguments, parameter_input, row_names
 from echelon.dynamics.composite import by_quaternion, effort_derivatives, efforts_at_rest, mass_matrix
 from echelon.dynamics.recursion import MASS, ForwardPass, efforts
 from echelon.errors import InputError
@@ -72,6 +72,11 @@ class RecordedOutputs:
         free = self.mechanism.independent_velocities
         positions = free if self.mechanism.closures else self.mechanism.positions
         return (*(f"q[{n}]" for n in positions), *(f"qd[{n}]" for n in free))
+
+    @property
+    def arguments(self) -> Arguments:
+        """Of functions of these outputs."""
+        return Arguments(self.mechanism, self.program, self.parameters, standard=self._dependent)
 
     def _parameter(self, name: str, standard: bool) -> Scalar:
         return self.program.input(parameter_input(name, standard=standard), "symbol")
