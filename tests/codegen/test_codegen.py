@@ -13,7 +13,7 @@ import pytest
 
 import echelon as ec
 from echelon.codegen import TARGETS, Precision, views
-from echelon.codegen.source import Subject, generate_source, printed
+from echelon.codegen.source import Subject, generate, printed
 from echelon.dynamics.functions import FUNCTIONS as ALL
 from echelon.dynamics.functions import LOOP_FUNCTIONS
 from echelon.program.function import Argument, Function
@@ -133,8 +133,8 @@ def cases() -> Iterator[object]:
 def test_robots(target: str, name: str, tmp_path: Path) -> None:
     # XLA needs a minute for long functions
     wanted = list(ALL) if target != "jax" or name in QUICK else ["inverse_dynamics", "gravity"]
-    source = generate_source(ROBOTS[name](), target, wanted, name="my_robot")
-    check(target, source.functions, source.files, "my_robot", tmp_path)
+    source = generate(ROBOTS[name](), target, wanted, name="my_robot")
+    check(target, source.functions, source, "my_robot", tmp_path)
 
 
 def loop_cases() -> Iterator[object]:
@@ -149,16 +149,16 @@ def loop_cases() -> Iterator[object]:
 def test_robots_with_loops(target: str, name: str, tmp_path: Path) -> None:
     base = LOOPS[name]()
     wanted = [*ALL, *LOOP_FUNCTIONS] if target != "jax" else ["gravity", "closed_positions"]
-    source = generate_source(base, target, wanted, name="my_robot")
+    source = generate(base, target, wanted, name="my_robot")
     given = closed_states_of(base.mechanism, 24)
-    check(target, source.functions, source.files, "my_robot", tmp_path, large=False, given=given)
+    check(target, source.functions, source, "my_robot", tmp_path, large=False, given=given)
 
 
 def test_generated_code_closes_loops_and_moves_them(tmp_path: Path) -> None:
     """As a controller would call it: from the last positions, with new independent ones, a few steps each time."""
     base = LOOPS["four_bar"]()
-    source = generate_source(base, "c", ["closed_positions", "mass_matrix"], name="bar", parameters=PARAMETERS)
-    for name, text in source.files.items():
+    source = generate(base, "c", ["closed_positions", "mass_matrix"], name="bar", parameters=PARAMETERS)
+    for name, text in source.items():
         (tmp_path / name).write_text(text, encoding="utf-8")
     call = generated.c(generated.Build(tmp_path, "bar", source.functions, "double"))
     closed, mass = source.functions
@@ -178,13 +178,13 @@ PARAMETERS = dict(zip(("ZZ1", "MX1", "MY1", "ZZ2", "MX2", "MY2", "ZZ3", "MY3"), 
 
 @pytest.mark.parametrize("target", generated.RUNNERS)
 def test_single_precision(target: str, tmp_path: Path) -> None:
-    source = generate_source(ROBOTS["double_pendulum"](), target, list(ALL), precision="single")
-    check(target, source.functions, source.files, "double_pendulum", tmp_path, precision="single", large=False)
+    source = generate(ROBOTS["double_pendulum"](), target, list(ALL), precision="single")
+    check(target, source.functions, source, "double_pendulum", tmp_path, precision="single", large=False)
 
 
 @pytest.mark.parametrize("target", [t for t in generated.RUNNERS if TARGETS[t].splits])
 def test_long_functions_are_cut_into_parts(target: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(views, "LONGEST_PART", 60)
-    source = generate_source(ROBOTS["panda"](), target, ("inverse_dynamics", "gravity"))
-    assert any("part_3" in text for text in source.files.values())
-    check(target, source.functions, source.files, "panda", tmp_path)
+    source = generate(ROBOTS["panda"](), target, ("inverse_dynamics", "gravity"))
+    assert any("part_3" in text for text in source.values())
+    check(target, source.functions, source, "panda", tmp_path)

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import echelon as ec
 from echelon.cli.commands import app
-from echelon.codegen.source import generate_source
+from echelon.codegen.source import generate
 from echelon.errors import InputError
 from support import generated_code as generated
 from support.paths import ROOT
@@ -30,8 +30,8 @@ def cases() -> list[object]:
 def test_two_geometries_of_one_build(target: str, name: str, tmp_path: Path) -> None:
     model = base(name)
     chosen = ["regressor", "inverse_dynamics"] if target != "jax" else ["inverse_dynamics"]
-    source = generate_source(model, target, chosen, name="arm", keep_symbols=True)
-    for file, text in source.files.items():
+    source = generate(model, target, chosen, name="arm", keep_symbols=True)
+    for file, text in source.items():
         (tmp_path / file).write_text(text, encoding="utf-8")
     call = generated.RUNNERS[target](generated.Build(tmp_path, "arm", source.functions, "double"))
     rng = np.random.default_rng(5)
@@ -54,10 +54,10 @@ def test_two_geometries_of_one_build(target: str, name: str, tmp_path: Path) -> 
 
 def test_only_some() -> None:
     model = base("panda")
-    source = generate_source(model, "c", ["regressor"], keep_symbols=["a7", "d3"])
+    source = generate(model, "c", ["regressor"], keep_symbols=["a7", "d3"])
     argument = next(a for a in source.functions[0].arguments if a.name == "symbols")
     assert set(argument.labels) == {"a7", "d3"}
-    header = source.files["panda.h"]
+    header = source["panda.h"]
     assert "a7 [SI], 0.088 in the robot's file" in header
     assert "a7 = " not in header.partition("Put in as constants:")[2]
     assert "d5 = 0.384" in header.partition("Put in as constants:")[2]
@@ -66,11 +66,11 @@ def test_only_some() -> None:
 def test_refusals() -> None:
     model = base("double_pendulum")
     with pytest.raises(InputError, match="no symbol 'l9' to keep \\(valid: g, l1\\)"):
-        generate_source(model, "c", ["gravity"], keep_symbols=["l9"])
+        generate(model, "c", ["gravity"], keep_symbols=["l9"])
     with pytest.raises(InputError, match="'l1' is kept as an argument"):
-        generate_source(model, "c", ["gravity"], keep_symbols=True, symbols={"l1": 1.0})
+        generate(model, "c", ["gravity"], keep_symbols=True, symbols={"l1": 1.0})
     with pytest.raises(InputError, match="belong to one geometry"):
-        generate_source(model, "c", ["gravity"], keep_symbols=True, parameters=dict.fromkeys(model.pivots, 1.0))
+        generate(model, "c", ["gravity"], keep_symbols=True, parameters=dict.fromkeys(model.pivots, 1.0))
 
 
 def test_command(tmp_path: Path) -> None:

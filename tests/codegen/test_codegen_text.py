@@ -25,7 +25,7 @@ from echelon.cli.generate import FUNCTIONS as LISTED_FUNCTIONS
 from echelon.cli.generate import LOOP_FUNCTIONS as LISTED_LOOP_FUNCTIONS
 from echelon.cli.generate import TARGETS as LISTED_TARGETS
 from echelon.codegen import TARGETS, Precision
-from echelon.codegen.source import Subject, generate, generate_source, printed
+from echelon.codegen.source import Subject, generate, printed
 from echelon.dynamics.functions import FUNCTIONS, LOOP_FUNCTIONS
 from echelon.program.function import Argument, Function
 from echelon.program.tape import Program
@@ -96,11 +96,11 @@ def hostile() -> ec.BaseModel:
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_hostile_names_stay_in_comments(target: str, tmp_path: Path) -> None:
-    source = generate_source(hostile(), target, ["inverse_dynamics"])
+    source = generate(hostile(), target, ["inverse_dynamics"])
     robot = "system_x_if_0_1_0_x"
-    assert all(robot in name for name in source.files)
-    assert any("system(" in text for text in source.files.values())
-    for name, text in source.files.items():
+    assert all(robot in name for name in source)
+    assert any("system(" in text for text in source.values())
+    for name, text in source.items():
         (tmp_path / name).write_text(text, encoding="utf-8")
         assert "\u202e" not in text
         opening = TARGETS[target].comment.strip()
@@ -116,13 +116,13 @@ def test_hostile_names_stay_in_comments(target: str, tmp_path: Path) -> None:
 def test_parameters_become_constants(tmp_path: Path) -> None:
     base = pendulum()
     values = {name: 0.5 + k for k, name in enumerate(base.pivots)}
-    plain, baked = (generate_source(base, "python", ["inverse_dynamics"], parameters=p) for p in (None, values))
+    plain, baked = (generate(base, "python", ["inverse_dynamics"], parameters=p) for p in (None, values))
     (plain_function,), (baked_function,) = plain.functions, baked.functions
     assert "parameters" in {a.name for a in plain_function.arguments}
     assert "parameters" not in {a.name for a in baked_function.arguments}
     state = {name: np.random.default_rng(0).uniform(-2, 2, (5, 2)) for name in ("q", "qd", "qdd")}
     wanted = generated.reference(plain_function, {**state, "parameters": np.array(list(values.values()))})
-    (tmp_path / "double_pendulum.py").write_text(baked.files["double_pendulum.py"])
+    (tmp_path / "double_pendulum.py").write_text(baked["double_pendulum.py"])
     loaded = generated.python(generated.Build(tmp_path, "double_pendulum", baked.functions, "double"))
     np.testing.assert_allclose(loaded(baked_function, state), wanted, rtol=1e-12)
     standard = dict.fromkeys(base.parameters, 1.0)
@@ -133,9 +133,9 @@ def test_parameters_become_constants(tmp_path: Path) -> None:
 def test_no_mass_matrix_where_friction_follows_the_load() -> None:
     """The other functions are written by default, and their head says what is missing; asked for, it is refused."""
     base = ec.base_parameters(ec.load_setup(ROOT / "examples" / "logs" / "double_pendulum.yaml").mechanism)
-    source = generate_source(base, "c", None)
+    source = generate(base, "c", None)
     assert [function.name for function in source.functions] == ["regressor", "inverse_dynamics", "gravity"]
-    assert "mass_matrix is left out: effect 'Fl1' is not linear" in source.files["double_pendulum.h"]
+    assert "mass_matrix is left out: effect 'Fl1' is not linear" in source["double_pendulum.h"]
     with pytest.raises(ec.InputError, match="effect 'Fl1' is not linear"):
         generate(base, "c", ["mass_matrix"])
 
@@ -144,13 +144,13 @@ def test_symbols_without_value_are_an_argument() -> None:
     robot = arms.double_pendulum()
     unknown = replace(robot, symbols={n: replace(s, value=None, exact=None) for n, s in robot.symbols.items()})
     base = ec.base_parameters(unknown)
-    source = generate_source(base, "c", ["regressor", "gravity", "mass_matrix"])
+    source = generate(base, "c", ["regressor", "gravity", "mass_matrix"])
     taken = {f.name: [a.labels for a in f.arguments if a.name == "symbols"] for f in source.functions}
     symbols = [labels for found in taken.values() for labels in found]
     assert symbols
     assert all(labels == symbols[0] for labels in symbols)
     given = dict.fromkeys(symbols[0], 0.25)
-    filled = generate_source(base, "c", ["regressor"], symbols=given)
+    filled = generate(base, "c", ["regressor"], symbols=given)
     assert [a.name for a in filled.functions[0].arguments] == ["q", "qd", "qdd"]
 
 
@@ -178,14 +178,14 @@ def test_refused(arguments: dict[str, object], message: str) -> None:
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_cuda_compiles(precision: str, tmp_path: Path) -> None:
     nvcc = tool("nvcc")
-    source = generate_source(pendulum(), "cuda", list(FUNCTIONS), precision=precision)
-    (tmp_path / "a.cu").write_text(source.files["double_pendulum.cu"])
+    source = generate(pendulum(), "cuda", list(FUNCTIONS), precision=precision)
+    (tmp_path / "a.cu").write_text(source["double_pendulum.cu"])
     done = subprocess.run(
         [nvcc, "-ptx", "a.cu", "-o", "a.ptx"], cwd=tmp_path, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
     assert "double_pendulum_regressor_kernel" in (tmp_path / "a.ptx").read_text()
-    assert "#include" not in source.files["double_pendulum.cu"]
+    assert "#include" not in source["double_pendulum.cu"]
 
 
 # -- the command -------------------------------------------------------------------------------------------------------

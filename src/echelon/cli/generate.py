@@ -65,7 +65,7 @@ def generate(
 ) -> None:
     """Write source code of the robot's functions in terms of its base parameters."""
     from echelon.cli.destination import output_folder
-    from echelon.codegen import FROM_FILE, generate_source, operations_text
+    from echelon.codegen import FROM_FILE, generate, operations_text
 
     started, folder, kept = perf_counter(), output_folder(output, force), _names(keep_symbols or "")
     options: dict[str, Any] = {
@@ -79,8 +79,8 @@ def generate(
     values = parameters if parameters is None or parameters == FROM_FILE else read_values(Path(parameters))
     with steps(f"generating code for {robot.name}"):
         base = _base(robot, read, derivation)
-        source = generate_source(base, **options, parameters=values)
-    paths = _written(source.files, folder)
+        source = generate(base, **options, parameters=values)
+    paths = _written(source, folder)
     if as_json:
         show(json_text(_summary(base, source, paths, options)))
         return

@@ -5,6 +5,5 @@ from echelon.codegen.language import TARGETS as TARGETS
 from echelon.codegen.language import Precision as Precision
 from echelon.codegen.source import Source as Source
 from echelon.codegen.source import generate as generate
-from echelon.codegen.source import generate_source as generate_source
 from echelon.codegen.source import operation_counts as operation_counts
 from echelon.codegen.source import operations_text as operations_text

@@ -163,12 +163,12 @@ DEFAULT_FUNCTIONS = ("regressor", "inverse_dynamics", "mass_matrix", "gravity")
 """What is generated unless something else is asked for; with loops also ``closed_positions``."""
 
 
-@dataclass(frozen=True)
-class Source:
-    """Generated source: text by file name, and the functions with all constants put in."""
+class Source(dict[str, str]):
+    """Generated source: text by file name; and the functions with all constants put in."""
 
-    files: Mapping[str, str]
-    functions: tuple[Function, ...]
+    def __init__(self, files: Mapping[str, str], functions: tuple[Function, ...]) -> None:
+        super().__init__(files)
+        self.functions = functions
 
 
 def generate(
@@ -182,7 +182,7 @@ def generate(
     symbols: Mapping[str, float] | None = None,
     keep_symbols: bool | Sequence[str] = False,
     remarks: Sequence[str] = (),
-) -> dict[str, str]:
+) -> Source:
     """Source code of functions of a robot.
 
     Parameters
@@ -215,8 +215,8 @@ def generate(
 
     Returns
     -------
-    dict of str to str
-        Text of the files by name.
+    Source
+        A dict of the text of the files by name, with the functions as :attr:`Source.functions`.
 
     Raises
     ------
@@ -231,33 +231,6 @@ def generate(
     >>> list(generate(base, "c", ["inverse_dynamics"]))
     ['double_pendulum.h', 'double_pendulum.c']
     """
-    source = generate_source(
-        base,
-        target,
-        functions,
-        name=name,
-        precision=precision,
-        parameters=parameters,
-        symbols=symbols,
-        keep_symbols=keep_symbols,
-        remarks=remarks,
-    )
-    return dict(source.files)
-
-
-def generate_source(
-    base: BaseModel,
-    target: str,
-    functions: Sequence[str] | None,
-    *,
-    name: str | None = None,
-    precision: str = "double",
-    parameters: str | Mapping[str, float] | None = None,
-    symbols: Mapping[str, float] | None = None,
-    keep_symbols: bool | Sequence[str] = False,
-    remarks: Sequence[str] = (),
-) -> Source:
-    """As :func:`generate`, with the functions that were printed."""
     language = TARGETS[_valid("target", target, list(TARGETS))]
     if functions is None:
         functions, left_out = _default_functions(base)
