@@ -165,6 +165,15 @@ def test_magnitudes_decide_about_units_that_no_name_states() -> None:
     assert with_units(columns, Table("log.csv", plain), PENDULUM) == (columns, ())
 
 
+def test_lengths_of_hundreds_are_millimetres() -> None:
+    text = "echelon: 1\nbodies: [{name: cart, joint: {type: prismatic, axis: x}}]\n"
+    content = {"t": np.arange(50) / 100, "pos": 300 * np.sin(np.arange(50) / 10), "force": np.ones(50)}
+    robot = ec.load(text)
+    found, notes = with_units(guess_columns(list(content), robot), Table("log.csv", content), robot)
+    assert [channel.unit for channel in found.positions.values()] == ["mm"]
+    assert "are taken to be in mm" in notes[0].text
+
+
 def test_motors_are_told_from_joints() -> None:
     names = ["t_s"] + [f"q_motor_rad_{n}" for n in range(1, 7)] + [f"tau_motor_Nm_{n}" for n in range(1, 7)]
     found = guess_columns(names, TX40)

@@ -37,14 +37,19 @@ def written(folder: Path, log: pd.DataFrame, robot: str = ARM, **options: bool) 
 def test_two_commands_lead_from_strange_columns_to_a_model(motion: Motion, tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(ARM)
     names = {"Uhr": motion["t"], "Winkel A": motion["q"][:, 0], "Winkel B": motion["q"][:, 1]}
-    names |= {"Moment A": motion["tau"][:, 0], "Moment B": motion["tau"][:, 1], "Temperatur": 20 + motion["t"]}
+    names |= {
+        "Moment A": motion["tau"][:, 0],
+        "Moment B": motion["tau"][:, 1],
+        "Temperatur": 20 + motion["t"],
+        "Modus": "AUTO",
+    }
     log, setup = tmp_path / "log.csv", tmp_path / "setup.yaml"
     pd.DataFrame(names).to_csv(log, index=False)
     said = run("setup", str(tmp_path / "arm.urdf"), str(log), "-o", str(setup))
     assert said.returncode == 0, said.stderr
     assert "log.csv: 10 s at 300 Hz in 1 stretch" in said.stdout
     assert f"next:  echelon identify {setup} {log} -o result/" in said.stdout
-    assert "  # columns that are not used: Temperatur" in setup.read_text()
+    assert "  # columns that are not used: Temperatur, Modus" in setup.read_text()
     result = ec.identify(setup, log)
     assert min(score.r2 for score in result.validations[-1].scores) > 0.99
     refused = run("setup", str(tmp_path / "arm.urdf"), str(log), "-o", str(log))

@@ -10,6 +10,7 @@ of a bag.  A file without times has as many rows as another one, whose times are
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -103,8 +104,16 @@ def chosen_columns(
 
 
 def first_table(log: LogFile) -> Table:
-    """The first piece of a log, with all columns."""
-    return next(log.tables(), Table(log.source, {}))
+    """The first piece of a log, with all columns of numbers."""
+    names = list(log.names)
+    while True:
+        try:
+            return next(log.tables(names), Table(log.source, {}))
+        except InputError as error:  # a column of words, such as AUTO
+            column = re.search("column '(.*)'$", error.element or "")
+            if column is None or column[1] not in names or len(names) == 1:
+                raise
+            names.remove(column[1])
 
 
 def _needed(columns: ColumnMap, names: Sequence[str], source: str) -> tuple[str, ...]:

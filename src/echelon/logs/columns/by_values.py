@@ -221,6 +221,7 @@ def _smoothest(values: Sequence[Floats]) -> int | None:
 
 
 TURNS = 4 * math.pi  # rad, beyond which hardly any joint goes
+LONG = 20.0  # m, that no joint slides
 DEGREES = 720.0  # beyond which angles are no degrees of a joint either
 _ROUGHLY = 0.05
 
@@ -235,7 +236,7 @@ def with_units(columns: ColumnMap, table: Table, mechanism: Mechanism) -> tuple[
             text = f"the time '{time.column}' is taken to be in {unit}: in seconds no robot would be logged so slowly"
             notes.append(note("units", table.source, text))
         time = replace(time, unit=unit)
-    turning = {name: some for name, some in columns.positions.items() if _turns(mechanism, name)}
+    turning = {name: some for name, some in columns.positions.items() if _moves(mechanism, name, MotionKind.ROTATION)}
     far = [np.nanmax(np.abs(table.columns[some.column]), initial=0.0) for some in turning.values()]
     plain = turning and not any(some.unit for some in turning.values())
     positions = columns.positions
@@ -243,14 +244,19 @@ def with_units(columns: ColumnMap, table: Table, mechanism: Mechanism) -> tuple[
         positions = {**positions, **{name: replace(some, unit="deg") for name, some in turning.items()}}
         text = f"positions up to {max(far):.4g} are taken to be in degrees"
         notes.append(warning("units", table.source, text))
+    sliding = [name for name in positions if _moves(mechanism, name, MotionKind.TRANSLATION)]
+    far = [np.nanmax(np.abs(table.columns[positions[name].column]), initial=0.0) for name in sliding]
+    if max(far, default=0.0) > LONG and not any(positions[name].unit for name in sliding):
+        positions = {**positions, **{name: replace(positions[name], unit="mm") for name in sliding}}
+        notes.append(warning("units", table.source, f"lengths up to {max(far):.4g} are taken to be in mm"))
     asked = {name: replace(some, unit=some.unit or positions[name].unit) for name, some in columns.references.items()}
     guessed = replace(columns, time=time, positions=positions, references=asked)
     return replace(guessed, velocities=_with_rates(guessed, table, mechanism)), tuple(notes)
 
 
-def _turns(mechanism: Mechanism, name: str) -> bool:
+def _moves(mechanism: Mechanism, name: str, kind: MotionKind) -> bool:
     motion = motion_of(mechanism, name)
-    return motion is not None and motion.kind is MotionKind.ROTATION
+    return motion is not None and motion.kind is kind
 
 
 def _with_rates(columns: ColumnMap, table: Table, mechanism: Mechanism) -> dict[str, Channel]:
@@ -259,7 +265,7 @@ def _with_rates(columns: ColumnMap, table: Table, mechanism: Mechanism) -> dict[
     times = None if columns.time is None else table.columns.get(columns.time.column)
     for name, channel in columns.velocities.items():
         position = columns.positions.get(name)
-        if channel.unit or position is None or times is None or not _turns(mechanism, name):
+        if channel.unit or position is None or times is None or not _moves(mechanism, name, MotionKind.ROTATION):
             continue
         q, v = table.columns[position.column] * factor(position.unit, "rad"), table.columns[channel.column]
         if len(q) != len(v) or len(q) != len(times):

@@ -68,6 +68,7 @@ _UNITS = {
 _PER_SECOND = {"rad s": "rad/s", "deg s": "deg/s", "m s": "m/s", "mm s": "mm/s"}
 _BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()]*[A-Za-z°%][^\[\]()]*?)\s*[\])]")
 _COLUMN_UNITS = {"grad": "deg", "grados": "deg", "u/min": "rpm", "1/min": "rpm"}
+_GREEK = str.maketrans({"θ": "theta", "ϑ": "theta", "τ": "tau", "ω": "omega"})
 _RATES = {"position": "velocity", "velocity": "acceleration"}
 _HUMPS = (re.compile(r"(?<=[a-z])(?=[A-Z][a-z])"), re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])"))
 _AFFIX = re.compile(r"^(?:joint|jnt|motor|axis)[_-]|[_-](?:joint|jnt|motor|axis)$", re.IGNORECASE)
@@ -150,7 +151,8 @@ def _by_words(text: str, name: str, unit: str) -> Meaning | None:
 
 def _split(text: str) -> Iterator[str]:
     """The words of a name; those of compounds such as ``jpos`` or ``sollwinkel`` one by one."""
-    plain = re.sub(r"(?<![a-z])i_q(?![a-z])", "iq", re.sub("[\u0300-\u036f]", "", text.lower()))
+    plain = text.lower().translate(_GREEK).replace("q\u0307", "qdot").replace("q\u0308", "qdd")
+    plain = re.sub(r"(?<![a-z])i_q(?![a-z])", "iq", re.sub("[\u0300-\u036f]", "", plain))
     for word in re.findall(r"[a-z0-9°]+", plain):
         letters = word.rstrip("0123456789")
         cut = next((k for k in range(1, len(letters)) if letters[:k] in _PREFIXES and letters[k:] in _STRONG), 0)

@@ -21,7 +21,7 @@ import numpy as np
 
 from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
-from echelon.logs.columns.by_values import DEGREES, TURNS, fitting_units
+from echelon.logs.columns.by_values import DEGREES, LONG, TURNS, fitting_units
 from echelon.logs.columns.column_map import WRAP, Channel, ColumnMap, Series, motion_of, series
 from echelon.logs.columns.units import factor
 from echelon.logs.finding import Finding, listed, warning
@@ -33,7 +33,6 @@ from echelon.signals.clock import GAP, nominal_period
 
 _ODD_PERIODS = (2e-5, 0.5)
 _LITTLE_ANGLE = 2 * math.pi**2 / 180
-_LONG = 20.0
 _LITTLE_LENGTH = 1e-3
 _STRONG = {"N·m": 2e4, "N": 1e6}
 _WEIGHTS = 50.0
@@ -179,7 +178,7 @@ def _check_lengths(recording: Recording, sliding: Sequence[Series], stated: Mapp
     findings = []
     for channel in sliding:
         most, where = _largest(channel), f"{recording.source}, {channel.label}"
-        if most > _LONG and _unstated(stated, channel.name):
+        if most > LONG and _unstated(stated, channel.name):
             problem = f"it goes to {most:.4g} m: is it in mm (unit: mm)?  If it is right, say unit: m"
             raise InputError(problem, source=recording.source, element=channel.label)
         unit = stated[channel.name].unit if channel.name in stated else ""

@@ -11,6 +11,7 @@ as a number and names the line and the column of what does not.  Files are read 
 
 from __future__ import annotations
 
+import codecs
 import csv
 import gzip
 import io
@@ -363,23 +364,22 @@ class CsvFile:
             if content == _SNIFFED or size > _AT_ONCE or len(lines) == _PREAMBLE:
                 break
         self._check_text(lines)
-        decoded: list[str] = []
-        for number, line in enumerate(lines, start=1):
-            try:
-                decoded.append(line.decode("utf-8"))
-            except UnicodeDecodeError as error:
-                problem = f"byte {line[error.start]:#04x} is not UTF-8 text; save the file as UTF-8"
-                raise InputError(problem, source=self.source, element=f"line {number}") from None
-        return decoded
+        return [_decoded(line) for line in lines]
 
     def _check_text(self, lines: list[bytes]) -> None:
         start = b"\n".join([*lines, b""])
-        if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
-            raise InputError("is UTF-16 text; save it as UTF-8", source=self.source)
         if b"\0" in start:
             raise InputError("is not text, although its name says so", source=self.source)
         if b"\r" in start.replace(b"\r\n", b""):
             raise InputError("has carriage returns inside lines; end lines with a line feed", source=self.source)
+
+
+def _decoded(line: bytes) -> str:
+    """Text in UTF-8, or as programs of Windows write names and units."""
+    try:
+        return line.decode("utf-8")
+    except UnicodeDecodeError:
+        return line.decode("cp1252", errors="replace")
 
 
 def _is_packed(path: Path) -> bool:
@@ -389,4 +389,7 @@ def _is_packed(path: Path) -> bool:
 def _opened(path: Path) -> IO[bytes]:
     if _is_packed(path):
         return cast("IO[bytes]", gzip.open(path, "rb"))
-    return path.open("rb")
+    stream = path.open("rb")
+    is_wide = stream.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+    stream.seek(0)
+    return cast("IO[bytes]", codecs.EncodedFile(stream, "utf-8", "utf-16")) if is_wide else stream
