@@ -134,5 +134,8 @@ def test_a_joint_that_never_moves_is_locked_if_there_is_no_other_log(motion: Mot
     setup, _, _ = with_logs(ARM, log)
     assert setup.mechanism.velocities == ("shoulder_joint",)
     assert any("at rest all the time: elbow_joint, as by  locked: {elbow_joint: 0.4}" in text for text in setup.assumed)
-    setup, _, _ = with_logs(ARM, [log, frame(motion)])
-    assert setup.mechanism.velocities == ("shoulder_joint", "elbow_joint")
+    later = pd.concat([log] * 50 + [frame(motion)], ignore_index=True)
+    later["t"] = np.arange(len(later)) / 300
+    for several in ([log, frame(motion)], later):
+        setup, _, _ = with_logs(ARM, several)
+        assert setup.mechanism.velocities == ("shoulder_joint", "elbow_joint")

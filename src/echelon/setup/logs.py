@@ -77,11 +77,14 @@ def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = Fal
     if locked:
         notes.append(f"the log has no columns for {listed(locked)}: taken to rest, {_line(locked)}")
     if columns.positions:
-        table = next(file.tables(needed_columns(columns, file.names)), Table(file.source, {}))
+        tables = file.tables(needed_columns(columns, file.names))
+        table, more = next(tables, Table(file.source, {})), next(tables, None)
         columns, findings = with_units(columns, table, setup.mechanism)
         notes += [finding.text for finding in findings]
-        silent |= {name for name, some in columns.outputs.items() if not np.any(table.columns[some.column])}
-        still = {} if setup.mechanism.closures else _still(columns, table)
+        still: dict[str, float] = {}
+        if more is None and not setup.mechanism.closures:  # of a long log nobody knows what moves later
+            silent |= {name for name, some in columns.outputs.items() if not np.any(table.columns[some.column])}
+            still = _still(columns, table)
         resting = {name: at for name, at in still.items() if only or name in silent}
         if len(silent | resting.keys()) < len(columns.outputs) + len(found.unmeasured):
             locked |= resting
