@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,10 @@ from echelon.errors import InputError
 from echelon.extras import extra
 from echelon.inputs.content import read_content
 from echelon.inputs.json_text import parse_json
-from echelon.logs.files.log_file import decoding
+from echelon.logs.files.log_file import CHUNK, Table, decoding, selected
 
 _EPISODE = re.compile(r"episode_(\d+)")
+_INDEX = "episode_index"
 
 
 def is_dataset(path: Path) -> bool:
@@ -31,12 +33,7 @@ def is_episode(path: Path) -> bool:
     return _EPISODE.fullmatch(path.name) is not None and is_dataset(path.parent)
 
 
-def number_of(episode: Path) -> int:
-    """The number of an episode."""
-    return int(episode.name.removeprefix("episode_"))
-
-
-def data_files(dataset: Path) -> list[Path]:
+def _data_files(dataset: Path) -> list[Path]:
     """The Parquet files with the frames."""
     found = sorted((dataset / "data").rglob("*.parquet"))
     if not found:
@@ -49,12 +46,12 @@ def episodes(dataset: Path) -> list[Path]:
     with extra("identify"):
         import pyarrow.parquet as pq
     with decoding(str(dataset), "a LeRobot dataset"):
-        tables = (pq.read_table(file, columns=["episode_index"]) for file in data_files(dataset))
+        tables = (pq.read_table(file, columns=[_INDEX]) for file in _data_files(dataset))
         numbers = sorted({int(number) for table in tables for number in table.column(0).unique().to_pylist()})
     return [dataset / f"episode_{number:06d}" for number in numbers]
 
 
-def entry_names(dataset: Path) -> dict[str, str]:
+def _entry_names(dataset: Path) -> dict[str, str]:
     """Names of columns such as ``observation.state[0]`` by what the dataset calls the entries of its vectors."""
     source = dataset / "meta" / "info.json"
     about: Any = parse_json(read_content(source), str(source))
@@ -67,3 +64,34 @@ def entry_names(dataset: Path) -> dict[str, str]:
         if isinstance(names, list) and len(set(map(str, names))) == len(names):
             found |= {f"{name}[{k}]": f"{name}/{entry}" for k, entry in enumerate(names)}
     return found
+
+
+class Episode:
+    """An episode of a LeRobot dataset: entries of vectors go by their names, ``observation.state/elbow_flex.pos``."""
+
+    def __init__(self, path: Path) -> None:
+        with extra("identify"):
+            from echelon.logs.files.parquet_file import ParquetFile, may_hold
+
+        self.source, self._number = str(path), int(path.name.removeprefix("episode_"))
+        called = _entry_names(path.parent)
+        files = _data_files(path.parent)
+        named = [file for file in files if file.stem == path.name]  # up to version 2.1
+        self._files = [ParquetFile(file) for file in named or files if named or may_hold(file, _INDEX, self._number)]
+        if not self._files:
+            raise InputError("the dataset has no frames of this episode", source=self.source)
+        own = self._files[0].names
+        self._columns = {called.get(name, name): name for name in own if name != _INDEX}
+        self.names: tuple[str, ...] = tuple(self._columns)
+
+    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
+        """Pieces of the episode."""
+        chosen = selected(self.source, names, self.names)
+        first = 0
+        for file in self._files:
+            for table in file.tables([*(self._columns[name] for name in chosen), _INDEX], rows):
+                inside = table.columns[_INDEX] == self._number
+                columns = {name: table.columns[self._columns[name]][inside] for name in chosen}
+                if inside.any():
+                    yield Table(self.source, columns, first=first)
+                    first += int(inside.sum())

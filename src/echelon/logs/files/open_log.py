@@ -17,7 +17,7 @@ from echelon.errors import InputError
 from echelon.extras import extra
 from echelon.logs.files.bag_file import BagFile
 from echelon.logs.files.csv_file import CsvFile
-from echelon.logs.files.lerobot import episodes, is_dataset, is_episode
+from echelon.logs.files.lerobot import Episode, episodes, is_dataset, is_episode
 from echelon.logs.files.log_file import LogFile, Table, existing_file, with_stamps
 from echelon.logs.files.mat_file import Hdf5File, MatFile
 from echelon.logs.files.numpy_file import MemoryLog, NpzFile, is_samples
@@ -42,10 +42,10 @@ class Kind(StrEnum):
     BAG = "ROS bag or MCAP"
 
 
-def _parquet_file(path: str | os.PathLike[str], episode: bool = False) -> LogFile:
+def _parquet_file(path: str | os.PathLike[str]) -> LogFile:
     with extra("identify"):
-        from echelon.logs.files.parquet_file import Episode, ParquetFile
-    return Episode(Path(path)) if episode else ParquetFile(path)
+        from echelon.logs.files.parquet_file import ParquetFile
+    return ParquetFile(path)
 
 
 _READERS: dict[Kind, Callable[[str | os.PathLike[str]], LogFile]] = {
@@ -84,7 +84,7 @@ def open_log(path: str | os.PathLike[str]) -> LogFile:
         return path.file()
     found = Path(path)
     if is_episode(found):
-        return _parquet_file(path, episode=True)
+        return Episode(found)
     if os.path.isdir(found):
         if not is_bag(found):
             raise InputError(f"is a directory, not a log{_content(found)}", source=os.fspath(path))

@@ -23,7 +23,6 @@ import pyarrow.parquet as pq
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.inputs.content import COLUMNS, check_unpacked
-from echelon.logs.files.lerobot import data_files, entry_names, number_of
 from echelon.logs.files.log_file import CHUNK, Table, decoding, existing_file, selected
 
 _UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
@@ -33,7 +32,6 @@ _LONGEST = 256
 _SAMPLED = 16
 _BUFFER = 1 << 20
 _KIND = "a Parquet file"
-_INDEX = "episode_index"
 
 
 @dataclass(frozen=True)
@@ -214,42 +212,6 @@ class ParquetFile:
         return found, left_out
 
 
-class Episode:
-    """An episode of a LeRobot dataset: entries of vectors go by their names, ``observation.state/elbow_flex.pos``."""
-
-    def __init__(self, path: Path) -> None:
-        self.source, self._number = str(path), number_of(path)
-        called = entry_names(path.parent)
-        files = data_files(path.parent)
-        named = [file for file in files if file.stem == path.name]  # up to version 2.1
-        self._files = [ParquetFile(file) for file in named or files if named or _may_hold(file, self._number)]
-        if not self._files:
-            raise InputError("the dataset has no frames of this episode", source=self.source)
-        own = self._files[0].names
-        self._columns = {called.get(name, name): name for name in own if name != _INDEX}
-        self.names: tuple[str, ...] = tuple(self._columns)
-
-    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
-        """Pieces of the episode."""
-        chosen = selected(self.source, names, self.names)
-        first = 0
-        for file in self._files:
-            for table in file.tables([*(self._columns[name] for name in chosen), _INDEX], rows):
-                inside = table.columns[_INDEX] == self._number
-                columns = {name: table.columns[self._columns[name]][inside] for name in chosen}
-                if inside.any():
-                    yield Table(self.source, columns, first=first)
-                    first += int(inside.sum())
-
-
-def _may_hold(file: Path, number: int) -> bool:
-    """Whether a file may hold an episode, by the bounds that its groups of rows state."""
-    about = pq.read_metadata(file)
-    place = about.schema.names.index(_INDEX)
-    groups = (about.row_group(k).column(place).statistics for k in range(about.num_row_groups))
-    return any(some is None or not some.has_min_max or some.min <= number <= some.max for some in groups)
-
-
 def _origin(head: Any) -> int:
     """Second of the first point in time of the file."""
     for column in head.columns:
@@ -259,3 +221,11 @@ def _origin(head: Any) -> int:
                 return int(valid[0].cast(pa.int32()).as_py()) * 86400
             return int(valid[0].cast(pa.int64()).as_py()) // ticks_per_second(column.type)
     return 0
+
+
+def may_hold(file: Path, column: str, number: int) -> bool:
+    """Whether a column may hold a whole number, by the bounds that the groups of rows of a file state."""
+    about = pq.read_metadata(file)
+    place = about.schema.names.index(column)
+    groups = (about.row_group(k).column(place).statistics for k in range(about.num_row_groups))
+    return any(some is None or not some.has_min_max or some.min <= number <= some.max for some in groups)
