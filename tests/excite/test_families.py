@@ -237,12 +237,7 @@ def test_any_rest_is_among_the_motions(basis: Basis) -> None:
 def test_trajectories() -> None:
     motion = random_motion(Fourier(2.0, 2), 3)
     assert motion.duration == 2.0
-    times = motion.times(100)
-    assert len(times) == 201
-    assert times[-1] == 2.0
-    np.testing.assert_allclose(np.diff(times), 0.01)
-    assert motion.times(100, repeats=3)[-1] == 6.0
-    assert [len(motion.times(rate)) for rate in (1.0, 0.5, 125.0)] == [3, 2, 251]
+    times = np.linspace(0, 2, 201)
     for order, values in enumerate(motion.states(times)):
         assert values.shape == (201, 3)
         np.testing.assert_array_equal(values, motion(times, order))

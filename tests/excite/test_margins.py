@@ -31,7 +31,7 @@ def moving(basis: Basis, like: StateLimits, size: float, seed: int = 0) -> Traje
 def reached(motion: Trajectory, limits: StateLimits) -> tuple[Floats, Floats]:
     """The least and the largest of ten thousand samples per second, without smoothing."""
     sharp = StateLimits(limits.labels, limits.units, limits.low, limits.high, limits.function, limits.uniform)
-    values = sharp.values(*motion.states(motion.times(RATE)))
+    values = sharp.values(*motion.states(np.linspace(0, motion.duration, round(RATE * motion.duration))))
     return values.min(axis=0), values.max(axis=0)
 
 
@@ -175,7 +175,7 @@ def test_first_cells_may_be_coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_margins_of_motions_contain_all_samples(name: str, order: int, seed: int) -> None:
     motion = random_motion(families(2.0)[name], 3, seed)
     weights = np.random.default_rng(seed).normal(size=3)
-    values = motion(motion.times(RATE), order) @ weights
+    values = motion(np.linspace(0, motion.duration, round(RATE * motion.duration)), order) @ weights
     span = np.ptp(values)
     limit = MotionLimit("m", "rad", order, weights, values.min() - 0.01 * span, values.max() + 0.01 * span)
     (margin,) = motion_margins(motion, [limit])

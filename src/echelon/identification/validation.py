@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
-from echelon.identification.correlation import LAGS, CorrelationSums
+from echelon.identification.correlation import CorrelationSums
 from echelon.identification.rows.rows import ModelRows, Numbering, prefetched, rows_taken
 from echelon.identification.verdict import verdict
 from echelon.logs.preparation.prepare import speed_rows
@@ -339,13 +339,12 @@ def validate(
     role: str,
     identification: Validation | None = None,
     limit: int = LIMIT,
-    lags: int = LAGS,
 ) -> Validation:
     """Compare measured and predicted outputs, which are given with their units."""
     if role not in ROLES:
         raise InputError(f"role is '{role}'; expected 'identification' or 'validation'")
     prior = models.index("prior") if "prior" in models else None
-    tallies = [_Tally(len(models), prior, limit, lags) for _ in outputs]
+    tallies = [_Tally(len(models), prior, limit) for _ in outputs]
     sources: dict[str, None] = {}
     for some in signals:
         sources.setdefault(some.source)
@@ -368,7 +367,6 @@ class _Tally:
     models: int
     prior: int | None
     limit: int
-    lags: int
     whole: list[Fit] = field(init=False)
     moving: list[Fit] = field(init=False)
     raw: list[Fit] = field(init=False)
@@ -376,7 +374,7 @@ class _Tally:
     def __post_init__(self) -> None:
         self.whole, self.moving, self.raw = ([EMPTY] * self.models for _ in range(3))
         self._noise, self._count, self._fastest = 0.0, 0, _NAN
-        self._correlations, self._trace = CorrelationSums(self.lags), TraceKeeper(self.limit)
+        self._correlations, self._trace = CorrelationSums(), TraceKeeper(self.limit)
 
     def add(self, some: Predicted, output: int) -> None:
         """Take in an output's rows of a stretch."""

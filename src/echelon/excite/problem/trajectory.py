@@ -306,19 +306,6 @@ class Trajectory:
         """Upper bounds of the absolute derivatives of an order at any time, shape (n,)."""
         return self.basis.bounds(self.coefficients, order)
 
-    def times(self, rate: float, repeats: int = 1) -> Floats:
-        """Sampling times from 0 to the end, both included.
-
-        Parameters
-        ----------
-        rate : float
-            Hz.
-        repeats : int
-            How often a periodic motion is run.
-        """
-        count = round(self.duration * repeats * rate)
-        return np.arange(count + 1) / rate
-
     def states(self, t: npt.ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Positions, velocities and accelerations, each of shape (N, n)."""
         return self(t), self(t, 1), self(t, 2)

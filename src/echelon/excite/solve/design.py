@@ -21,7 +21,7 @@ from echelon.excite.problem.resolved_limits import ResolvedLimits
 from echelon.excite.problem.state_limits import StateConstraint
 from echelon.excite.problem.task import Task, names_of
 from echelon.excite.problem.trajectory import Basis, Combined, Fourier, Trajectory, resting_ends, uniform_splines
-from echelon.excite.solve.solver import Solution, SolverOptions, constraint_generation
+from echelon.excite.solve.solver import Solution, constraint_generation
 from echelon.excite.verify import margins_of
 from echelon.excite.verify.margins import Margin, motion_margins
 from echelon.extras import extra
@@ -254,7 +254,7 @@ def safe(design: Design, solutions: Sequence[Solution]) -> tuple[Floats, list[Ma
     A slightly smaller motion makes up for what is missing between samples.  Where that costs too much, the broken
     limits are tightened and the search goes on.
     """
-    options = SolverOptions(iterations=min(_ITERATIONS, design.task.entry.iterations))
+    most = min(_ITERATIONS, design.task.entry.iterations)
     worst = ""
     for solution in sorted((s for s in solutions if s.x is not None), key=lambda s: s.value):
         problem, x = design.problem, solution.x
@@ -267,7 +267,7 @@ def safe(design: Design, solutions: Sequence[Solution]) -> tuple[Floats, list[Ma
                 return found, margins
             worst = ", ".join(margin.label for margin in broken[:6])
             problem = _tightened(problem, margins, design)
-            x = constraint_generation(problem, problem.shrunk(x, _BACK), options, x).x
+            x = constraint_generation(problem, problem.shrunk(x, _BACK), most, x).x
         assert solution.x is not None
         found, margins = _smaller(design, solution.x, _MUCH_LESS)
         if all(margin.kept for margin in margins):

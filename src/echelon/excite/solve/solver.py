@@ -8,7 +8,7 @@ goes on from the best motion that keeps everything.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -37,14 +37,8 @@ _CREEPING = 0.25
 """Share of the tolerance below which relative changes of the criterion count as none."""
 
 
-@dataclass(frozen=True)
-class SolverOptions:
-    """When a start ends."""
-
-    # of optimality; ten times as much does where the criterion does not get better by a quarter of it
-    tolerance: float = 2e-4
-    # at most so many; what is best by then is the result, the same one however busy the machine is
-    iterations: int = 500
+_TOLERANCE = 2e-4
+"""Of optimality; ten times as much does where the criterion does not get better by a quarter of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +86,8 @@ class _LastEvaluation:
         return self._found
 
 
-def solve(problem: Problem, start: Floats, options: SolverOptions, best: Best) -> Ended:
-    """Minimise from one starting point."""
+def solve(problem: Problem, start: Floats, iterations: int, best: Best) -> Ended:
+    """Minimise from one starting point in so many iterations, however busy the machine is."""
     casadi = _casadi()
     evaluate = _LastEvaluation(problem.value_and_gradient)
     A, low, high = problem.linear
@@ -108,13 +102,13 @@ def solve(problem: Problem, start: Floats, options: SolverOptions, best: Best) -
     ends = np.concatenate([low, least]), np.concatenate([high, most])
     watch = _watch(casadi, problem.size, ends, best)
     settings = _OPTIONS | {
-        "ipopt.tol": options.tolerance,
-        "ipopt.acceptable_tol": 10 * options.tolerance,
-        "ipopt.acceptable_obj_change_tol": _CREEPING * options.tolerance,
+        "ipopt.tol": _TOLERANCE,
+        "ipopt.acceptable_tol": 10 * _TOLERANCE,
+        "ipopt.acceptable_obj_change_tol": _CREEPING * _TOLERANCE,
         "ipopt.acceptable_iter": 5,
         "ipopt.constr_viol_tol": BROKEN / 10,
         "ipopt.acceptable_constr_viol_tol": BROKEN / 10,
-        "ipopt.max_iter": options.iterations,
+        "ipopt.max_iter": iterations,
         "iteration_callback": watch,
     }
     limited = casadi.densify(casadi.vertcat(*parts))  # some may be constantly zero
@@ -230,9 +224,7 @@ class Solution:
     history: tuple[float, ...]  # the criterion of the best motion so far, each time it became better: descending
 
 
-def constraint_generation(
-    problem: Problem, start: Floats, options: SolverOptions, near: Floats | None = None
-) -> Solution:
+def constraint_generation(problem: Problem, start: Floats, most: int, near: Floats | None = None) -> Solution:
     """Minimise from one starting point; limits that a motion ``near`` the goal comes near to are enforced at once.
 
     Linear algebra runs in one thread: matrices are small, threads that wait for each other cost more than they bring,
@@ -246,12 +238,11 @@ def constraint_generation(
             _offer_smaller(problem, near, best)
         part, iterations, status = problem.relaxed() if near is None else problem.enforcing(near), 0, ""
         for _ in range(_ROUNDS):
-            left = replace(options, iterations=max(options.iterations - iterations, 1))
-            ended = solve(part, start, left, best)
+            ended = solve(part, start, max(most - iterations, 1), best)
             iterations, status = iterations + ended.iterations, ended.status
             _offer_smaller(problem, ended.x, best)
             more = problem.extended(part, ended.x)
-            if more is None or iterations >= options.iterations:
+            if more is None or iterations >= most:
                 break
             part = more
             start = problem.shrunk(ended.x, 0.9) if best.x is None else best.x

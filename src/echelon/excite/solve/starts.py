@@ -22,7 +22,7 @@ import numpy as np
 
 from echelon.errors import EchelonError
 from echelon.excite.problem.optimisation import Problem
-from echelon.excite.solve.solver import Solution, SolverOptions, constraint_generation
+from echelon.excite.solve.solver import Solution, constraint_generation
 
 if TYPE_CHECKING:  # processes of the solver need no schemas
     from echelon.formats.schema.schema_excite import ExcitationEntry
@@ -55,9 +55,7 @@ def solutions(
 
 def started(problem: Problem, seed: int, iterations: int, k: int) -> Solution:
     """One start."""
-    return constraint_generation(
-        problem, problem.start(np.random.default_rng([seed, k])), SolverOptions(iterations=iterations)
-    )
+    return constraint_generation(problem, problem.start(np.random.default_rng([seed, k])), iterations)
 
 
 class _Processes:

@@ -24,30 +24,28 @@ from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.rows.rows import ModelRows
 from echelon.logs.columns.column_map import ColumnMap
+from echelon.logs.finding import counted
 from echelon.logs.preparation.prepare import PreparationPlan, prepare
 from echelon.logs.preparation.states import Preparation
 from echelon.logs.read_log import read_log
 from echelon.logs.recording import Samples, Segment
 
-SHARE = 0.3
-"""Share of the data that is held out unless said otherwise."""
 
-
-def split(samples: Samples, share: float = SHARE, guard: int = 0) -> tuple[Samples, Samples]:
+def split(samples: Samples, share: float) -> tuple[Samples, Samples]:
     """The first part of a segment for the fit, the last for validation."""
-    if not 0 < share < 1 or guard < 0:
-        raise InputError(f"a share of {share:g} with a guard of {guard} samples; expected 0 < share < 1, guard ≥ 0")
+    if not 0 < share < 1:
+        raise InputError(f"a share of {share:g}; expected a number between 0 and 1")
     stop = len(samples) if samples.stop is None else samples.stop
     cut = samples.first + int(np.floor((1 - share) * (stop - samples.first)))
     factor = 1 if samples.reduction is None else samples.reduction.factor
-    if cut - guard - samples.first < factor or stop - cut - guard < factor:
+    if cut - samples.first < factor or stop - cut < factor:
         raise InputError(
-            f"{stop - samples.first} samples cannot be split {1 - share:.0%} to {share:.0%} with {guard} samples "
-            "left out on either side of the cut; give a longer log, or hold out a log of its own",
+            f"{counted(stop - samples.first, 'sample')} cannot be split {1 - share:.0%} to {share:.0%}; give a longer log, or "
+            "hold out a log of its own",
             source=samples.source,
         )
-    held = replace(part_of(samples, cut, len(samples)), first=guard, stop=stop - cut)
-    return replace(part_of(samples, 0, cut), stop=cut - guard), held
+    held = replace(part_of(samples, cut, len(samples)), first=0, stop=stop - cut)
+    return replace(part_of(samples, 0, cut), stop=cut), held
 
 
 def part_of(samples: Samples, begin: int, end: int) -> Samples:
