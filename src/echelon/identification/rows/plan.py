@@ -40,8 +40,8 @@ def split(samples: Samples, share: float) -> tuple[Samples, Samples]:
     factor = 1 if samples.reduction is None else samples.reduction.factor
     if cut - samples.first < factor or stop - cut < factor:
         raise InputError(
-            f"{counted(stop - samples.first, 'sample')} cannot be split {1 - share:.0%} to {share:.0%}; give a longer log, or "
-            "hold out a log of its own",
+            f"{counted(stop - samples.first, 'sample')} cannot be split {1 - share:.0%} to {share:.0%}; give a longer "
+            "log, or hold out a log of its own",
             source=samples.source,
         )
     held = replace(part_of(samples, cut, len(samples)), first=0, stop=stop - cut)
