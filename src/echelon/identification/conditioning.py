@@ -101,14 +101,13 @@ def conditioning(
         raise InputError("the base model and the observation have different parameters")
     triangle = observation.combined(weights)
     n = len(triangle.parameters)
-    scaled = triangle.R / np.where(triangle.scales == 0, 1.0, triangle.scales)
-    _, singular, directions = np.linalg.svd(scaled)
+    _, singular, directions = np.linalg.svd(triangle.scaled)
     rank = triangle.rank
     weak = tuple(
         Direction(
             value,
             _shares(triangle.parameters, v),
-            advice(triangle.parameters, v, _unscaled(triangle, v), base, value),
+            advice(triangle.parameters, v, v / triangle.safe_scales, base, value),
         )
         for value, v in _weak(triangle, singular, directions, rank)
     )
@@ -170,11 +169,6 @@ def _shares(names: Sequence[str], direction: Floats) -> tuple[tuple[str, float],
     sign = np.sign(direction[order[0]]) or 1.0
     limit = _SHARE * np.abs(direction[order[0]])
     return tuple((names[k], float(sign * direction[k])) for k in order if np.abs(direction[k]) >= limit)
-
-
-def _unscaled(triangle: Triangle, direction: Floats) -> Floats:
-    """The change of parameters along a direction; a column that is zero changes by a unit."""
-    return direction / np.where(triangle.scales == 0, 1.0, triangle.scales)
 
 
 State = dict[str, Floats]

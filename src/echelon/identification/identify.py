@@ -359,8 +359,7 @@ def _without_friction(base: BaseModel, observation: Observation, noise: Floats) 
         return None
     triangle = observation.select(kept).combined(_weights(noise))
     found = np.zeros(base.rank)
-    scales = np.where(triangle.scales == 0, 1.0, triangle.scales)
-    found[kept] = np.linalg.lstsq(triangle.R / scales, triangle.qty, rcond=None)[0] / scales
+    found[kept] = np.linalg.lstsq(triangle.scaled, triangle.qty, rcond=None)[0] / triangle.safe_scales
     return found
 
 

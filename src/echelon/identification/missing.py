@@ -25,7 +25,7 @@ from echelon.logs.recording import Samples
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import ActuatorForce, JointForce
 from echelon.mechanism.stated import known_values
-from echelon.observe.triangle import column_norms, upper_triangle
+from echelon.observe.triangle import column_norms, safe_norms, upper_triangle
 from echelon.signals.clock import low_passed
 from echelon.signals.filters import reduction
 
@@ -348,8 +348,7 @@ class _Fit:
 
     @staticmethod
     def of(first: _Rows, last: _Rows) -> _Fit:
-        scales = column_norms(first.model)
-        scales = np.where(scales == 0, 1.0, scales)
+        scales = safe_norms(first.model)
         inverse = np.linalg.pinv(first.model / scales, rcond=1e-9) / scales[:, None]
         effects, values = inverse @ first.effects, inverse @ first.y
         return _Fit(

@@ -6,7 +6,7 @@ many logs as batches are wanted each log is a part of one batch, and R-factors a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import chain
@@ -84,8 +84,8 @@ class PassesOverData:
     ) -> Iterator[Validation]:
         """Measured against predicted outputs."""
         limit = max(LIMIT // max(len(tasks), 1), _FEWEST)
-        function = self._validated_here if self.client is None else _validated
-        return each(self.client, partial(function, models, reference, limit), self.plan, tasks)
+        kept = self.samples if self.client is None else None
+        return each(self.client, partial(_judged, models, reference, limit, kept), self.plan, tasks)
 
     def fitted(self) -> Iterable[Samples]:
         """Prepared samples of what is fitted."""
@@ -105,25 +105,22 @@ class PassesOverData:
             self._kept[path] = samples
         return batches
 
-    def _validated_here(
-        self, models: Models, reference: Validation | None, limit: int, plan: Plan, task: Task
-    ) -> Validation:
-        return _judged(models, reference, limit, plan, task, self.samples(*task[:2]))
-
 
 def _taken(count: int, plan: Plan, path: Path) -> tuple[Batch, ...]:
     """A log, by a worker; its samples are not kept."""
     return ingest(plan, path, count)[0]
 
 
-def _validated(models: Models, reference: Validation | None, limit: int, plan: Plan, task: Task) -> Validation:
-    """A log, read once more."""
-    return _judged(models, reference, limit, plan, task, plan.samples(*task[:2]))
-
-
 def _judged(
-    models: Models, reference: Validation | None, limit: int, plan: Plan, task: Task, samples: Iterable[Samples]
+    models: Models,
+    reference: Validation | None,
+    limit: int,
+    kept: Callable[[Path, Part], Iterable[Samples]] | None,
+    plan: Plan,
+    task: Task,
 ) -> Validation:
+    """Scores of a log; a worker reads it once more."""
     path, part, role = task
+    samples = (kept or plan.samples)(path, part)
     found = validated(plan.rows([path]), samples, models, role=role, identification=reference, limit=limit)
     return replace(found, source=f"{path} ({part} part)" if plan.holdout and part != "all" else str(path))

@@ -36,7 +36,7 @@ from echelon.logs.preparation.prepare import PreparationPlan, prepare
 from echelon.logs.preparation.states import Preparation
 from echelon.logs.read_log import LogPiece, read_log
 from echelon.logs.recording import Samples, Segment
-from echelon.observe.triangle import column_norms, upper_triangle
+from echelon.observe.triangle import safe_norms, upper_triangle
 from echelon.setup.setup import Setup
 from echelon.signals.clock import shift_reach, shifted
 
@@ -121,8 +121,7 @@ def _rest(matrix: Floats, values: Floats) -> Floats:
     if not len(matrix):
         return np.zeros(values.shape[1])
     R = upper_triangle(matrix)
-    scales = column_norms(R)
-    scales = np.where(scales == 0, 1.0, scales)
+    scales = safe_norms(R)
     singular, right = np.linalg.svd(R / scales)[1:]
     rank = int(np.sum(singular > np.finfo(float).eps * len(matrix) * singular.max(initial=0.0)))
     basis = matrix @ (right[:rank] / singular[:rank, None] / scales).T

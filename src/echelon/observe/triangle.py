@@ -50,6 +50,17 @@ class Triangle:
         return column_norms(self.R)
 
     @cached_property
+    def safe_scales(self) -> Floats:
+        """The same with 1 for columns that are zero: what columns can be divided by."""
+        return np.where(self.scales == 0, 1.0, self.scales)
+
+    @cached_property
+    def scaled(self) -> Floats:
+        """R with columns of norm 1; zero columns stay."""
+        found: Floats = self.R / self.safe_scales
+        return found
+
+    @cached_property
     def singular_values(self) -> Floats:
         """Singular values of W, descending, shape (n,)."""
         return np.asarray(np.linalg.svd(self.R, compute_uv=False), dtype=np.float64)
@@ -57,7 +68,7 @@ class Triangle:
     @cached_property
     def scaled_singular_values(self) -> Floats:
         """Singular values of W with columns scaled to norm 1 (zero columns stay), descending, shape (n,)."""
-        return np.asarray(np.linalg.svd(self._scaled, compute_uv=False), dtype=np.float64)
+        return np.asarray(np.linalg.svd(self.scaled, compute_uv=False), dtype=np.float64)
 
     @property
     def condition(self) -> float:
@@ -85,20 +96,15 @@ class Triangle:
         if self.rank < len(self.parameters):
             raise InputError(self._undetermined())
         # LU with row exchanges of a triangle exchanges nothing, so this is back substitution
-        solution: Floats = np.linalg.solve(self._scaled, self.qty) / self.scales
+        solution: Floats = np.linalg.solve(self.scaled, self.qty) / self.scales
         return solution
-
-    @cached_property
-    def _scaled(self) -> Floats:
-        scaled: Floats = self.R / np.where(self.scales == 0, 1.0, self.scales)
-        return scaled
 
     def _undetermined(self) -> str:
         n, rank = len(self.parameters), self.rank
         start = f"the data determine {rank} of {n} parameters"
         if self.rows < n:
             return f"{start}: there are only {self.rows} rows; give more samples"
-        directions = np.linalg.svd(self._scaled)[2][rank:]
+        directions = np.linalg.svd(self.scaled)[2][rank:]
         weight = np.abs(directions).max(axis=0)
         involved = [self.parameters[k] for k in np.argsort(-weight, kind="stable") if weight[k] > 1e-3]
         shown = ", ".join(involved[:_SHOWN]) + (", …" if len(involved) > _SHOWN else "")
@@ -119,6 +125,12 @@ def column_norms(matrix: Floats) -> Floats:
     safe = np.where((largest == 0) | ~np.isfinite(largest), 1.0, largest)
     norms: Floats = safe * np.sqrt(((matrix / safe) ** 2).sum(axis=0))
     return norms
+
+
+def safe_norms(matrix: Floats) -> Floats:
+    """The same with 1 for columns that are zero, shape (n,)."""
+    norms = column_norms(matrix)
+    return np.where(norms == 0, 1.0, norms)
 
 
 def upper_triangle(*parts: Floats, start: Floats | None = None) -> Floats:

@@ -42,6 +42,7 @@ _OLDEST = (3, 12)
 
 _TOLERANCE = 1e-10  # m
 _ITERATIONS = 200
+_CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # of a box with half lengths of 1
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,7 @@ class Engine:
         spec = mujoco.MjSpec()
         spec.option.ccd_tolerance, spec.option.ccd_iterations = _TOLERANCE, _ITERATIONS
         for k, shape in enumerate(self.shapes):
-            vertices = _corners(shape) if shape.kind is Kind.BOX else shape.vertices
+            vertices = _CORNERS * shape.size if shape.kind is Kind.BOX else shape.vertices
             if vertices is None:
                 size = (*shape.size, 0.0, 0.0, 0.0)[:3] if shape.kind is not Kind.PLANE else (0.0, 0.0, 1.0)
                 spec.worldbody.add_geom(type=getattr(mujoco.mjtGeom, f"mjGEOM_{shape.kind.upper()}"), size=size)
@@ -119,10 +120,6 @@ def _recent_mujoco() -> Any:
         oldest = ".".join(map(str, _OLDEST))
         raise EchelonError(f"MuJoCo {version} gives wrong distances; clearances need version {oldest} or later")
     return mujoco
-
-
-def _corners(shape: Shape) -> Floats:
-    return np.array(list(product((-1.0, 1.0), repeat=3))) * shape.size
 
 
 def _behind(frames: Floats, placements: Floats) -> Floats:

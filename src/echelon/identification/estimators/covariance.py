@@ -22,7 +22,7 @@ from echelon.identification.estimators.estimate import Estimate, Solution, solve
 from echelon.identification.rows.ingest import Batch, total
 from echelon.identification.rows.rows import RowBlock, Rows
 from echelon.observe.observation import Observation
-from echelon.observe.triangle import column_norms
+from echelon.observe.triangle import safe_norms
 
 BATCHED = ("ols", "wls", "irls", "huber")
 """Estimators whose covariance can come from batches of time."""
@@ -167,8 +167,7 @@ def _pseudo_root(R: Floats, rows: int) -> Floats:
     """Q with Qᵀ RᵀR Q = 1 on the directions that R determines, shape (n, rank)."""
     if not R.size:
         return np.zeros((len(R), 0))
-    scales = column_norms(R)
-    scales = np.where(scales == 0, 1.0, scales)
+    scales = safe_norms(R)
     singular, right = np.linalg.svd(R / scales)[1:]
     rank = int(np.sum(singular > np.finfo(float).eps * max(rows, len(R)) * singular[0]))
     root: Floats = (right[:rank] / singular[:rank, None] / scales).T

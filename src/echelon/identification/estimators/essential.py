@@ -188,8 +188,7 @@ def _determined(triangle: Triangle) -> tuple[tuple[int, ...], list[dict[str, Any
     n = len(triangle.parameters)
     if triangle.rank == n:
         return tuple(range(n)), []
-    scaled = triangle.R / np.where(triangle.scales == 0, 1.0, triangle.scales)
-    kept = tuple(sorted(qr(scaled, mode="r", pivoting=True)[1][: triangle.rank].tolist()))
+    kept = tuple(sorted(qr(triangle.scaled, mode="r", pivoting=True)[1][: triangle.rank].tolist()))
     gone = [triangle.parameters[k] for k in range(n) if k not in kept]
     rms = triangle.residual / np.sqrt(max(triangle.rows, 1))
     return kept, [{"parameter": name, "before": None, "after": None, "rms": float(rms)} for name in gone]

@@ -182,8 +182,8 @@ def open_directions(triangle: Triangle) -> Floats:
 
     The first parameter of each, in the order of columns that can be told apart best, changes by 1.
     """
-    scales = np.where(triangle.scales == 0, 1.0, triangle.scales)
-    found, pivots = sparse_basis(np.linalg.svd(triangle.R / scales)[2][triangle.rank :])
+    scales = triangle.safe_scales
+    found, pivots = sparse_basis(np.linalg.svd(triangle.scaled)[2][triangle.rank :])
     return found / scales * scales[pivots][:, None]
 
 

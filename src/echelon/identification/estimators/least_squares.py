@@ -51,7 +51,7 @@ from echelon.identification.estimators.estimate import (
 )
 from echelon.identification.rows.rows import Rows
 from echelon.observe.observation import Observation
-from echelon.observe.triangle import column_norms
+from echelon.observe.triangle import safe_norms
 
 
 def ols(observation: Observation, units: Sequence[str]) -> Estimate:
@@ -114,8 +114,7 @@ def noise_estimate(observation: Observation) -> Floats:
     levels = []
     for factor, count in zip(observation.factors, observation.counts, strict=True):
         n = len(factor) - 1
-        scales = column_norms(factor[:, :n])
-        columns, y = factor[:, :n] / np.where(scales == 0, 1.0, scales), factor[:, n]
+        columns, y = factor[:, :n] / safe_norms(factor[:, :n]), factor[:, n]
         # without full rank the last entry is not the whole residual: that of the best fit is
         fit, _, rank, _ = np.linalg.lstsq(columns, y, rcond=np.finfo(float).eps * max(count, n))
         free, size = count - rank, np.linalg.norm(y) / np.sqrt(max(count, 1))
@@ -173,10 +172,9 @@ def minimum_norm(observation: Observation, units: Sequence[str]) -> Estimate:
     degrees = float(triangle.rows - triangle.rank)
     if degrees <= 0:
         raise InputError("no row is left over to estimate the noise from; give more samples")
-    scales = np.where(triangle.scales == 0, 1.0, triangle.scales)
-    left, singular, right = np.linalg.svd(triangle.R / scales)
+    left, singular, right = np.linalg.svd(triangle.scaled)
     rank = triangle.rank
-    root = right[:rank].T / singular[:rank] / scales[:, None]
+    root = right[:rank].T / singular[:rank] / triangle.safe_scales[:, None]
     beta = left.T @ triangle.qty
     values = root @ beta[:rank]
     rest = float(np.sum(beta[rank:] ** 2)) + triangle.residual**2

@@ -257,8 +257,7 @@ def _weight(
 
 def _told(base: BaseModel, triangle: Triangle) -> dict[int, float]:
     """Magnitudes of standard parameters that are seen alone, where they are clear of noise, by column."""
-    scale = np.where(triangle.scales == 0, 1.0, triangle.scales)
-    inverse = np.linalg.pinv(triangle.R / scale)
+    inverse, scale = np.linalg.pinv(triangle.scaled), triangle.safe_scales
     values = inverse @ triangle.qty / scale
     noise = np.linalg.norm(inverse, axis=1) / scale * triangle.residual / np.sqrt(max(triangle.rows, 1))
     alone = [base.classification[name] is Identifiability.ALONE for name in base.pivots]
@@ -271,9 +270,8 @@ def _misfit(triangle: Triangle, values: Floats) -> float:
 
 
 def _unconstrained_misfit(triangle: Triangle) -> float:
-    scale = np.where(triangle.scales == 0, 1.0, triangle.scales)
-    best = np.linalg.lstsq(triangle.R / scale, triangle.qty, rcond=None)[0]
-    return float(np.sum((triangle.R / scale @ best - triangle.qty) ** 2) + triangle.residual**2)
+    best = np.linalg.lstsq(triangle.scaled, triangle.qty, rcond=None)[0]
+    return float(np.sum((triangle.scaled @ best - triangle.qty) ** 2) + triangle.residual**2)
 
 
 KIND = "far from the prior"
