@@ -27,6 +27,8 @@ FLAGS = (
 )  # fmt: skip
 PHONE = 700
 """Screens that are narrower, px, are those of phones."""
+PATIENCE = 500.0
+"""Seconds without any message after which a test ends: a busy machine needs minutes to start Python in a browser."""
 KEYS = {"Tab": 9, "Enter": 13, "Escape": 27, " ": 32, "ArrowRight": 39}
 _CTRL = 2
 _PLACE = """(() => {
@@ -95,7 +97,7 @@ class DevTools:
         session = "" if method.startswith(("Target.create", "Target.attach", "Browser.")) else self._session
         number = self._send(method, given, session)
         while True:
-            answer = self._next(60)
+            answer = self._next(PATIENCE)
             if answer.get("id") == number:
                 assert "error" not in answer, (method, answer["error"])
                 return answer["result"]
@@ -159,7 +161,7 @@ class DevTools:
         act()
         self.wait(lambda: any(event == "Page.loadEventFired" for event, _ in self.events))
 
-    def wait(self, condition: Callable[[], bool], seconds: float = 60) -> None:
+    def wait(self, condition: Callable[[], bool], seconds: float = PATIENCE) -> None:
         """Take events until a condition holds."""
         while not condition():
             self._next(seconds)
