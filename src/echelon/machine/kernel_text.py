@@ -90,7 +90,7 @@ def _part(block: Block, number: int) -> str:
     read = {a for n in nodes for a in operands(lowered.program, n)}
     _load_columns(writer, read)
     for node in sorted(read & lowered.waiting.keys() - set(nodes)):
-        writer.names[node] = code.let(f"load {v.type}, ptr {_waiting(code, block, node)}")
+        writer.names[node] = code.load(v.type, _waiting(code, block, node))
     before = sum(len(part) for part in lowered.parts[:number])
     for done, node in enumerate(nodes, before):
         _stream(code, block, done)
@@ -98,7 +98,8 @@ def _part(block: Block, number: int) -> str:
         for entry in lowered.places.get(node, ()):
             _store_entry(writer, block, entry, node)
         if node in lowered.waiting:
-            code.do(f"store {v.type} {writer.value(node)}, ptr {_waiting(code, block, node)}")
+            value = f"{v.type} {writer.value(node)}"
+            code.store(_waiting(code, block, node), value)
     return (
         f"define internal void @part{number}(ptr noalias %rows, ptr noalias %uniforms, ptr noalias %waiting, "
         f"ptr noalias %out{_STREAM if block.streamed else ''}) noinline {LARGE_FRAME} "
@@ -114,12 +115,11 @@ def _stream(code: Code, block: Block, done: int) -> None:
 
 
 def _waiting(code: Code, block: Block, node: int) -> str:
-    return code.let(f"getelementptr {block.vector.type}, ptr %waiting, i64 {block.lowered.waiting[node]}")
+    return code.at("%waiting", block.lowered.waiting[node], block.vector.type)
 
 
 def _store_entry(writer: Writer, block: Block, entry: int, node: int) -> None:
-    pointer = writer.code.let(f"getelementptr double, ptr %out, i64 {entry * block.samples}")
-    writer.code.do(f"store {block.vector.type} {writer.value(node)}, ptr {pointer}")
+    writer.code.store(writer.code.at("%out", entry * block.samples), f"{block.vector.type} {writer.value(node)}")
 
 
 def _load_columns(writer: Writer, nodes: Collection[int]) -> None:
@@ -134,8 +134,7 @@ def _load_columns(writer: Writer, nodes: Collection[int]) -> None:
             rows[argument] = _row_pointers(code, v, argument)
         result = "undef"
         for lane, row in enumerate(rows[argument]):
-            pointer = code.let(f"getelementptr double, ptr {row}, i64 {column}")
-            value = code.let(f"load double, ptr {pointer}")
+            value = code.load("double", code.at(row, column))
             result = code.let(f"insertelement {v.type} {result}, double {value}, i32 {lane}")
         writer.names[node] = result
 
@@ -144,13 +143,13 @@ def _row_pointers(code: Code, v: Vector, argument: int) -> list[str]:
     """Addresses of an argument's rows; every third is a base, so that the others fit addressing modes."""
     row = code.let(f"load ptr, ptr {code.let(f'getelementptr {{ ptr, i64 }}, ptr %rows, i64 {argument}')}")
     step_at = code.let(f"getelementptr {{ ptr, i64 }}, ptr %rows, i64 {argument}, i32 1")
-    step = code.let(f"load i64, ptr {step_at}")
+    step = code.load("i64", step_at)
     pointers = [row]
     for lane in range(1, v.lanes):
         base = pointers[lane - lane % 3] if lane % 3 else pointers[lane - 3]
         factor = lane % 3 or 3
         offset = code.let(f"mul i64 {step}, {factor}")
-        pointers.append(code.let(f"getelementptr i8, ptr {base}, i64 {offset}"))
+        pointers.append(code.at(base, offset, "i8"))
     return pointers
 
 
@@ -164,8 +163,8 @@ def _compute(block: Block) -> str:
     code.do(f"%rows = alloca [{max(len(sizes), 1)} x {{ ptr, i64 }}], align 64")
     end = code.let("add i64 %first, %count")
     last = code.let(f"sub i64 {end}, 1")
-    waiting = code.let(f"getelementptr double, ptr %buffer, i64 {block.waiting}")
-    padding = code.let(f"getelementptr double, ptr %buffer, i64 {block.padding}")
+    waiting = code.at("%buffer", block.waiting)
+    padding = code.at("%buffer", block.padding)
     code.do("br label %loop")
     code.label("loop")
     code.do("%k = phi i64 [ 0, %entry ], [ %next, %ready ]")
@@ -183,7 +182,7 @@ def _compute(block: Block) -> str:
     code.label("partial")
     for argument, size in enumerate(sizes):
         _pad_rows(code, v, argument, size, start, last, padding)
-        padding = code.let(f"getelementptr double, ptr {padding}, i64 {size * v.lanes}")
+        padding = code.at(padding, size * v.lanes)
     code.do("br label %ready")
     code.label("ready")
     code.do("%out = getelementptr double, ptr %buffer, i64 %k")
@@ -204,14 +203,14 @@ def _compute(block: Block) -> str:
 
 def _argument(code: Code, argument: int) -> tuple[str, str]:
     """Address and stride of an argument."""
-    base = code.let(f"load ptr, ptr {code.let(f'getelementptr ptr, ptr %inputs, i64 {argument}')}")
-    stride = code.let(f"load i64, ptr {code.let(f'getelementptr i64, ptr %strides, i64 {argument}')}")
+    base = code.load("ptr", code.at("%inputs", argument, "ptr"))
+    stride = code.load("i64", code.at("%strides", argument, "i64"))
     return base, stride
 
 
 def _moved(code: Code, base: str, sample: str, stride: str) -> str:
     offset = code.let(f"mul i64 {sample}, {stride}")
-    return code.let(f"getelementptr i8, ptr {base}, i64 {offset}")
+    return code.at(base, offset, "i8")
 
 
 def _set_rows(code: Code, argument: int, base: str, stride: str) -> None:
@@ -226,7 +225,7 @@ def _pad_rows(code: Code, v: Vector, argument: int, size: int, start: str, last:
     for lane in range(v.lanes):
         sample = code.let(f"add i64 {start}, {lane}")
         row = _moved(code, base, code.let(f"call i64 @llvm.smin.i64(i64 {sample}, i64 {last})"), stride)
-        target = code.let(f"getelementptr double, ptr {padding}, i64 {lane * size}")
+        target = code.at(padding, lane * size)
         code.do(f"call void @llvm.memcpy.p0.p0.i64(ptr {target}, ptr {row}, i64 {size * _DOUBLE}, i1 false)")
     _set_rows(code, argument, padding, str(size * _DOUBLE))
 
@@ -256,12 +255,10 @@ def prepare_text(lowered: Lowered) -> str:
     place = {node: i for i, node in enumerate(n for a in arguments for n in a.nodes)}
     for node in program.needed(lowered.uniform):
         if program.ops[node] == Op.INPUT:
-            pointer = code.let(f"getelementptr double, ptr %given, i64 {place[node]}")
-            writer.names[node] = code.let(f"load double, ptr {pointer}")
+            writer.names[node] = code.load("double", code.at("%given", place[node]))
         elif program.ops[node] != Op.CONSTANT:
             writer.operation(node)
     for i, node in enumerate(lowered.uniform):
-        pointer = code.let(f"getelementptr double, ptr %uniforms, i64 {i}")
-        code.do(f"store double {writer.value(node)}, ptr {pointer}")
+        code.store(code.at("%uniforms", i), f"double {writer.value(node)}")
     head = f"define void @prepare(ptr %given, ptr %uniforms) {LARGE_FRAME} {{\nentry:\n"
     return "\n".join([declarations(scalar), *declared(scalar), f"{head}{code.text()}\n  ret void\n}}\n"])

@@ -139,6 +139,18 @@ class Code:
         self.lines.append(f"  {name} = {instruction}")
         return name
 
+    def at(self, pointer: str, index: object, kind: str = "double") -> str:
+        """The address of an entry of an array."""
+        return self.let(f"getelementptr {kind}, ptr {pointer}, i64 {index}")
+
+    def load(self, kind: str, pointer: str) -> str:
+        """The value at an address."""
+        return self.let(f"load {kind}, ptr {pointer}")
+
+    def store(self, pointer: str, value: str, hint: str = "") -> None:
+        """Write a value, given with its type, to an address."""
+        self.do(f"store {value}, ptr {pointer}{hint}")
+
     def do(self, instruction: str) -> None:
         """Append an instruction without a value."""
         self.lines.append(f"  {instruction}")
@@ -164,15 +176,15 @@ def prefetched(code: Code, address: str, row: int, lanes: int, every: int, strid
     is wanted.
     """
     offset = code.let(f"mul i64 {stride}, {_AHEAD * lanes}")
-    ahead = code.let(f"getelementptr i8, ptr {address}, i64 {offset}")
+    ahead = code.at(address, offset, "i8")
     for start in range(0, lanes * row, every):
-        place = code.let(f"getelementptr i8, ptr {ahead}, i64 {start}")
+        place = code.at(ahead, start, "i8")
         code.do(f"call void @llvm.prefetch.p0(ptr {place}, i32 0, i32 3, i32 1)")
 
 
 def stream_line(code: Code, offset: str) -> None:
     """Copy a cache line from ``%from`` to ``%to``, past the caches, at some offset in doubles from both."""
-    source, target = (code.let(f"getelementptr double, ptr %{end}, i64 {offset}") for end in ("from", "to"))
+    source, target = (code.at(f"%{end}", offset) for end in ("from", "to"))
     value = code.let(f"load {_LINE}, ptr {source}, align 8")
     code.do(f"store {_LINE} {value}, ptr {target}, align 64, !nontemporal !1")
 
@@ -244,7 +256,7 @@ class Writer:
 
     def _broadcast(self, place: int) -> str:
         v, code = self.vector, self.code
-        pointer = code.let(f"getelementptr double, ptr %uniforms, i64 {place}")
+        pointer = code.at("%uniforms", place)
         scalar = code.let(f"load double, ptr {pointer}, !invariant.load !0")
         first = code.let(f"insertelement {v.type} undef, double {scalar}, i32 0")
         return code.let(f"shufflevector {v.type} {first}, {v.type} undef, <{v.lanes} x i32> zeroinitializer")

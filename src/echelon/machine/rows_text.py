@@ -242,10 +242,8 @@ def laying(rows: Rows, name: str, towards: Way) -> str:
     code.do(f"br i1 {code.let(f'icmp slt i64 %t, {end}')}, label %tile, label %right.begin")
     code.label("tile")
     code.do(f"%t.next = add i64 %t, {LINE}")
-    target = code.let("getelementptr double, ptr %target, i64 %t")
-    counts = [
-        code.let(f"load i32, ptr {code.let(f'getelementptr i32, ptr @filled, i64 {n}')}") for n in ("%t", "%t.next")
-    ]
+    target = code.at("%target", "%t")
+    counts = [code.load("i32", code.at("@filled", n, "i32")) for n in ("%t", "%t.next")]
     empty = code.let(f"icmp eq i32 {counts[0]}, {counts[1]}")
     code.do(f"br i1 {empty}, label %{'tile.done' if towards is Way.IMAGED else 'empty'}, label %turn")
     if towards is not Way.IMAGED:
@@ -277,19 +275,19 @@ def _single_columns(code: Code, rows: Rows, name: str, first: str, end: str, the
     code.do(f"br i1 {code.let(f'icmp slt i64 %{name}.c, {end}')}, label %{name}.one, label %{then}")
     code.label(f"{name}.one")
     code.do(f"%{name}.next = add i64 %{name}.c, 1")
-    target = code.let(f"getelementptr double, ptr %target, i64 %{name}.c")
-    value = code.let(f"load {v.type}, ptr {_column(code, f'%{name}.c')}")
+    target = code.at("%target", f"%{name}.c")
+    value = code.load(v.type, _column(code, f"%{name}.c"))
     for lane in range(v.lanes):
-        pointer = code.let(f"getelementptr double, ptr {target}, i64 {lane * len(rows.places)}")
-        code.do(f"store double {code.let(f'extractelement {v.type} {value}, i32 {lane}')}, ptr {pointer}")
+        place = code.at(target, lane * len(rows.places))
+        code.store(place, f"double {code.let(f'extractelement {v.type} {value}, i32 {lane}')}")
     code.do(f"br label %{name}")
 
 
 def _column(code: Code, column: str) -> str:
     """Address of a column of the block."""
-    at = code.let(f"getelementptr i32, ptr @offsets, i64 {column}")
+    at = code.at("@offsets", column, "i32")
     offset = code.let(f"zext i32 {code.let(f'load i32, ptr {at}')} to i64")
-    return code.let(f"getelementptr double, ptr %buffer, i64 {offset}")
+    return code.at("%buffer", offset)
 
 
 def _columns(code: Code, v: Vector, first: int) -> list[str]:
@@ -301,8 +299,7 @@ def _store_line(code: Code, v: Vector, target: str, offset: int, values: Sequenc
     """A line of one row."""
     hint = f"align {8 * v.lanes}, !nontemporal !1" if towards is Way.STREAMED else "align 8"
     for k, value in enumerate(values):
-        pointer = code.let(f"getelementptr double, ptr {target}, i64 {offset + k * v.lanes}")
-        code.do(f"store {v.type} {value}, ptr {pointer}, {hint}")
+        code.store(code.at(target, offset + k * v.lanes), f"{v.type} {value}", f", {hint}")
 
 
 def _transposed(code: Code, v: Vector, columns: Sequence[str]) -> list[str]:
@@ -331,10 +328,7 @@ def _joined(code: Code, v: Vector, first: str, second: str, start: int) -> str:
     """Half of a column and half of another, from some lane on."""
     half = v.lanes // 2
     kind = f"<{half} x double>"
-    parts = []
-    for column in (first, second):
-        pointer = code.let(f"getelementptr double, ptr {column}, i64 {start}")
-        parts.append(code.let(f"load {kind}, ptr {pointer}"))
+    parts = [code.load(kind, code.at(column, start)) for column in (first, second)]
     mask = ", ".join(f"i32 {k}" for k in range(v.lanes))
     return code.let(f"shufflevector {kind} {parts[0]}, {kind} {parts[1]}, <{v.lanes} x i32> <{mask}>")
 
