@@ -233,6 +233,8 @@ def test_panda_at_30_hertz() -> None:
     result = identify(setup, [measured("panda_30hz/panda_exciting.parquet")])
     for score, least in zip(result.validations[1].scores, (0.7, 0.999, 0.998, 0.997, 0.88, 0.99, 0.97), strict=True):
         assert score.r2 >= least, score.output
+    # R² of joint 5 grows to 0.94 in a band of 5 Hz, where its torque varies more; the error is 0.10 to 0.11 N·m in all
+    assert rms(result.validations[1])[4] < 0.108
 
 
 # -- LWR4+ -------------------------------------------------------------------------------------------------------------

@@ -60,8 +60,11 @@ def test_noise_is_found(result: Result) -> None:
     share = np.sqrt(result.model.preparation.band / nyquist)
     noise = np.array([result.document["estimate"]["noise"][o.name] for o in result.base.mechanism.outputs])
     ratio = noise / share / result.system.noise
-    assert (ratio > 0.85).all(), ratio  # the band leaves some 150 independent rows, so three standard deviations
-    assert (ratio < 1.4).all(), ratio
+    # the band leaves 40 to 130 independent rows of an output, which tell a deviation to 6 to 11 %
+    assert (ratio > 0.85).all(), ratio
+    assert (ratio < 1.3).all(), ratio
+    # all outputs tell it to 3 to 8 %; what passes above the edge of the band adds 6 %
+    assert 0.98 < np.sqrt(np.mean(ratio**2)) < 1.14, ratio
 
 
 # -- predictions -------------------------------------------------------------------------------------------------------
