@@ -11,7 +11,8 @@ logarithms; by the spectra of outputs and residuals, of a fit to a narrower band
 parameter is biased by more than a third of its standard deviation, which leaves intervals of 95 % with 94 %.  It is
 never narrower than the motion, twice the mean frequency of the fastest velocity, nor wider than what the signals
 allow (:mod:`echelon.logs.preparation.choices`), and of a short log it leaves ten rows per parameter.  Where even the
-narrowest band is biased by more, that is said, and what noise added once more takes away from a fit is given back.
+narrowest band is biased by more, that is said, and A⁻¹ D ζ is given back unless there is dry friction: noise turns its
+direction where it is small, which is no error that adds to it, and rests on a few rows.
 
 Sources: Fuller, Measurement Error Models, 1987; Cook and Stefanski, J. Amer. Stat. Assoc. 89, 1994 (noise added to
 data); Janot, Vandanjon and Gautier, IEEE Trans. Control Syst. Technol. 22, 2014 (bandwidth of identified robots).
@@ -33,7 +34,7 @@ from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.rows.rows import ModelRows
 from echelon.logs.finding import Finding, warning
 from echelon.logs.preparation.choices import NARROWEST, ROWS, Signals, reasoned, with_lowpass, with_still
-from echelon.logs.preparation.prepare import prepare
+from echelon.logs.preparation.prepare import prepare, rubs
 from echelon.logs.preparation.states import Preparation
 from echelon.logs.recording import Segment
 from echelon.signals.clock import low_passed
@@ -67,12 +68,13 @@ class Noisy:
     source: str  # the log
     parameter: str  # that is moved most
     bias: float  # by its standard deviation
-    lost: Floats  # share of the parameters that noise takes away, shape (n, n)
+    # share of the parameters that noise takes away, shape (n, n); None with dry friction, whose sign it does not add to
+    lost: Floats | None
 
     @property
     def is_known(self) -> bool:
         """Whether it is small enough for its first order to be all of it."""
-        return float(np.abs(np.linalg.eigvals(self.lost)).max()) < _KNOWN
+        return self.lost is not None and float(np.abs(np.linalg.eigvals(self.lost)).max()) < _KNOWN
 
     @property
     def finding(self) -> Finding:
@@ -86,7 +88,7 @@ class Noisy:
 
     def corrected(self, estimate: Estimate) -> Estimate:
         """An estimate by least squares without the bias, as if it were known exactly."""
-        if not self.is_known:
+        if self.lost is None or not self.is_known:
             return estimate
         whole = np.linalg.inv(np.eye(len(self.lost)) - self.lost)
         return replace(estimate, values=whole @ estimate.values, covariance=whole @ estimate.covariance @ whole.T)
@@ -117,7 +119,8 @@ def with_band(preparation: Preparation, log: Signals, base: BaseModel) -> tuple[
     fit = fits[place]
     if fit.bias <= _TOLD:
         return preparation, None
-    return preparation, Noisy(log.source, trials.name(fit), fit.bias, trials.lost(bands[place], fit))
+    dry = any(rubs(base.mechanism, output) for output in base.mechanism.outputs)
+    return preparation, Noisy(log.source, trials.name(fit), fit.bias, None if dry else fit.lost)
 
 
 def _better_velocities(preparation: Preparation, trials: Trials) -> tuple[Preparation, Trials]:
@@ -158,8 +161,7 @@ class Fit:
     residual: float  # geometric mean of the outputs' rms
     bias: float  # largest of a base parameter, by its standard deviation
     worst: int  # that parameter
-    noise: Floats  # of the outputs' rows
-    inverse: Floats  # of the normal matrix
+    lost: Floats  # share of the parameters that noise of the positions takes away, shape (n, n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,23 +213,12 @@ class Trials:
             rms = np.array([np.sqrt(np.mean((y - W @ values) ** 2)) if len(y) else np.inf for y, W, _ in rows])
             sigma = np.maximum(rms, _LEAST * np.array([np.abs(y).max(initial=1e-300) for y, _, _ in rows]))
         D = sum((E.T @ E / s**2 for (_, _, E), s in zip(rows, sigma, strict=True)), np.zeros((n, n)))
+        lost = inverse @ D
         with np.errstate(divide="ignore", invalid="ignore"):
-            biased = np.nan_to_num(np.abs(inverse @ (D @ values)) / np.sqrt(np.diag(inverse)))
+            biased = np.nan_to_num(np.abs(lost @ values) / np.sqrt(np.diag(inverse)))
         worst = int(np.argmax(biased))
         level = float(np.exp(np.log(sigma[np.isfinite(sigma)]).mean()))
-        return Fit(values, level, float(biased[worst]), worst, sigma, inverse)
-
-    def lost(self, band: float, fit: Fit) -> Floats:
-        """Share of the parameters that noise of the positions takes away, shape (n, n).
-
-        It is what noise takes once more from a fit to exact outputs; with both signs, since its first order is chance.
-        """
-        turned = tuple((slow, _mirrored(slow, noisy)) for slow, noisy in self.pairs)
-        taken = np.zeros_like(fit.inverse)
-        for trials in (self, replace(self, pairs=turned)):
-            for (_, W, E), s in zip(trials._rows(band), fit.noise, strict=True):
-                taken += 0.5 * (W + E).T @ E / s**2
-        return np.asarray(fit.inverse @ taken)
+        return Fit(values, level, float(biased[worst]), worst, lost)
 
     def explained(self, values: Floats) -> Floats:
         """Share of what is measured that a model explains, from each band's edge to the next, shape (bands − 1,)."""
@@ -290,12 +281,6 @@ def slower(segment: Segment, rate: float, most: int) -> Segment:
         signals = {name: low_passed(values, 1 / factor)[::factor] for name, values in signals.items()}
     inputs = {name: values[whole][::factor] for name, values in segment.inputs.items()}
     return Segment(segment.source, segment.start, segment.rate / factor, signals, inputs)
-
-
-def _mirrored(segment: Segment, noisier: Segment) -> Segment:
-    """A segment with the opposite noise of another."""
-    signals = {name: 2 * values - noisier.signals[name] for name, values in segment.signals.items()}
-    return replace(segment, signals=signals)
 
 
 def _noisier(segment: Segment, spectra: Mapping[str, Sequence[Spectrum]], rng: np.random.Generator) -> Segment:
