@@ -106,10 +106,9 @@ class DependentMotion:
 
     def closed_positions(self) -> list[Scalar]:
         """Positions after one step of Newton's iteration; those of independent coordinates stay."""
-        moved = self._moved(self._solved(self._openings))
         found: list[Scalar] = []
-        for motion, change in zip(self._motions, moved, strict=True):
-            position = [p + d for p, d in zip(self._recorder.coordinates[motion].position, change, strict=True)]
+        for here, change in self._moved(self._solved(self._openings)):
+            position = [p + d for p, d in zip(here, change, strict=True)]
             if len(position) > 1 and not all(d.is_zero for d in change):
                 size = sum((p * p for p in position), self.program.zero).sqrt()
                 position = [p / size for p in position]
@@ -118,13 +117,8 @@ class DependentMotion:
 
     def position_rates(self, speeds: Mapping[str, Scalar]) -> dict[int, Scalar]:
         """Rates of the positions' inputs, by node, from those of velocity coordinates; zero where absent."""
-        moved = self._moved(speeds)
-        found = {
-            position.node: rate
-            for motion, change in zip(self._motions, moved, strict=True)
-            for position, rate in zip(self._recorder.coordinates[motion].position, change, strict=True)
-        }
-        return {node: rate for node, rate in found.items() if not rate.is_zero}
+        pairs = (zip(position, change, strict=True) for position, change in self._moved(speeds))
+        return {position.node: rate for pair in pairs for position, rate in pair if not rate.is_zero}
 
     def closing_wrenches(self, efforts: Mapping[str, Scalar]) -> list[tuple[Scalar, ...]]:
         """Wrenches of the closures that make the efforts of the dependent coordinates.
@@ -177,20 +171,14 @@ class DependentMotion:
     def _solved(self, opening: Mapping[int, Scalar]) -> dict[str, Scalar]:
         return self._system.solve({row: -value for row, value in opening.items()})
 
-    @cached_property
-    def _motions(self) -> tuple[str, ...]:
-        return tuple(m.name for m in self.mechanism.motions if m.name not in self.mechanism.dependent)
-
-    def _moved(self, speeds: Mapping[str, Scalar]) -> Iterator[list[Scalar]]:
-        """Rates of the positions of every motion; a quaternion's is half its product with the velocity."""
-        zero = self.program.zero
-        for motion in (m for m in self.mechanism.motions if m.name in self._motions):
-            rate = [speeds.get(name, zero) for name in motion.velocities]
-            if motion.kind is not MotionKind.BALL:
-                yield rate
-                continue
-            twice = quaternion_times(self._recorder.coordinates[motion.name].position, rate)
-            yield [value / 2 for value in twice]
+    def _moved(self, speeds: Mapping[str, Scalar]) -> Iterator[tuple[tuple[Scalar, ...], list[Scalar]]]:
+        """The positions of every motion and their rates; a quaternion's is half its product with the velocity."""
+        for motion in (m for m in self.mechanism.motions if m.name not in self.mechanism.dependent):
+            position = self._recorder.coordinates[motion.name].position
+            rate = [speeds.get(name, self.program.zero) for name in motion.velocities]
+            if motion.kind is MotionKind.BALL:
+                rate = [value / 2 for value in quaternion_times(position, rate)]
+            yield position, rate
 
 
 def _kept(mechanism: Mechanism) -> Iterator[bool]:
