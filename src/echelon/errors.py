@@ -79,6 +79,10 @@ class ShakyPoseError(SingularPoseError):
     """Poses at which velocities are possible that no motion goes on with."""
 
 
+class BrokenRelationsError(InputError):
+    """Relations between stated numbers, such as parallel axes, hold to rounding only, and a rank depends on them."""
+
+
 class OtherModeError(EchelonError):
     """No assembly mode that was found is the one of the stated pose."""
 
@@ -88,7 +92,7 @@ class OtherModeError(EchelonError):
     def __init__(self, loops: str, rank: int | None, found: Sequence[int], followed: bool = False) -> None:
         shown = ", ".join(map(str, found))
         there = "its rank cannot be told in ball arithmetic" if rank is None else f"there it is {rank}"
-        if followed:
+        if followed and rank not in found:
             super().__init__(
                 f"no exact closed pose of the stated frames was found for {loops}; with frames moved by rounding "
                 f"{shown} base parameters show, but that breaks what is special about the stated ones: {there} in ball "

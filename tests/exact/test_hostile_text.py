@@ -203,8 +203,15 @@ def test_markdown_escapes_formulas() -> None:
     assert "\\$x\\$ \\<b>" in to_markdown(base)
 
 
-@pytest.mark.parametrize(("generator", "found"), [("cos(40*a)", (40, "a")), ("sin(q[2*x])", (1, "q[2*x]")),
-                                                  ("cos(q[*/ x])", (1, "q[*/ x]"))])  # fmt: skip
+@pytest.mark.parametrize(
+    ("generator", "found"),
+    [
+        ("cos(40*a)", (40, "a")),
+        (f"cos({10**30}*a)", (10**30, "a")),
+        ("sin(q[2*x])", (1, "q[2*x]")),
+        ("cos(q[*/ x])", (1, "q[*/ x]")),
+    ],
+)
 def test_names_with_stars_are_no_multiples(generator: str, found: tuple[int, str]) -> None:
     assert multiple_of(generator) == found
 

@@ -20,7 +20,14 @@ import numpy as np
 from echelon.base.certificate import find_minor
 from echelon.base.matrix import BaseMatrix
 from echelon.base.structure import Structure, dependent_columns, find_structure
-from echelon.errors import DegenerateSampleError, EchelonError, InputError, OtherModeError, SingularPoseError
+from echelon.errors import (
+    BrokenRelationsError,
+    DegenerateSampleError,
+    EchelonError,
+    InputError,
+    OtherModeError,
+    SingularPoseError,
+)
 from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.field import CERTIFICATE_BITS, PrimeField
 from echelon.exact.numbers import Surd, decimal_text
@@ -266,7 +273,7 @@ def _at_values(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Structur
     """The structure at the stated values, or why it could not be found."""
     try:
         return stated_structure(mechanism, rng), ""
-    except OtherModeError:
+    except (OtherModeError, BrokenRelationsError):
         raise
     except EchelonError as error:
         return None, f"for general symbols, since at the stated values {error}"

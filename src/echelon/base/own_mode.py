@@ -37,7 +37,9 @@ _DETERMINED, _MORE = (
 _SMALLEST = 1e-4  # of columns, about the largest one: rounding keeps those that vanish far below
 _HOLDS, _FAILS = 1e-8, 1e-4  # what relations miss by in doubles where they surely hold, and where they surely do not
 _INDEPENDENT = 1e-7  # smallest singular value of columns that surely are
-_NOISE, _CLEAR_FALL = 1e-14, 1e6  # of singular values: what counts as nothing, and how far they fall to it
+# of singular values: what counts as nothing, and how far they fall to it; of about a hundred mechanisms, none falls by
+# more than 2000 within its rank
+_NOISE, _CLEAR_FALL = 1e-14, 1e6
 _SAME_MARK = 1e-3  # coefficients that are simple rational numbers lie farther apart
 # precisions of balls until one tells: rounded geometry leaves true coefficients as small as the square of its
 # rounding, and states near one pose of many loops in series are hardly independent

@@ -18,7 +18,7 @@ import numpy as np
 
 from echelon.base.modes import Dependence, InMode, Mode, find_modes, in_mode
 from echelon.base.own_mode import OwnPose
-from echelon.errors import DegenerateSampleError, EchelonError, InputError, OtherModeError, SingularPoseError
+from echelon.errors import BrokenRelationsError, DegenerateSampleError, EchelonError, OtherModeError, SingularPoseError
 from echelon.exact.elimination import by_pivots, rank
 from echelon.exact.field import PrimeField
 from echelon.mechanism.body import ALL, GROUND, Body
@@ -30,7 +30,7 @@ from echelon.mechanism.stated import UNITS, has_values, inexact_symbols
 from echelon.program.sampling import FieldSampler
 from echelon.regressor.energy import Rows, energy_changes, energy_form, rows_of
 from echelon.regressor.linear import FEW_COLUMNS, LinearForms
-from echelon.regressor.loops.closing import check_independent, closable_as_stated, generic_directions, unsolved
+from echelon.regressor.loops.closing import broken_relations, check_independent, closable_as_stated, unsolved
 from echelon.regressor.loops.curves import CurveSampler
 
 _SURPLUS_ROWS = 8
@@ -159,10 +159,10 @@ def _modes(
     if own is None:
         ranks = [len(columns) - len(mode.dependence) for mode in modes]
         raise OtherModeError(shown_loops(mechanism), pose.rank, ranks, bool(mechanism.closed_at))
-    directions, count = generic_directions(mechanism), len(columns) - len(own.dependence)
-    if directions and pose.shows_less(count):
+    count = len(columns) - len(own.dependence)
+    if (moved or inexact_symbols(mechanism)) and pose.shows_less(count):
         problem = f"{shown_loops(mechanism)}: {count} base parameters would show, but fewer do in floating point"
-        raise InputError(f"{problem}.  {directions}")
+        raise BrokenRelationsError(f"{problem}.  {broken_relations(mechanism)}")
     return modes, own
 
 

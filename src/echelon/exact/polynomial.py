@@ -14,7 +14,7 @@ from fractions import Fraction
 from functools import reduce
 from typing import Any, TypeVar
 
-from echelon.exact.numbers import Number, Surd, format_number, is_whole
+from echelon.exact.numbers import Number, Surd, format_number
 
 Monomial = tuple[tuple[str, int], ...]
 """Generators with their positive exponents, sorted by generator."""
@@ -42,7 +42,8 @@ def multiple_of(generator: str) -> tuple[int, str]:
     """The argument of a sine or cosine: ``cos(40*a)`` gives 40 and ``a``."""
     argument = generator[4:-1]
     count, _, symbol = argument.partition("*")  # names in brackets may hold a * too
-    return (int(count), symbol) if is_whole(count) else (1, argument)
+    # decimals of doubles are counted in units of 1e-20 and less, so counts have any number of digits
+    return (int(count), symbol) if count.isascii() and count.isdigit() else (1, argument)
 
 
 def is_trigonometric(generator: str) -> bool:

@@ -283,19 +283,22 @@ def _locked(mechanism: Mechanism, freedom: int, real: _Real) -> str:
     return (
         f"rounding has locked {shown_loops(mechanism)}: a mobility of {real.mobility} is meant, which their equations "
         f"resist by no more than {size:.1g} (singular value), and to the letter it is {freedom}.  "
-        + (generic_directions(mechanism) or _EXACTLY)
+        + broken_relations(mechanism)
     )
 
 
-def generic_directions(mechanism: Mechanism) -> str:
-    """What directions without exact values do to points that are stated along them; empty if there are none."""
+def broken_relations(mechanism: Mechanism) -> str:
+    """Why relations between stated numbers may not hold to the letter, and what to write instead."""
     names = ", ".join(dict.fromkeys(mechanism.symbols[name].meaning for name in inexact_symbols(mechanism)))
-    if not names:
-        return ""
+    if names:
+        return (
+            f"Directions of irrational length, such as (1, 2, 0), count as generic ({names}), so points that are "
+            "stated along them lie beside them: put the origins of these joints where axes meet, or take directions "
+            "such as (3, 4, 0)"
+        )
     return (
-        f"Directions of irrational length, such as (1, 2, 0), count as generic ({names}), so points that are stated "
-        "along them lie beside them: put the origins of these joints where axes meet, or take directions such as "
-        "(3, 4, 0)"
+        "Rounded numbers, or several turns by general angles one after another, break relations such as parallel axes: "
+        f"state frames that are turned by multiples of 15 degrees, with axes in them.  {_EXACTLY}"
     )
 
 
