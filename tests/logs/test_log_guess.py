@@ -10,11 +10,10 @@ import pytest
 
 import echelon as ec
 from echelon.logs.columns.by_values import with_units
-from echelon.logs.columns.column_guess import guess_columns
 from echelon.logs.columns.column_map import Channel
 from echelon.logs.columns.conversion import recording
 from echelon.logs.files.log_file import Table
-from support.column_maps import MOTORS, PENDULUM, TX40, random_columns
+from support.column_maps import MOTORS, PENDULUM, TX40, guess_columns, random_columns
 
 Floats = npt.NDArray[np.float64]
 ARM = """<robot name="arm"><link name="a"/><link name="b"/><link name="c"/>

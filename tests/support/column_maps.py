@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
+import echelon as ec
 from echelon.formats.robot_file import load
-from echelon.logs.columns.column_map import Channel
+from echelon.logs.columns.column_guess import guess
+from echelon.logs.columns.column_map import Channel, ColumnMap
 
 Floats = npt.NDArray[np.float64]
 
@@ -18,6 +23,14 @@ N[5, 4] = 32.0
 """θ = N q of the TX40, as its README in the measured logs says; τ_q = Nᵀ τ_θ."""
 
 MOTORS = ["m1", "m2", "m3", "m4", "m5", "m6"]
+
+
+def guess_columns(names: Sequence[str], mechanism: ec.Mechanism, source: str = "log", **more: Any) -> ColumnMap:
+    """The columns of a log, or an error that says all that is not clear."""
+    found = guess(names, mechanism, **more)
+    if found.problems:
+        raise ec.InputError("; ".join(found.problems), source=source)
+    return found.columns
 
 
 def channels(pattern: str, names: tuple[str, ...] | list[str], **settings: str | float) -> dict[str, Channel]:

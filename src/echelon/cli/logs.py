@@ -116,7 +116,7 @@ def _lines(found: FirstLook, logs: int) -> Iterator[str]:
     outputs = counted(len(of.outputs), "output")
     looked = f"{found.seconds:.4g} s of {counted(logs, 'log')} looked at"
     yield f"{of.name}: {counted(found.base.rank, 'base parameter')}, {outputs}; {looked}"
-    for columns in found.survey.columns:
+    for columns in found.columns:
         for kind, channels in columns.channels.items():
             if channels:
                 shown = ", ".join(f"{name} ← '{channel.column}'" for name, channel in channels.items())
@@ -141,7 +141,7 @@ def _record(found: FirstLook) -> dict[str, Any]:
         "base_parameters": found.base.rank,
         "determined": seen.rank,
         "seconds": found.seconds,
-        "columns": [asdict(columns) for columns in found.survey.columns],
+        "columns": [asdict(columns) for columns in found.columns],
         "travels": [asdict(travel) for travel in found.travels],
         "preparation": dict(found.survey.preparation.reasons),
         "findings": [asdict(finding) for finding in limited(found.survey.findings)],

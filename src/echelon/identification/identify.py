@@ -162,7 +162,7 @@ def _fitted(
         plain = _without_friction(base, observation, noise)
         models |= {} if plain is None else {"plain": plain}
         validations = _validations(data, models, unseen_logs)
-        columns = setup.columns or surveyed.columns
+        columns = setup.columns
         culprit = None if prior_base is None else common_unit(observation, prior_base)
         if culprit is None and (unsolved or _is_doubtful(validations, feasible)):
             step("looking for a mistake in the set-up")

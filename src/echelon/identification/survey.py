@@ -160,7 +160,6 @@ class Survey:
     """What a first look at the logs decides."""
 
     preparation: Preparation  # with every choice made
-    columns: tuple[ColumnMap, ...]  # what the columns of each kind of log were taken for
     findings: tuple[Finding, ...]
     noisy: Noisy | None = None  # what noise of the positions does to an estimate
 
@@ -168,13 +167,10 @@ class Survey:
 def survey(setup: Setup, base: BaseModel, paths: Sequence[Path], unseen: Sequence[Path] = ()) -> Survey:
     """Look at the logs and choose what the set-up leaves open."""
     segments: list[Segment] = []
-    columns: list[ColumnMap] = []
     findings: list[Finding] = []
     for path in paths[:_LOGS]:
         piece = _first_piece(setup, path)
         findings += piece.findings
-        if piece.columns not in columns:
-            columns.append(piece.columns)
         if sum(map(len, segments)) < _MOST_SAMPLES:
             segments += piece.segments
     for path in unseen[:_LOGS]:
@@ -190,7 +186,7 @@ def survey(setup: Setup, base: BaseModel, paths: Sequence[Path], unseen: Sequenc
     preparation = preparation.model_copy(update={"delays": setup.preparation.delays})
     preparation = with_delays(preparation, segments, base)
     findings += _short(preparation, segments, base)
-    return Survey(preparation, tuple(columns), tuple(findings), noisy)
+    return Survey(preparation, tuple(findings), noisy)
 
 
 def _short(preparation: Preparation, segments: Sequence[Segment], base: BaseModel) -> list[Finding]:
@@ -232,6 +228,7 @@ class FirstLook:
 
     base: BaseModel
     seconds: float  # of what was looked at
+    columns: tuple[ColumnMap, ...]  # what the columns of each kind of log were taken for
     survey: Survey
     travels: tuple[Travel, ...]
     conditioning: Conditioning
@@ -246,13 +243,14 @@ def first_look(setup: Setup, paths: Sequence[Path]) -> FirstLook:
     """Look at the beginnings of logs."""
     base = base_parameters(setup.mechanism, seed=setup.seed)
     surveyed = survey(setup, base, paths)
-    plan = Plan(base, setup.columns or surveyed.columns, surveyed.preparation)
+    plan = Plan(base, setup.columns, surveyed.preparation)
     samples = list(_beginnings(plan, paths))
     if not samples:
         raise InputError("nothing of these logs is left after their preparation", source=", ".join(map(str, paths[:3])))
     observation = without_rounding(ModelRows.of(base, samples).observation(), base.units)
     seen = conditioning(observation, 1 / noise_estimate(observation), base)
-    return FirstLook(base, sum(len(s) / s.rate for s in samples), surveyed, tuple(_travels(base, samples)), seen)
+    seconds, travels = sum(len(s) / s.rate for s in samples), tuple(_travels(base, samples))
+    return FirstLook(base, seconds, setup.columns, surveyed, travels, seen)
 
 
 def _beginnings(plan: Plan, paths: Sequence[Path]) -> Iterator[Samples]:

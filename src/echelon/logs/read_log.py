@@ -20,8 +20,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError, locating
-from echelon.logs.columns.by_values import clock, clock_unit, with_units
-from echelon.logs.columns.column_guess import guess_columns
+from echelon.logs.columns.by_values import clock, clock_unit
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.columns.column_names import meaning
 from echelon.logs.columns.conversion import needed_columns, recording
@@ -42,14 +41,13 @@ class LogPiece:
 
     segments: tuple[Segment, ...]  # its uninterrupted stretches
     findings: tuple[Finding, ...]  # what is wrong with it, or worth knowing
-    columns: ColumnMap  # what its columns were taken for
     recording: Recording  # as it was logged, row by row
 
 
 def read_log(
     path: str | Path,
     mechanism: Mechanism,
-    columns: Sequence[ColumnMap] = (),
+    columns: Sequence[ColumnMap],
     *,
     rate: float | None = None,
     symbols: Mapping[str, float] | None = None,
@@ -58,28 +56,25 @@ def read_log(
 ) -> Iterator[LogPiece]:
     """Read a log in the robot's terms, piece by piece.
 
-    Of several column maps the first one whose columns are all there is used; without any, columns are recognised by
-    their names.  Segments are resampled to ``rate``, Hz.  ``symbols`` are values of symbols in transmission ratios.
-    Faults that spoil no sample are looked for only if they are to be ``named``.
+    Of several column maps the first one whose columns are all there is used.  Segments are resampled to ``rate``, Hz.
+    ``symbols`` are values of symbols in transmission ratios.  Faults that spoil no sample are looked for only if they
+    are to be ``named``.
     """
     log = opened(path)
     if not outputs:  # a map that has all it names comes before the same without outputs
         columns = [*columns, *(replace(some, outputs={}) for some in columns)]
-    chosen = chosen_columns(log, mechanism, columns, outputs=outputs)
+    chosen = _chosen(log, columns)
     findings = surplus_columns(chosen, log.names, mechanism)
     tables = log.tables(_needed(chosen, log.names, log.source))
     table, following = next(tables, None), next(tables, None)
     whole = following is None
-    if table is not None and not columns:
-        chosen, more = with_units(chosen, table, mechanism)
-        findings += more
     while table is not None:
         findings += _left_out(table)
         recorded = recording(table, chosen, mechanism, symbols)
         findings += check_plausible(recorded, mechanism, chosen)
         faults, usable = examine(recorded, mechanism, whole=whole, named=named)
         parts, more = segments(recorded, mechanism, usable, rate=rate, whole=whole)
-        yield LogPiece(parts, (*findings, *faults, *more), chosen, recorded)
+        yield LogPiece(parts, (*findings, *faults, *more), recorded)
         findings, table, following = (), following, next(tables, None)
 
 
@@ -91,12 +86,11 @@ def _left_out(table: Table) -> tuple[Finding, ...]:
     return (warning("rows", table.source, text),)
 
 
-def chosen_columns(
-    log: LogFile, mechanism: Mechanism, columns: Sequence[ColumnMap], *, outputs: bool = True
-) -> ColumnMap:
+def _chosen(log: LogFile, columns: Sequence[ColumnMap]) -> ColumnMap:
     """The map whose columns a file has; for none, the error says what the nearest one lacks."""
     if not columns:
-        return guess_columns(log.names, mechanism, log.source, outputs=outputs, look=lambda: first_table(log))
+        problem = "the set-up does not say what the columns are: add the section  log, or let  echelon setup  write it"
+        raise InputError(problem, source=log.source)
     lacking = [sum(name not in log.names for name in needed_columns(some)) for some in columns]
     best = columns[lacking.index(min(lacking))]
     _needed(best, log.names, log.source)

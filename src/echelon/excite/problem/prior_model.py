@@ -18,11 +18,11 @@ from echelon.identification.physics.prior_information import prior_from
 from echelon.identification.rows.plan import Plan
 from echelon.identification.rows.rows import ModelRows
 from echelon.identification.survey import survey
-from echelon.logs.files.open_log import log_paths
 from echelon.logs.finding import Finding, note, warning
 from echelon.mechanism.mechanism import Mechanism
 from echelon.observe.observation import Observation
 from echelon.results.identified import load_identified
+from echelon.setup.logs import with_logs
 from echelon.setup.setup import Setup
 
 
@@ -52,8 +52,8 @@ def information_of_logs(setup: Setup, logs: Sequence[str | os.PathLike[str]]) ->
         raise InputError(problem, source=setup.source, element="excitation")
     if any(body.joint.kind == "floating" for body in setup.mechanism.bodies):
         raise InputError("a floating base is held by trajectories, and not in logs", source=setup.source)
+    setup, paths, _ = with_logs(setup, logs)
     base = base_parameters(setup.mechanism, seed=setup.seed)
-    paths = log_paths(logs)
     found = survey(setup, base, paths)
     plan = Plan(base, setup.columns, found.preparation)
     # a row for every sample: the filter averages what decimation leaves out, so that counting rows would count too few

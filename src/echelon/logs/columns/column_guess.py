@@ -44,16 +44,6 @@ class Guess:
     unmeasured: tuple[str, ...] = ()  # outputs that no column is of, though one is of each position
 
 
-def guess_columns(
-    names: Sequence[str], mechanism: Mechanism, source: str = "", *, outputs: bool = True, look: Look | None = None
-) -> ColumnMap:
-    """The columns of a log, or an error that says all that is not clear."""
-    found = guess(names, mechanism, look, outputs=outputs)
-    if found.problems:
-        raise InputError("; ".join(found.problems), source=source or None)
-    return found.columns
-
-
 def guess(
     names: Sequence[str],
     mechanism: Mechanism,
