@@ -124,6 +124,12 @@ MISTAKES = {
     ),
     "misspelt": ("five bar", "[left, right]", "[left, rigt]", "did you mean 'right'"),
     "by coupling": ("geared five bar", "[left]", "[right]", "there is no coordinate 'right'"),
+    "a screw that is turned": (
+        "car jack",
+        "loops:",
+        "assembly: {left0: -0.3618, right0: -0.363, screw1: -0.0006, screw2: -0.1814, screw3: 0.1814}\nloops:",
+        "screw 'screw3' would have to be solved for: state its origin where",
+    ),
     "same body": ("five bar", "[left2, right2]", "[left2, left2]", "do not move against each other"),
 }
 

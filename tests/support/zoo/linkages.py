@@ -244,6 +244,18 @@ def screw_jack() -> str:
     return robot.text
 
 
+def car_jack() -> str:
+    """A rhombus whose side corners a screw draws together."""
+    robot = Drawn()
+    for side, x in (("left", -4), ("right", 4)):
+        robot.body(f"{side}0", "base", ZERO)
+        robot.body(f"{side}1", f"{side}0", (x, 3))
+    robot.loop("left1", "right1", (0, 6))
+    robot.chain("screw", "left0", ((-4, 3), turn("z")), ((-4, 3), turn("x")), ((4, 3), "helical, axis: x, pitch: 1/50"))
+    robot.loop("screw3", "right0", (4, 3))
+    return robot.text
+
+
 def screws_in_parallel() -> str:
     robot = Drawn()
     robot.body("left", "base", ZERO, "helical, axis: z, pitch: 1/50")
@@ -338,6 +350,7 @@ LINKAGES = {
     "Delta": Case(9, 55, delta("spherical"), slow=True),
     "Delta, crosses": Case(3, 34, delta("universal, axis: x, axis2: y")),
     "screw jack": Case(1, 15, screw_jack()),
+    "car jack": Case(2, 20, car_jack()),
     "screws in parallel": Case(1, 10, screws_in_parallel()),
     "differential screw": Case(1, 4, differential_screw()),
     "welded, seven revolutes": Case(1, 31, welded(*map(turn, "zxyzxyz")), slow=True),

@@ -214,8 +214,12 @@ class PoseFinder:
 
 
 def _block(recorded: Recorded, nodes: Sequence[int], unknown: list[int]) -> ClosureBlock:
-    if set(unknown) & set(recorded.threaded):
-        raise SingularPoseError("a screw would have to be solved for to close the loops")
+    screws = [recorded.layout.names[c] for c in unknown if c in recorded.threaded]
+    if screws:
+        problem = f"screw '{screws[0]}' would have to be solved for"
+        raise SingularPoseError(
+            f"{problem}: state its origin where it is while the loops are closed, so that it is zero"
+        )
     geared = [recorded.layout.names[c] for c in unknown if c in recorded.geared]
     if geared:
         raise SingularPoseError(f"'{geared[0]}', of which gears take multiples or parts, would have to be solved for")
