@@ -199,6 +199,7 @@ def crossed_arms() -> str:
     return f"<mujoco><worldbody>{arms}</worldbody><equality>{CROSSED}</equality></mujoco>"
 
 
+@pytest.mark.slow
 def test_the_search_for_closed_poses_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(poses, "_MOST_WORK", 100.0)
     (tmp_path / "robot.xml").write_text(crossed_arms())
