@@ -24,9 +24,7 @@ from echelon.program.recorded_forms import RecordedForms, Recorder, Recording
 
 _MONOMIALS = 1500  # default bound on the number of monomials
 _DEGREES = 6  # of monomials above that of equations; those of loops with finitely many solutions need two at most
-# samples in a row that have infinitely many solutions, after which the others are taken to have them, too; one where
-# there are so many variables that it takes long to see
-_FAILURES, _MANY = 3, 5
+_FAILURES = 3  # samples in a row that have infinitely many solutions; then the others are taken to have them, too
 _ENTRIES = 1 << 24  # recorded numbers, or powers of multiplications; more samples are treated in parts
 
 
@@ -65,10 +63,10 @@ class Solver:
         variables = len(next(e for terms in equations for e in terms))
         points = [np.zeros((0, variables), dtype=np.int64) for _ in range(samples)]
         solutions, left, most = Solutions(np.full(samples, -1), points), np.arange(samples), 0
-        failures, most_failures = 0, 1 if variables >= _MANY else _FAILURES
+        failures = 0
         key = tuple(tuple(equation.exponents) for equation in system)
         ring = self._rings.get(key)
-        while left.size and failures < most_failures:
+        while left.size and failures < _FAILURES:
             if ring is None:
                 try:
                     sample = [equation.at(left[:1]) for equation in system]

@@ -40,8 +40,6 @@ class ClosureBlock:
         self._variables = sum(widths)
         self.points = prod(len(_points(part.width, part.degree)) for part in self._parts)
         self.equations = recorded.schedule(nodes)
-        # whether all samples that it was solved for first left infinitely many solutions
-        self.leaves_open: bool | None = None
 
     @cached_property
     def fewer(self) -> ClosureBlock:

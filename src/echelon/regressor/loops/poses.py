@@ -264,16 +264,12 @@ def _closed(positions: Positions, pose: Pose, block: ClosureBlock) -> tuple[Indi
         return good, pose.at(good)
     if block.points > _MOST_POINTS:
         raise SingularPoseError(f"{len(block.unknown)} coordinates would have to be solved for at once")
-    if block.leaves_open:
-        return _closed(positions, pose, block.fewer)
     solutions = block.solve(positions, pose)
     samples = np.repeat(np.arange(len(solutions.counts)), np.maximum(solutions.counts, 0))
     closed = pose.at(samples)
     if samples.size:
         block.put(closed, np.concatenate([solutions.points[k] for k in np.unique(samples)]), positions.field)
     open_ = np.flatnonzero(solutions.counts < 0)
-    if block.leaves_open is None:
-        block.leaves_open = len(open_) == len(solutions.counts)
     if open_.size:
         more, others = _closed(positions.at(open_), pose.at(open_), block.fewer)
         samples, closed = np.concatenate([samples, open_[more]]), closed + others
