@@ -95,7 +95,7 @@ DOCUMENTS = {
     "aliases": ("motion.yaml", LISTS, "aliases"),
     "aliases in a description": ("robot.yaml", LISTS, "aliases"),
     "aliases in a set-up": ("setup.yaml", MERGED, "aliases"),
-    "endless list": ("motion.yaml", ENDLESS[: 1 << 20], "is not a trajectory"),
+    "endless list": ("motion.yaml", ENDLESS[: 1 << 20], "not a JointTrajectory .* needs a mapping"),
     "endless list in a description": ("robot.yaml", ENDLESS, "has more than 250,000 numbers"),
     "endless JSON list": ("base.json", "[" + "0," * 5_000_000 + "0]", "has more than 4,000,000 numbers"),
     "harmonics": ("motion.json", HARMONICS, "has 0 entries; needs 1000000000"),

@@ -231,6 +231,7 @@ OBJECTS: Mapping[str, Example] = {
     "row spaces": Example(lambda: ec.same_row_space(base(), ec.energy_regressor(base().mechanism))),
     "sensors": Example(lambda: ec.sensor_report(base().mechanism)),
     "audit": Example(lambda: ec.audit(base(), file("wrong.txt")), str),
+    "source": Example(lambda: ec.generate(base()), lambda found: (dict(found), repr(found.functions))),
     "verdict": Example(lambda: ec.audit(base(), file("wrong.txt")).verdict),
     "observation": Example(lambda: base().accumulate(LOG), lambda found: found.factors),
     "triangle": Example(lambda: base().accumulate(LOG).combined(), lambda found: found.solve()),

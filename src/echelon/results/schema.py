@@ -44,7 +44,8 @@ def checked(kind: type[Record], data: Any, source: str, what: str) -> Record:
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"not {what}: {first['msg']}", source=source, element=where or None) from None
+        problem = "needs a mapping" if first["type"] == "model_type" else first["msg"]
+        raise InputError(f"not {what}: {problem}", source=source, element=where or None) from None
 
 
 def made(kind: type[Made], record: Schema) -> Made:

@@ -34,9 +34,15 @@ _STILL = 2e-3
 """Range, rad or m, of a joint that never moves."""
 
 
-def with_logs(setup: Any, logs: Any, others: Any = ()) -> tuple[Setup, tuple[Path, ...], tuple[Path, ...]]:
-    """A set-up that knows its columns, or what one is made from; and the paths of two lists of logs."""
-    setup = with_usual(setup if isinstance(setup, Setup) else load_setup(setup))
+def with_logs(
+    setup: Any, logs: Any, others: Any = (), *, usual: bool = True
+) -> tuple[Setup, tuple[Path, ...], tuple[Path, ...]]:
+    """A set-up that knows its columns, or what one is made from; and the paths of two lists of logs.
+
+    Without ``usual`` it keeps the effects that it states, and joints at rest move elsewhere.
+    """
+    setup = setup if isinstance(setup, Setup) else load_setup(setup)
+    setup = with_usual(setup) if usual else setup
     fitted, unseen = (joined(log_paths(some), setup.mechanism, setup.columns) for some in (logs, others))
     if setup.columns:
         return setup, fitted, unseen
@@ -45,7 +51,7 @@ def with_logs(setup: Any, logs: Any, others: Any = ()) -> tuple[Setup, tuple[Pat
         file = opened(path)
         kinds.setdefault(tuple(file.names), file)
     for file in kinds.values():
-        found = understood(file, setup, only=len(fitted) + len(unseen) == 1)
+        found = understood(file, setup, only=usual and len(fitted) + len(unseen) == 1)
         if found.problems:
             raise InputError("; ".join(found.problems), source=file.source)
         notes = tuple(text for text in found.notes if text not in setup.assumed)

@@ -18,7 +18,7 @@ from echelon.identification.physics.prior_information import prior_from
 from echelon.identification.rows.plan import Plan
 from echelon.identification.rows.rows import ModelRows
 from echelon.identification.survey import survey
-from echelon.logs.finding import Finding, note, warning
+from echelon.logs.finding import Finding, listed, note, warning
 from echelon.mechanism.mechanism import Mechanism
 from echelon.observe.observation import Observation
 from echelon.results.identified import load_identified
@@ -52,7 +52,12 @@ def information_of_logs(setup: Setup, logs: Sequence[str | os.PathLike[str]]) ->
         raise InputError(problem, source=setup.source, element="excitation")
     if any(body.joint.kind == "floating" for body in setup.mechanism.bodies):
         raise InputError("a floating base is held by trajectories, and not in logs", source=setup.source)
-    setup, paths, _ = with_logs(setup, logs)
+    moved = setup.mechanism.velocities
+    setup, paths, _ = with_logs(setup, logs, usual=False)
+    if setup.mechanism.velocities != moved:
+        absent = listed([name for name in moved if name not in setup.mechanism.velocities])
+        problem = f"the logs have nothing of {absent}, so they determine other parameters; lock what does not move"
+        raise InputError(problem, source=setup.source, element="locked")
     base = base_parameters(setup.mechanism, seed=setup.seed)
     found = survey(setup, base, paths)
     plan = Plan(base, setup.columns, found.preparation)
