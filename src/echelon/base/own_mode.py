@@ -62,6 +62,11 @@ class OwnPose:
         verdicts = [self._clear(mode) for mode in modes]
         if verdicts.count(True) == 1 and None not in verdicts:
             return modes[verdicts.index(True)]
+        if self._moved:  # rounding of frames may change which columns are representatives, but not how many
+            possible = (m for m, verdict in zip(modes, verdicts, strict=True) if verdict is not False)
+            alike = [m for m in possible if self._shows(len(self._columns) - len(m.dependence))]
+            if len(alike) == 1:
+                return alike[0]
         return next((m for m, v in zip(modes, verdicts, strict=True) if v is not False and self._holds(m)), None)
 
     def likely(self, modes: Sequence[Mode]) -> Mode | None:
@@ -81,9 +86,18 @@ class OwnPose:
 
     def shows_less(self, rank: int) -> bool:
         """Whether doubles clearly show a lower rank, as where rounding has broken what is special about a geometry."""
-        singular = np.linalg.svd(self._table[0], compute_uv=False)
-        falls = singular[:rank] / np.maximum(np.append(singular[1:], 0.0)[:rank], _NOISE * singular[0])
+        falls = self._falls[:rank]
         return bool(falls.max() > _CLEAR_FALL and falls.argmax() + 1 < rank)
+
+    def _shows(self, rank: int) -> bool:
+        """Whether doubles clearly show a rank."""
+        return bool(self._falls.max() > _CLEAR_FALL and self._falls.argmax() + 1 == rank)
+
+    @cached_property
+    def _falls(self) -> Floats:
+        """How far each singular value falls to the next one."""
+        singular = np.linalg.svd(self._table[0], compute_uv=False)
+        return np.asarray(singular / np.maximum(np.append(singular[1:], 0.0), _NOISE * singular[0]))
 
     @cached_property
     def rank(self) -> int | None:
