@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -173,6 +173,7 @@ class Trials:
     base: BaseModel
     bands: tuple[float, ...]  # Hz, from the narrowest to the widest
     pairs: tuple[tuple[Segment, Segment], ...]  # segments, and the same with as much noise added as they have
+    fits: dict[float, Fit] = field(default_factory=dict, init=False)  # those made so far, by band
 
     @staticmethod
     def of(log: Signals, preparation: Preparation, base: BaseModel) -> Trials:
@@ -203,7 +204,12 @@ class Trials:
 
     def fit(self, band: float) -> Fit:
         """Reweighted least squares in a band, and what noise of the positions does to it."""
-        rows, n = self._rows(band), self.base.rank
+        if band not in self.fits:
+            self.fits[band] = self._fit(self._rows(band))
+        return self.fits[band]
+
+    def _fit(self, rows: Sequence[tuple[Floats, Floats, Floats]]) -> Fit:
+        n = self.base.rank
         sigma = np.ones(len(rows))
         for _ in range(_REWEIGHTED):
             A = sum((W.T @ W / s**2 for (_, W, _), s in zip(rows, sigma, strict=True)), np.zeros((n, n)))

@@ -18,7 +18,7 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from echelon.arrays import Floats
+from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
 from echelon.extras import extra
 
@@ -176,9 +176,15 @@ def _dtpqrt() -> Callable[..., None]:
 def positive(R: Floats) -> Floats:
     """A triangle with its rows' signs chosen so that the diagonal is not negative."""
     signs = np.where(np.diagonal(R) < 0, -1.0, 1.0)
-    # zeros below the diagonal written anew, so that none of them is −0
-    result: Floats = np.triu(R * signs[:, None])
+    result: Floats = R * signs[:, None]
+    result[_below(len(R))] = 0.0
     return result
+
+
+@cache
+def _below(n: int) -> Flags:
+    """Where a triangle of some size is zero; NumPy's triu makes it anew in every call, slower than QR."""
+    return np.tri(n, k=-1, dtype=bool)
 
 
 def _condition(values: Floats) -> float:
