@@ -36,10 +36,10 @@ def nearest_of(word: str, valid: Iterable[str]) -> str:
     return f"{nearest(word, words)} (valid: {listed or 'none'})"
 
 
-def listed(names: Iterable[str], most: int = _SHOWN) -> str:
+def quoted_names(names: Iterable[str], most: int = _SHOWN) -> str:
     """Names in quotes, and how many more there are.
 
-    >>> listed(["a", "b", "c"], 2)
+    >>> quoted_names(["a", "b", "c"], 2)
     "'a', 'b' and 1 more"
     """
     every = [f"'{name}'" for name in names]

@@ -16,6 +16,7 @@ from echelon.base.model import BaseModel
 from echelon.dynamics.arguments import parameter_input
 from echelon.errors import InputError, one_line
 from echelon.exact.numbers import Number, Surd, parts_of
+from echelon.hints import quoted_names
 from echelon.mechanism.body import Symbol
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, symbol_values
@@ -103,18 +104,13 @@ def parameter_constants(
 def _check_names(base: BaseModel, given: Mapping[str, float]) -> None:
     strange = [name for name in given if name not in base.parameters]
     if strange:
-        raise InputError(f"there are no parameters {_listed(strange)}")
+        raise InputError(f"there are no parameters {quoted_names(map(one_line, strange), _SHOWN)}")
     missing = [name for name in base.pivots if name not in given] or [n for n in base.parameters if n not in given]
     if missing:
         raise InputError(
-            f"values are missing for {_listed(missing)}: give all {len(base.pivots)} base parameters by the names of "
+            f"values are missing for {quoted_names(map(one_line, missing), _SHOWN)}: give all {len(base.pivots)} base parameters by the names of "
             f"their representatives and nothing else, or all {len(base.parameters)} standard parameters"
         )
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return ", ".join(f"'{one_line(name)}'" for name in names[:_SHOWN]) + more
 
 
 # -- put in ------------------------------------------------------------------------------------------------------------

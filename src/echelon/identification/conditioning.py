@@ -21,7 +21,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import sparse_basis
-from echelon.identification.verdict import listed
+from echelon.identification.verdict import enumerated
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.stated import characteristic_length
 from echelon.observe.observation import Observation
@@ -195,7 +195,7 @@ def advice(
     order = [int(k) for k in np.argsort(-size, kind="stable") if size[k] >= _NAMED * size.max()]
     shown = [names[k] for k in order[:_MOST]] + (["others"] if len(order) > _MOST else [])
     how = "hardly" if seen else "do not"
-    problem = f"the data {how} show {shown[0]}" if len(shown) == 1 else f"the data {how} tell {listed(shown)} apart"
+    problem = f"the data {how} show {shown[0]}" if len(shown) == 1 else f"the data {how} tell {enumerated(shown)} apart"
     # what hardly belongs to the direction would only blur its sensitivity
     motion = None if base is None else _motion(base, np.where(size >= _NAMED * size.max(), change, 0.0))
     return f"{problem}: {motion}" if motion else f"{problem}: move in other ways"
@@ -298,4 +298,4 @@ def _random_states(mechanism: Mechanism, rng: np.random.Generator) -> State:
 
 
 def _together(names: Sequence[str]) -> str:
-    return listed(names) + (" together" if 1 < len(names) < _MOST else "")
+    return enumerated(names) + (" together" if 1 < len(names) < _MOST else "")

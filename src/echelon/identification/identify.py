@@ -35,7 +35,7 @@ from echelon.identification.rows.ingest import MEMORY
 from echelon.identification.rows.plan import Plan
 from echelon.identification.survey import survey
 from echelon.identification.validation import Models, Validation, by_role
-from echelon.identification.verdict import GOOD, USABLE, listed, overall_verdict
+from echelon.identification.verdict import GOOD, USABLE, enumerated, overall_verdict
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.finding import Finding, counted, note, warning
 from echelon.machine.target import one_thread
@@ -188,7 +188,7 @@ def _fitted(
     findings += fit_findings(estimate, conditions, feasible, physical, validations, culprit)
     judgement = overall_verdict(by_role(validations)[-1], facts)
     ranges = fitted_ranges(plan.preparation, by_role(validations)[0])
-    speeds = listed([found.speeds for found in ranges], "; ")
+    speeds = enumerated([found.speeds for found in ranges], "; ")
     result = Identification(
         base,
         tuple(map(str, fitted_logs)),

@@ -85,7 +85,7 @@ def overall_verdict(judged: Validation, facts: Sequence[str] = ()) -> Judgement:
     quiet = [score.output for score, _ in graded if score.is_below_noise]
     if quiet:
         vary = "it varies" if len(quiet) == 1 else "they vary"
-        sentences.append(f"Of {listed(quiet)} nothing can be said: {vary} less than the noise of the sensor.")
+        sentences.append(f"Of {enumerated(quiet)} nothing can be said: {vary} less than the noise of the sensor.")
     if all(score.is_computed for score, _ in told):
         sentences.append("The outputs have no noise: they look computed, not measured.")
     if judged.role != "validation":
@@ -136,7 +136,7 @@ def _fit(scores: Sequence[Score], data: str) -> str:
         parts.append(f"{_outputs(useless)} worse than a constant would")
     text = f"On {data} the model predicts {'; '.join(parts)}." if parts else f"On {data} no output varies."
     silent = [s.output for s, found in graded if found is None]
-    return text + (f" Nothing can be said of {listed(silent)}: it did not vary." if silent and parts else "")
+    return text + (f" Nothing can be said of {enumerated(silent)}: it did not vary." if silent and parts else "")
 
 
 def _carries_over(scores: Sequence[Score], fitted: Sequence[Score]) -> list[str]:
@@ -147,9 +147,9 @@ def _carries_over(scores: Sequence[Score], fitted: Sequence[Score]) -> list[str]
         return []
     if not worse:
         quiet = [s.output for s in scores if s.output in ratios and (grade(s) or Grade.USELESS) < Grade.USABLE]
-        why = f"; R² of {listed(quiet)} is low because the output varies little here" if quiet else ""
+        why = f"; R² of {enumerated(quiet)} is low because the output varies little here" if quiet else ""
         return [f"Residuals are as on the data it was fitted to: it carries over{why}."]
-    shown = listed([f"{name} ({ratio:.2g} times)" for name, ratio in worse.items()])
+    shown = enumerated([f"{name} ({ratio:.2g} times)" for name, ratio in worse.items()])
     return [f"Residuals are larger than on the data it was fitted to for {shown}: overfitted, or these data hold more."]
 
 
@@ -165,21 +165,21 @@ def _against_prior(validation: Validation) -> list[str]:
     better = [name for name, ratio in pairs if ratio > PRIOR]
     if not worse and not better:
         return ["It predicts like the prior model."]
-    some = "every output" if len(better) == len(pairs) else listed(better) if better else "no output"
+    some = "every output" if len(better) == len(pairs) else enumerated(better) if better else "no output"
     text = f"It beats the prior model on {some}"
-    return [text + (f", which is better on {listed(worse)}." if worse else ".")]
+    return [text + (f", which is better on {enumerated(worse)}." if worse else ".")]
 
 
 def _left(scores: Sequence[Score]) -> list[str]:
     found = []
     biased = [s for s in scores if s.rms > 0 and abs(s.bias) > BIAS * s.rms]
     if biased:
-        shown = listed([f"{s.output} ({s.bias:.3g} {s.unit})" for s in biased])
+        shown = enumerated([f"{s.output} ({s.bias:.3g} {s.unit})" for s in biased])
         found.append(f"Residuals are biased for {shown}: an offset is missing or has drifted.")
     coloured = [s for s in scores if s.whiteness < WHITE]
     if coloured:
         longest = max(coloured, key=lambda s: s.correlation_time)
-        who = "any output" if len(coloured) == len(scores) else listed([s.output for s in coloured])
+        who = "any output" if len(coloured) == len(scores) else enumerated([s.output for s in coloured])
         found.append(
             f"Residuals are not white for {who} (correlated over up to {longest.correlation_time:.2g} s): "
             "the model misses something, and intervals that take them for white are too narrow."
@@ -195,10 +195,10 @@ def _total(prior: Sequence[Score], scores: Sequence[Score]) -> float:
 
 
 def _outputs(scores: Sequence[Score]) -> str:
-    return listed([f"{s.output} (R² {s.r2:.4g})" for s in scores])
+    return enumerated([f"{s.output} (R² {s.r2:.4g})" for s in scores])
 
 
-def listed(names: Sequence[str], separator: str = ", ") -> str:
+def enumerated(names: Sequence[str], separator: str = ", ") -> str:
     """Some names, the first ones if they are many."""
     shown = [*names[:_SHOWN], *(["others"] if len(names) > _SHOWN else [])]
     return shown[0] if len(shown) == 1 else f"{separator.join(shown[:-1])} and {shown[-1]}"

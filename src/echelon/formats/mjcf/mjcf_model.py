@@ -24,7 +24,7 @@ import numpy as np
 from echelon.errors import InputError
 from echelon.exact.numbers import is_whole
 from echelon.extras import extra
-from echelon.hints import listed, unused
+from echelon.hints import quoted_names, unused
 from echelon.inputs.content import INCLUDES, read_content
 from echelon.inputs.xml_text import parse_xml
 
@@ -220,7 +220,7 @@ def compile_spec(spec: Any, document: MjcfDocument) -> CompiledModel:
 
 
 def _bodies(names: Collection[str]) -> str:
-    return f"{'body' if len(names) == 1 else 'bodies'} {listed(sorted(names), _MOST_NAMED)}"
+    return f"{'body' if len(names) == 1 else 'bodies'} {quoted_names(sorted(names), _MOST_NAMED)}"
 
 
 def _wrapped(error: Exception, source: str) -> InputError:

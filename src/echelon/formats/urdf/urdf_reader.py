@@ -26,7 +26,7 @@ from echelon.formats.literal import (
     numeric_placement,
 )
 from echelon.formats.reading_options import checked_size
-from echelon.hints import listed
+from echelon.hints import quoted_names
 from echelon.mechanism.coupling import linear
 from echelon.mechanism.joint import MotionKind
 
@@ -102,7 +102,7 @@ class UrdfReader(ExactXml):
             pending.extend(reversed(self.children[order[-1]]))
         if len(order) < len(self.links):
             lost = sorted(set(self.links) - set(order))
-            raise self.error(f"links {listed(lost, _MOST_NAMED)} form a cycle and are not connected to the root")
+            raise self.error(f"links {quoted_names(lost, _MOST_NAMED)} form a cycle and are not connected to the root")
         position = {name: i for i, name in enumerate(order)}
         links = tuple(self._link(name, parents.get(name), position) for name in order)
         couplings = tuple(self._couplings()) if mimics else ()
@@ -185,7 +185,7 @@ class UrdfReader(ExactXml):
         if not roots:
             raise self.error("every link has a parent: the links form a cycle and there is no root")
         if len(roots) > 1:
-            raise self.error(f"there are {len(roots)} root links, {listed(roots, _MOST_NAMED)}; a tree has one")
+            raise self.error(f"there are {len(roots)} root links, {quoted_names(roots, _MOST_NAMED)}; a tree has one")
         return roots[0]
 
     # -- elements --------------------------------------------------------------------------------------------------
