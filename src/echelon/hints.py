@@ -36,10 +36,10 @@ def nearest_of(word: str, valid: Iterable[str]) -> str:
     return f"{nearest(word, words)} (valid: {listed or 'none'})"
 
 
-def quoted_names(names: Iterable[str], most: int = _SHOWN) -> str:
+def in_quotes(names: Iterable[str], most: int = _SHOWN) -> str:
     """Names in quotes, and how many more there are.
 
-    >>> quoted_names(["a", "b", "c"], 2)
+    >>> in_quotes(["a", "b", "c"], 2)
     "'a', 'b' and 1 more"
     """
     every = [f"'{name}'" for name in names]

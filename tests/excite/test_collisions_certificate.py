@@ -11,8 +11,7 @@ import pytest
 import echelon as ec
 from echelon.errors import InputError
 from echelon.excite.problem.clearance import Engine, clearance_of
-from echelon.excite.problem.robot_shapes import mesh_shape
-from echelon.excite.problem.stated_shapes import entry_shapes
+from echelon.excite.problem.robot_shapes import entry_shapes, mesh_shape
 from echelon.excite.problem.trajectory import Fourier, Trajectory
 from echelon.excite.verify.clearance_bounds import least_clearances
 from support.shaped_robots import Floats, motion, planar, random_arm, spheres

@@ -9,8 +9,8 @@ import pytest
 
 from echelon.errors import InputError
 from echelon.excite.problem.clearance import clearance_of
+from echelon.excite.problem.robot_shapes import entry_shapes
 from echelon.excite.problem.shapes import Kind
-from echelon.excite.problem.stated_shapes import entry_shapes
 from support.shaped_robots import planar
 
 

@@ -13,8 +13,8 @@ import pytest
 import echelon as ec
 from echelon.errors import InputError
 from echelon.excite.problem.clearance import checked_pairs, clearance_of
+from echelon.excite.problem.robot_shapes import entry_shapes
 from echelon.excite.problem.shapes import Shape
-from echelon.excite.problem.stated_shapes import entry_shapes
 from echelon.excite.problem.task import task_of
 from echelon.excite.verify.clearance_bounds import least_clearances
 from echelon.mechanism.joint import rotation

@@ -10,7 +10,7 @@ import pytest
 import echelon as ec
 from echelon.excite.problem.clearance import Clearance, clearance_of
 from echelon.excite.problem.resolved_limits import ResolvedLimits
-from echelon.excite.problem.stated_shapes import entry_shapes
+from echelon.excite.problem.robot_shapes import entry_shapes
 from echelon.excite.solve.design import start_pose
 from support.robot_files import robot_file
 from support.shaped_robots import planar

@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.exact.expressions import parse
+from echelon.excite.problem.robot_shapes import entry_shapes
 from echelon.excite.problem.shapes import Shape
-from echelon.excite.problem.stated_shapes import entry_shapes
 from echelon.excite.problem.trajectory import Basis, Fourier, Trajectory, uniform_splines
 from echelon.mechanism.joint import rotation, screw, translation
 from echelon.mechanism.mechanism import Mechanism

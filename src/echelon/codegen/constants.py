@@ -7,7 +7,7 @@ factors and of constant summands become one each, which products of parameters a
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 import numpy as np
@@ -16,11 +16,12 @@ from echelon.base.model import BaseModel
 from echelon.dynamics.arguments import parameter_input
 from echelon.errors import InputError, one_line
 from echelon.exact.numbers import Number, Surd, parts_of
-from echelon.hints import quoted_names
+from echelon.hints import in_quotes
 from echelon.mechanism.body import Symbol
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, symbol_values
 from echelon.program.function import Argument, Function
+from echelon.program.rewriting import recorded, replayed
 from echelon.program.schedule import FloatArithmetic
 from echelon.program.tape import Op, Program, Scalar, exact
 
@@ -104,12 +105,13 @@ def parameter_constants(
 def _check_names(base: BaseModel, given: Mapping[str, float]) -> None:
     strange = [name for name in given if name not in base.parameters]
     if strange:
-        raise InputError(f"there are no parameters {quoted_names(map(one_line, strange), _SHOWN)}")
+        raise InputError(f"there are no parameters {in_quotes(map(one_line, strange), _SHOWN)}")
     missing = [name for name in base.pivots if name not in given] or [n for n in base.parameters if n not in given]
     if missing:
         raise InputError(
-            f"values are missing for {quoted_names(map(one_line, missing), _SHOWN)}: give all {len(base.pivots)} base parameters by the names of "
-            f"their representatives and nothing else, or all {len(base.parameters)} standard parameters"
+            f"values are missing for {in_quotes(map(one_line, missing), _SHOWN)}: give all {len(base.pivots)} base "
+            "parameters by the names of their representatives and nothing else, or all "
+            f"{len(base.parameters)} standard parameters"
         )
 
 
@@ -124,14 +126,13 @@ def specialised(
     ``layout`` holds labels of the arguments in :data:`SHARED`, so that several functions take the same vectors.
     Arguments that are constant altogether are left out.
     """
-    copy, known = Program(), function.program
-    new = {known.zero.node: copy.zero.node}
-    for node in function.needed:
-        new[node] = _copied(known, node, copy, new, values)
-    arguments = [_argument(function, argument, copy, values, layout or {}) for argument in function.arguments]
-    entries = {index: new[node] for index, node in function.entries.items() if new[node] != copy.zero.node}
+    copy, program = Program(), function.program
+    known = {n: copy.constant(values[i.name]).node for n, i in program.inputs.items() if i.name in values}
+    nodes = replayed(program, function.outputs, copy, known, _folded)
+    entries = {index: node for index, node in zip(function.entries, nodes, strict=True) if node != copy.zero.node}
+    arguments = (_argument(function, argument, copy, values, layout or {}) for argument in function.arguments)
     kept = tuple(argument for argument in arguments if len(argument))
-    return Function(function.name, copy, kept, entries, function.axes, function.units, function.meaning)
+    return replace(function, program=copy, arguments=kept, entries=entries)
 
 
 def _argument(
@@ -152,35 +153,18 @@ def _argument(
         name, role = (inputs[label].name, inputs[label].role) if label in inputs else (f"unused[{label}]", "state")
         nodes.append(copy.input(name, role).node)
     kept = tuple(units.get(label, "SI") for label in labels)
-    return Argument(argument.name, tuple(nodes), tuple(labels), kept, argument.meaning, argument.uniform)
+    return replace(argument, nodes=tuple(nodes), labels=tuple(labels), units=kept)
 
 
-def _copied(known: Program, node: int, copy: Program, new: Mapping[int, int], values: Mapping[str, Number]) -> int:
-    op = Op(known.ops[node])
-    if op is Op.INPUT:
-        given = known.inputs[node]
-        return (
-            copy.constant(values[given.name]).node if given.name in values else copy.input(given.name, given.role).node
-        )
-    if op is Op.CONSTANT:
-        return copy.constant(known.constants[node]).node
-    a = new[known.lhs[node]]
-    if op is Op.NEG:
-        return copy.negate(a)
+def _folded(copy: Program, op: Op, a: int, b: int) -> int:
+    """An operation with its constants gathered, and functions of numbers as numbers."""
     if op >= Op.SIN:
         return _function(copy, op, a)
-    return _binary(copy, op, a, new[known.rhs[node]])
-
-
-def _binary(copy: Program, op: Op, a: int, b: int) -> int:
-    if op is Op.DIV:
-        if b == copy.zero.node:
-            raise InputError("with the values put in a divisor is zero: is the mechanism always in a singular pose?")
-        made = copy.divide(a, b)
-    elif op is Op.MUL:
-        made = copy.multiply(*_gathered(copy, Op.MUL, a, b))
-    else:
-        made = copy.subtract(a, b) if op is Op.SUB else copy.add(*_gathered(copy, Op.ADD, a, b))
+    if op is Op.DIV and b == copy.zero.node:
+        raise InputError("with the values put in a divisor is zero: is the mechanism always in a singular pose?")
+    if op in (Op.ADD, Op.MUL):
+        a, b = _gathered(copy, op, a, b)
+    made = recorded(copy, op, a, b)
     value = copy.constants.get(made)
     return made if value is None else copy.constant(_bounded(value)).node
 

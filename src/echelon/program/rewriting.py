@@ -12,12 +12,13 @@ Functions that jump are smoothed for optimisation: sign(x) becomes tanh(x/w), an
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
-from echelon.program.function import Argument, Function
+from echelon.program.function import Function
 from echelon.program.tape import Op, Program, Scalar, square_root
 
 _WRITTEN_OUT = (Op.ABS, Op.TAN, Op.TANH, Op.ATAN)
@@ -37,10 +38,9 @@ def with_values(
     program: Program, outputs: Sequence[int], values: Mapping[str, Polynomial]
 ) -> tuple[Program, list[int]]:
     """The same outputs with expressions in the place of inputs."""
-    given = {n for n, i in program.inputs.items() if i.name in values}
     copy = Program()
-    known = {n: copy.polynomial(values[program.inputs[n].name]).node for n in given}
-    return _replayed(program, outputs, copy, known, lambda copy, op, x: copy.function(op, x))
+    known = {n: copy.polynomial(values[i.name]).node for n, i in program.inputs.items() if i.name in values}
+    return copy, replayed(program, outputs, copy, known, recorded)
 
 
 Rule = Callable[[Program, Op, Scalar], Scalar]
@@ -50,39 +50,51 @@ Rule = Callable[[Program, Op, Scalar], Scalar]
 def _rewritten(program: Program, outputs: Sequence[int], ops: Sequence[Op], rule: Rule) -> tuple[Program, list[int]]:
     if set(ops).isdisjoint(program.ops) or not any(program.ops[n] in ops for n in program.needed(outputs)):
         return program, list(outputs)
-    return _replayed(program, outputs, Program(), {}, rule)
+
+    def operation(copy: Program, op: Op, a: int, b: int) -> int:
+        return rule(copy, op, Scalar(copy, a)).node if op >= Op.SIN else recorded(copy, op, a, b)
+
+    copy = Program()
+    return copy, replayed(program, outputs, copy, {}, operation)
 
 
-def _replayed(
-    program: Program, outputs: Sequence[int], copy: Program, new: dict[int, int], rule: Rule
-) -> tuple[Program, list[int]]:
-    """The outputs on another program, which holds some nodes already."""
-    for node in program.needed(outputs, new):
+def recorded(copy: Program, op: Op, a: int, b: int) -> int:
+    """An operation as it is; a function has no second operand."""
+    if op in _BINARY:
+        return _BINARY[op](copy, a, b)
+    return copy.negate(a) if op is Op.NEG else copy.function(op, Scalar(copy, a)).node
+
+
+_BINARY = {Op.ADD: Program.add, Op.SUB: Program.subtract, Op.MUL: Program.multiply, Op.DIV: Program.divide}
+
+
+def replayed(
+    program: Program,
+    outputs: Sequence[int],
+    copy: Program,
+    new: dict[int, int],
+    operation: Callable[[Program, Op, int, int], int],
+) -> list[int]:
+    """The outputs on another program, which holds the nodes in ``new`` already, with what stands for operations."""
+    for node in (n for n in program.needed(outputs, new) if n not in new):
+        op, a, b = Op(program.ops[node]), program.lhs[node], program.rhs[node]
         try:
-            new[node] = new[node] if node in new else _copied(program, node, copy, new, rule)
+            if op is Op.INPUT:
+                new[node] = _input(program, node, copy)
+            elif op is Op.CONSTANT:
+                new[node] = copy.constant(program.constants[node]).node
+            else:
+                new[node] = operation(copy, op, new[a], new.get(b, -1))
         except ZeroDivisionError:
             raise InputError("division by zero") from None
     for group in program.unit_groups:
         if any(node in new for node in group):
-            copy.unit_groups.append(tuple(_input(program, node, copy).node for node in group))
-    return copy, [new[n] for n in outputs]
+            copy.unit_groups.append(tuple(_input(program, node, copy) for node in group))
+    return [new[n] for n in outputs]
 
 
-def _input(program: Program, node: int, copy: Program) -> Scalar:
-    return copy.input(program.inputs[node].name, program.inputs[node].role)
-
-
-def _copied(program: Program, node: int, copy: Program, new: dict[int, int], rule: Rule) -> int:
-    op = Op(program.ops[node])
-    if op is Op.INPUT:
-        return _input(program, node, copy).node
-    if op is Op.CONSTANT:
-        return copy.constant(program.constants[node]).node
-    a = new[program.lhs[node]]
-    if op in (Op.ADD, Op.SUB, Op.MUL, Op.DIV):
-        operation = {Op.ADD: copy.add, Op.SUB: copy.subtract, Op.MUL: copy.multiply, Op.DIV: copy.divide}[op]
-        return operation(a, new[program.rhs[node]])
-    return copy.negate(a) if op is Op.NEG else rule(copy, op, Scalar(copy, a)).node
+def _input(program: Program, node: int, copy: Program) -> int:
+    return copy.input(program.inputs[node].name, program.inputs[node].role).node
 
 
 def _in_rational_terms(copy: Program, op: Op, x: Scalar) -> Scalar:
@@ -150,9 +162,6 @@ def smooth_function(function: Function, width: float) -> Function:
     nodes = [node for argument in function.arguments for node in argument.nodes]
     program, new = smoothed(function.program, [*function.entries.values(), *nodes], width)
     outputs, inputs = new[: len(function.entries)], iter(new[len(function.entries) :])
-    arguments = tuple(
-        Argument(a.name, tuple(next(inputs) for _ in a.nodes), a.labels, a.units, a.meaning, a.uniform)
-        for a in function.arguments
-    )
+    arguments = tuple(replace(a, nodes=tuple(next(inputs) for _ in a.nodes)) for a in function.arguments)
     entries = dict(zip(function.entries, outputs, strict=True))
-    return Function(function.name, program, arguments, entries, function.axes, function.units, function.meaning)
+    return replace(function, program=program, arguments=arguments, entries=entries)

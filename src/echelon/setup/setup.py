@@ -20,7 +20,7 @@ from echelon.formats.robot_file import RobotFile, open_robot
 from echelon.formats.schema.schema_excite import ExcitationEntry
 from echelon.formats.schema.schema_log import IdentificationEntry, PreparationEntry
 from echelon.formats.usual_effects import with_usual_effects
-from echelon.hints import nearest, nearest_of, quoted_names
+from echelon.hints import in_quotes, nearest, nearest_of
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.mechanism.effect import KINDS
 from echelon.mechanism.mechanism import Mechanism
@@ -150,7 +150,7 @@ def _assumed(mechanism: Mechanism) -> tuple[str, ...]:
         return ()
     text = "no effects are stated, so every measured drive got viscous and Coulomb friction and an offset"
     for kind, names in places.items():
-        text += f", and {kind.replace('_', ' ')} where the robot file shows one ({quoted_names(names)})" if names else ""
+        text += f", and {kind.replace('_', ' ')} where the robot file shows one ({in_quotes(names)})" if names else ""
     return (f"{text}; 'effects: none' in a set-up leaves them out",)
 
 

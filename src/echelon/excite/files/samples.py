@@ -21,7 +21,7 @@ from echelon.arrays import Floats
 from echelon.errors import InputError, one_line
 from echelon.excite.problem.trajectory import Trajectory
 from echelon.extras import extra
-from echelon.hints import quoted_names
+from echelon.hints import in_quotes
 from echelon.inputs.yaml_text import parse_yaml
 from echelon.logs.files.log_file import decoding
 from echelon.logs.files.open_log import open_log, read_table
@@ -184,7 +184,7 @@ def _units(coordinates: Sequence[str], units: Sequence[str]) -> dict[str, str]:
 def _positions(names: Sequence[str], coordinates: Sequence[str], source: str) -> list[str]:
     """Columns with positions: all with a prefix, or all without."""
     if TIME not in names:
-        problem = f"the column of times is missing; there are {quoted_names(map(one_line, names))}"
+        problem = f"the column of times is missing; there are {in_quotes(map(one_line, names))}"
         raise InputError(problem, source=source, element=f"column '{TIME}'")
     prefixed = [f"{PREFIXES[0]}_{name}" for name in coordinates]
     if all(column in names for column in prefixed):
@@ -193,7 +193,9 @@ def _positions(names: Sequence[str], coordinates: Sequence[str], source: str) ->
         return list(coordinates)
     style = prefixed if any(column in names for column in prefixed) else coordinates
     lacking = next(k for k, column in enumerate(style) if column not in names or column == TIME)
-    problem = f"no column '{prefixed[lacking]}' or '{coordinates[lacking]}'; there are {quoted_names(map(one_line, names))}"
+    problem = (
+        f"no column '{prefixed[lacking]}' or '{coordinates[lacking]}'; there are {in_quotes(map(one_line, names))}"
+    )
     raise InputError(one_line(problem), source=source, element=f"coordinate '{coordinates[lacking]}'")
 
 
@@ -207,8 +209,8 @@ def _check_surplus(names: Sequence[str], wanted: dict[str, str], source: str) ->
     surplus = [name for name in names if name not in _known(wanted)]
     if surplus:
         problem = (
-            f"there is no coordinate for {quoted_names(map(one_line, surplus))}; valid are '{TIME}', and "
-            f"q_<name>, qd_<name> and qdd_<name> of {quoted_names(wanted)}"
+            f"there is no coordinate for {in_quotes(map(one_line, surplus))}; valid are '{TIME}', and "
+            f"q_<name>, qd_<name> and qdd_<name> of {in_quotes(wanted)}"
         )
         raise InputError(problem, source=source, element="columns")
 

@@ -19,7 +19,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from itertools import combinations, product
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -28,9 +28,8 @@ import numpy.typing as npt
 from echelon.arrays import Floats, Integers
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import EchelonError, InputError
-from echelon.excite.problem.shapes import BoundingSpheres, Kind, Owner, Shape
+from echelon.excite.problem.shapes import WORLD, BoundingSpheres, Kind, Owner, Shape
 from echelon.excite.problem.state_limits import Slopes, StateConstraint
-from echelon.excite.problem.stated_shapes import WORLD
 from echelon.formats.mjcf.mjcf_model import import_mujoco
 from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
 from echelon.mechanism.body import GROUND
@@ -42,7 +41,6 @@ _OLDEST = (3, 12)
 
 _TOLERANCE = 1e-10  # m
 _ITERATIONS = 200
-_CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # of a box with half lengths of 1
 
 
 @dataclass(frozen=True)
@@ -98,12 +96,11 @@ class Engine:
         spec = mujoco.MjSpec()
         spec.option.ccd_tolerance, spec.option.ccd_iterations = _TOLERANCE, _ITERATIONS
         for k, shape in enumerate(self.shapes):
-            vertices = _CORNERS * shape.size if shape.kind is Kind.BOX else shape.vertices
-            if vertices is None:
+            if shape.core is None or shape.kind in (Kind.SPHERE, Kind.CAPSULE):
                 size = (*shape.size, 0.0, 0.0, 0.0)[:3] if shape.kind is not Kind.PLANE else (0.0, 0.0, 1.0)
                 spec.worldbody.add_geom(type=getattr(mujoco.mjtGeom, f"mjGEOM_{shape.kind.upper()}"), size=size)
             else:
-                mesh = spec.add_mesh(name=f"mesh{k}", uservert=vertices.ravel())
+                mesh = spec.add_mesh(name=f"mesh{k}", uservert=shape.core[0].ravel())
                 mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # a thin mesh has hardly a volume
                 spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"mesh{k}")
         try:

@@ -9,7 +9,7 @@ through the same recorded program, which costs a few times the regressor itself 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -50,7 +50,8 @@ class StateRegressor:
     """
 
     def __init__(self, mechanism: Mechanism, pivots: Sequence[int], smooth: float | None = None) -> None:
-        function = _ordered(robot_function("regressor", mechanism, pivots))
+        function = robot_function("regressor", mechanism, pivots)
+        function = replace(function, entries=dict(sorted(function.entries.items())))  # row by row
         if any(argument.name == "inputs" for argument in function.arguments):
             names = ", ".join(next(a.labels for a in function.arguments if a.name == "inputs"))
             raise InputError(f"effects need the measured inputs of {names}, which a trajectory does not determine")
@@ -99,14 +100,6 @@ def pullback(function: Function) -> Function:
     axis = tuple(f"{argument.name}[{label}]" for argument in states for label in argument.labels)
     arguments = (*function.arguments, adjoint)
     return Function(f"{function.name}_pullback", program, arguments, {(j,): n for (_, j), n in found.items()}, (axis,))
-
-
-def _ordered(function: Function) -> Function:
-    """A function with its entries row by row."""
-    entries = dict(sorted(function.entries.items()))
-    return Function(
-        function.name, function.program, function.arguments, entries, function.axes, function.units, function.meaning
-    )
 
 
 def sample_times(duration: float, rate: float) -> Floats:

@@ -1,28 +1,50 @@
-"""Collision shapes of URDF and MJCF files.
+"""Collision shapes: of URDF and MJCF files, and those that a set-up states for a robot and for what is around it.
 
 Links that are fixed to others ride on the bodies that carry them, so their shapes are placed in those bodies' frames.
 Meshes stand for their convex hulls, which are larger where a mesh is hollow or bent: distances are then too small,
 never too large.
+
+An entry of a set-up names a body and one shape::
+
+    {"body": "link3", "sphere": 0.06, "at": [0, 0, 0.1]}
+    {"body": "link3", "capsule": 0.05, "from": [0, 0, 0], "to": [0, 0, 0.4]}
+    {"body": "link2", "box": [0.05, 0.05, 0.2], "at": [0, 0, 0.2], "rpy": [0, 0, 0.3]}
+    {"body": "world", "plane": [0, 0, 1], "through": [0, 0, -0.1]}
+
+Lengths are in m, angles in rad, in the frame of the body; boxes have half lengths, ellipsoids semi-axes.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path, PurePath, PurePosixPath
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.excite.problem.shapes import Kind, Shape, placed
+from echelon.exact.numbers import Rational
+from echelon.excite.problem.shapes import SIZES, WORLD, Kind, Shape, placed, z_along
 from echelon.extras import extra
 from echelon.formats.literal import LiteralPlacement, LiteralTree, numeric_placement, rotation_matrix
-from echelon.formats.mjcf.mjcf_model import import_mujoco, keep_bodies, parse_spec
+from echelon.formats.mjcf.mjcf_model import (
+    IRRELEVANT,
+    absent_meshes,
+    import_mujoco,
+    keep_bodies,
+    mesh_name,
+    parse_spec,
+    refusal,
+    remove_groups,
+    remove_unused,
+)
 from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
 from echelon.formats.robot_file import RobotFile
+from echelon.formats.urdf.urdf_reader import ExactXml
 from echelon.mechanism.body import GROUND
 from echelon.mechanism.mechanism import Mechanism
 
@@ -87,20 +109,23 @@ def _packages(name: str, directory: Path) -> Iterator[Path]:
         yield folder / "share" / name
 
 
-def mesh_vertices(file: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Floats:
-    """Vertices of a mesh file in the file's own frame, shape (k, 3)."""
-    if file.suffix.lower() not in READABLE:
-        raise InputError(f"'{file.suffix}' meshes cannot be read (valid: {', '.join(READABLE)})", source=str(file))
+def mesh_vertices(name: str, directory: Path, scale: Sequence[float | Rational]) -> Floats:
+    """Vertices of the mesh that a robot file or a set-up names, in the mesh's own frame, shape (k, 3)."""
+    file = find_mesh(name, directory)
+    if Path(name).suffix.lower() not in READABLE:
+        raise InputError(f"mesh '{name}' cannot be read (valid: {', '.join(READABLE)})")
+    if file is None:
+        raise InputError(f"mesh '{name}' is not found")
     mujoco = import_mujoco("excite")
     spec = mujoco.MjSpec()
-    mesh = spec.add_mesh(name="mesh", file=str(file.resolve()), scale=scale)
+    mesh = spec.add_mesh(name="mesh", file=str(file.resolve()), scale=list(map(float, scale)))
     mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="mesh")
     try:
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         reason = str(error).splitlines()[0].removeprefix("Error: ") if str(error) else "no reason given"
-        raise InputError(f"the mesh cannot be read: {reason}", source=str(file)) from None
+        raise InputError(f"mesh '{name}' cannot be read: {reason}") from None
     # MuJoCo moves vertices to the mesh's centre and principal axes
     return np.asarray(model.mesh_vert @ quaternion_matrix(model.geom_quat[0]).T + model.geom_pos[0])
 
@@ -110,13 +135,12 @@ def mesh_shape(name: str, body: int, placement: Floats, vertices: Floats, link: 
     with extra("excite"):
         from scipy.spatial import ConvexHull, QhullError
 
-    shape = Shape(name, body, Kind.MESH, (), placement, np.asarray(vertices, dtype=float), link)
     try:
-        hull = ConvexHull(vertices)
+        kept = np.sort(ConvexHull(vertices).vertices)
     except QhullError:
         problem = "its vertices lie in a plane: a thin box can stand in for it"
         raise InputError(problem, element=f"shape '{name}'") from None
-    return replace(shape, vertices=np.asarray(vertices, dtype=float)[np.sort(hull.vertices)])
+    return Shape(name, body, Kind.MESH, (), placement, vertices[kept], link)
 
 
 def urdf_geometry(mechanism: Mechanism, file: RobotFile, tolerant: bool = False) -> Geometry:
@@ -127,11 +151,11 @@ def urdf_geometry(mechanism: Mechanism, file: RobotFile, tolerant: bool = False)
     notes: list[str] = []
     for link in file.root.findall("link"):
         name = link.get("name")
-        body, place = placement[name]
-        for element, own in _named(link):
-            reader = _Reader(element, own, name, file)
+        elements = link.findall("collision")
+        for number, element in enumerate(elements, start=1):
+            own = name if len(elements) == 1 else f"{name}/{number}"
             try:
-                shapes.append(reader.shape(body, place))
+                shapes.append(_collision(element, own, name, placement[name], file))
             except InputError as error:
                 if not tolerant:
                     raise
@@ -139,78 +163,34 @@ def urdf_geometry(mechanism: Mechanism, file: RobotFile, tolerant: bool = False)
     return Geometry(tuple(shapes), notes=tuple(notes))
 
 
-def _named(link: Any) -> Iterator[tuple[Any, str]]:
-    """Collision elements with names: those of the links, numbered if there are several."""
-    elements = link.findall("collision")
-    for number, element in enumerate(elements, start=1):
-        yield element, link.get("name") if len(elements) == 1 else f"{link.get('name')}/{number}"
+def _collision(element: Any, name: str, link: str, place: tuple[int, Floats], file: RobotFile) -> Shape:
+    """A collision element of a link, placed in the frame of the body that carries the link."""
+    xml, where, geometry = ExactXml(file.source), f"collision of link '{link}'", element.find("geometry")
+    form: Any = None if geometry is None or len(geometry) == 0 else geometry[0]
+    body, placement = place[0], place[1] @ numeric_placement(xml.origin(element, where))
 
+    def number(key: str) -> float:
+        return float(xml.number(form.get(key, ""), f"{where} {key}"))
 
-class _Reader:
-    """One collision element."""
-
-    def __init__(self, element: Any, name: str, link: str, file: RobotFile) -> None:
-        self.element, self.name, self.link, self.file = element, name, link, file
-
-    def shape(self, body: int, place: Floats) -> Shape:
-        """The shape, placed in the frame of a body in which the link has a place."""
-        geometry = self.element.find("geometry")
-        form = None if geometry is None or len(geometry) == 0 else geometry[0]
-        placement = place @ self._origin()
-        if form is not None and form.tag == "mesh":
-            return mesh_shape(self.name, body, placement, self._vertices(form), self.link)
-        if form is not None and form.tag == "box":
-            x, y, z = self._numbers(form, "size", 3)
-            return Shape(self.name, body, Kind.BOX, (x / 2, y / 2, z / 2), placement, link=self.link)
-        if form is not None and form.tag == "sphere":
-            return Shape(self.name, body, Kind.SPHERE, self._numbers(form, "radius", 1), placement, link=self.link)
-        if form is not None and form.tag in ("cylinder", "capsule"):
-            size = (*self._numbers(form, "radius", 1), self._numbers(form, "length", 1)[0] / 2)
-            return Shape(self.name, body, Kind(form.tag), size, placement, link=self.link)
-        found = "nothing" if form is None else f"<{form.tag}>"
-        raise self._error(f"its geometry is {found}; expected <box>, <cylinder>, <capsule>, <sphere> or <mesh>")
-
-    def _origin(self) -> Floats:
-        origin = self.element.find("origin")
-        if origin is None:
-            return np.eye(4)
-        rotation = rotation_matrix(*self._numbers(origin, "rpy", 3, "0 0 0"))
-        return placed(rotation, self._numbers(origin, "xyz", 3, "0 0 0"))
-
-    def _vertices(self, form: Any) -> Floats:
-        name = form.get("filename")
-        if not name:
-            raise self._error("a <mesh> needs filename='…'")
-        x, y, z = self._numbers(form, "scale", 3, "1 1 1")
-        suffix = Path(name).suffix.lower()
-        if suffix not in READABLE:
-            raise self._error(f"mesh '{name}' cannot be read (valid: {', '.join(READABLE)}); {STAND_IN}")
-        found = find_mesh(name, self.file.directory or Path())
-        if found is None:
-            raise self._error(f"mesh '{name}' is not found; {STAND_IN}")
-        try:
-            return mesh_vertices(found, (x, y, z))
-        except InputError as error:
-            raise self._error(f"mesh '{name}': {error.problem}; {STAND_IN}") from None
-
-    def _numbers(self, element: Any, name: str, count: int, default: str = "") -> tuple[float, ...]:
-        text = element.get(name, default)
-        try:
-            values = tuple(float(word) for word in text.split())
-        except ValueError:
-            values = ()
-        if len(values) != count or not np.all(np.isfinite(values)):
-            numbers = "a number" if count == 1 else f"{count} numbers"
-            raise self._error(f"<{element.tag}> needs {name} = {numbers}, found '{text}'")
-        return values
-
-    def _error(self, problem: str) -> InputError:
-        return InputError(problem, source=self.file.source, element=f"collision of link '{self.link}'")
-
-
-# None of these is a shape, and some refer to geoms or files that are taken away.
-_OTHERS = ("keys", "sensors", "actuators", "tendons", "pairs", "excludes", "skins", "tuples", "equalities")
-_SIZES = {Kind.SPHERE: 1, Kind.CAPSULE: 2, Kind.CYLINDER: 2, Kind.BOX: 3, Kind.ELLIPSOID: 3, Kind.PLANE: 0}
+    match "nothing" if form is None else form.tag:
+        case "mesh":
+            scale = xml.triple(form.get("scale"), (1, 1, 1), f"{where} scale")
+            try:
+                vertices = mesh_vertices(form.get("filename", ""), file.directory or Path(), scale)
+            except InputError as error:
+                raise xml.error(f"{error.problem}; {STAND_IN}", where) from None
+            return mesh_shape(name, body, placement, vertices, link)
+        case "box":
+            x, y, z = map(float, xml.triple(form.get("size", ""), (0, 0, 0), f"{where} size"))
+            return Shape(name, body, Kind.BOX, (x / 2, y / 2, z / 2), placement, link=link)
+        case "sphere":
+            return Shape(name, body, Kind.SPHERE, (number("radius"),), placement, link=link)
+        case "cylinder" | "capsule" as kind:
+            return Shape(name, body, Kind(kind), (number("radius"), number("length") / 2), placement, link=link)
+        case other:
+            shown = other if form is None else f"<{other}>"
+            problem = f"its geometry is {shown}; expected <box>, <cylinder>, <capsule>, <sphere> or <mesh>"
+            raise xml.error(problem, where)
 
 
 def mjcf_geometry(mechanism: Mechanism, file: RobotFile, tolerant: bool = False) -> Geometry:
@@ -218,18 +198,18 @@ def mjcf_geometry(mechanism: Mechanism, file: RobotFile, tolerant: bool = False)
     source, tree = file.source, file.tree(mimics=False)
     spec = parse_spec(file.mjcf)
     excluded = tuple((str(pair.bodyname1), str(pair.bodyname2)) for pair in spec.excludes)
-    doomed = list(_unreadable(spec, file.directory or Path()))
-    if doomed and not tolerant:
-        raise InputError(doomed[0][1], source=source, element=doomed[0][0])
+    lost = _remove_others(spec, file.directory or Path())
+    if lost and not tolerant:
+        raise InputError(lost[0][1], source=source, element=lost[0][0])
     model = _compiled(spec, source)
     # bodies have the same order everywhere, but the readers name those without a name
     links = list(zip((link.name for link in tree.links), carrying_bodies(tree, mechanism), strict=True))
     shapes = []
-    notes = [f"left out: {source}: {element}: {problem}" for element, problem in doomed]
+    notes = [f"left out: {source}: {element}: {problem}" for element, problem in lost]
     for geom in range(model.ngeom):
         link, (body, place) = links[int(model.geom_bodyid[geom])]
         try:
-            shapes.append(_shape(model, geom, link, body, place))
+            shapes.append(_geom(model, geom, link, body, place))
         except InputError as error:
             if not tolerant:
                 raise error.located(source) from None
@@ -237,32 +217,22 @@ def mjcf_geometry(mechanism: Mechanism, file: RobotFile, tolerant: bool = False)
     return Geometry(tuple(shapes), excluded, tuple(notes))
 
 
-def _unreadable(spec: Any, directory: Path) -> Iterator[tuple[str, str]]:
-    """Remove what is no shape, and geoms whose meshes are missing; yields the latter with what is wrong."""
-    for group in _OTHERS:
-        for element in list(getattr(spec, group)):
-            spec.delete(element)
-    for material in spec.materials:
-        material.textures = [""] * len(material.textures)
-    folder = directory / spec.meshdir
-    meshes = {mesh.name or PurePath(mesh.file).stem: mesh for mesh in spec.meshes}
-    missing = set()
-    for name, mesh in meshes.items():
-        inside = PurePath(mesh.file).name if spec.strippath else mesh.file
-        if mesh.file and not (folder / inside).is_file():
-            missing.add(name)
+def _remove_others(spec: Any, directory: Path) -> list[tuple[str, str]]:
+    """Remove all but geoms that collide and can be read; those that cannot are returned, with what is wrong."""
+    remove_groups(spec, (*IRRELEVANT, "equalities"))  # some refer to what is taken away
+    absent, files = absent_meshes(spec, directory), {mesh_name(mesh): mesh.file for mesh in spec.meshes}
+    lost = []
     for geom in list(spec.geoms):
+        problem = "a height field is not convex" if geom.hfieldname else ""
+        if geom.meshname in absent:
+            problem = f"mesh '{files[geom.meshname]}' is not found"
         collides = bool(geom.contype or geom.conaffinity)
-        lost = geom.meshname in missing
-        if collides and (lost or geom.hfieldname):
-            what = f"mesh '{meshes[geom.meshname].file}' is not found" if lost else "a height field is not convex"
-            yield f"geom of body '{geom.parent.name}'", f"{what}; {STAND_IN}"
-        if lost or geom.hfieldname or not collides:
+        if problem and collides:
+            lost.append((f"geom of body '{geom.parent.name}'", f"{problem}; {STAND_IN}"))
+        if problem or not collides:
             spec.delete(geom)
-    used = {geom.meshname for geom in spec.geoms}
-    unused = [mesh for name, mesh in meshes.items() if name not in used]
-    for element in (*spec.textures, *spec.hfields, *unused):
-        spec.delete(element)
+    remove_unused(spec)
+    return lost
 
 
 def _compiled(spec: Any, source: str) -> Any:
@@ -272,11 +242,10 @@ def _compiled(spec: Any, source: str) -> Any:
     try:
         return spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        reason = " ".join(line.strip() for line in str(error).splitlines() if line.strip())
-        raise InputError(f"MuJoCo refuses the model: {reason.removeprefix('Error: ')}", source=source) from None
+        raise refusal(error, source) from None
 
 
-def _shape(model: Any, geom: int, link: str, body: int, place: Floats) -> Shape:
+def _geom(model: Any, geom: int, link: str, body: int, place: Floats) -> Shape:
     mujoco = import_mujoco("excite")
     name = str(model.geom(geom).name) or f"{link}/{geom - int(model.body_geomadr[model.geom_bodyid[geom]]) + 1}"
     placement = place @ placed(quaternion_matrix(model.geom_quat[geom]), model.geom_pos[geom])
@@ -286,23 +255,17 @@ def _shape(model: Any, geom: int, link: str, body: int, place: Floats) -> Shape:
         first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
         vertices = np.asarray(model.mesh_vert[first : first + count], dtype=float)
         return mesh_shape(name, body, placement, vertices, link)
-    if kind not in list(Kind) or (kind == "plane" and body != GROUND):
-        problem = (
-            "a plane on a moving body is not supported"
-            if kind == "plane"
-            else f"shapes of type '{kind}' are not convex solids"
-        )
+    problem = "" if kind in list(Kind) else f"shapes of type '{kind}' are not convex solids"
+    if kind == "plane" and body != GROUND:
+        problem = "a plane on a moving body is not supported"
+    if problem:
         raise InputError(f"{problem}; {STAND_IN}", element=f"geom '{name}' of body '{link}'")
-    sizes = tuple(float(v) for v in model.geom_size[geom][: _SIZES[Kind(kind)]])
+    sizes = tuple(float(v) for v in model.geom_size[geom][: len(SIZES[Kind(kind)])])
     return Shape(name, body, Kind(kind), sizes, placement, link=link)
 
 
 def read_geometry(mechanism: Mechanism, file: RobotFile, *, tolerant: bool = False) -> Geometry:
-    """Collision shapes of a URDF or MJCF file.
-
-    Meshes stand for their convex hulls, which are larger where a mesh is hollow or bent: distances are then too small,
-    never too large.
-    """
+    """Collision shapes of a URDF or MJCF file; with ``tolerant``, those that cannot be read are noted."""
     tag = file.root.tag
     if tag == "robot":
         return urdf_geometry(mechanism, file, tolerant)
@@ -310,3 +273,106 @@ def read_geometry(mechanism: Mechanism, file: RobotFile, *, tolerant: bool = Fal
         return mjcf_geometry(mechanism, file, tolerant)
     problem = f"the root element is <{tag}>; expected <robot> (URDF) or <mujoco> (MJCF)"
     raise InputError(problem, source=file.source)
+
+
+# -- shapes of a set-up ------------------------------------------------------------------------------------------------
+
+_POSED = ("at", "rpy")
+_ALLOWED = {
+    Kind.SPHERE: ("at",),
+    Kind.CAPSULE: ("from", "to"),
+    Kind.CYLINDER: ("from", "to"),
+    Kind.BOX: _POSED,
+    Kind.ELLIPSOID: _POSED,
+    Kind.PLANE: ("through",),
+    Kind.MESH: (*_POSED, "scale"),
+}
+
+
+def entry_shapes(
+    mechanism: Mechanism, entries: Sequence[Mapping[str, Any]], directory: Path | None = None
+) -> tuple[Shape, ...]:
+    """Shapes of a set-up, whose meshes are looked for from a directory."""
+    found = []
+    for number, entry in enumerate(entries, start=1):
+        try:
+            found.append(_stated(entry, number, mechanism, directory or Path()))
+        except InputError as error:
+            raise InputError(error.problem, source=error.source, element=f"shapes, entry {number}") from None
+    return tuple(found)
+
+
+def _stated(entry: Mapping[str, Any], number: int, mechanism: Mechanism, directory: Path) -> Shape:
+    """An entry as a shape."""
+    kind = _kind(entry)
+    body = _body(entry.get("body"), mechanism)
+    unnamed = f"{kind} {number}" if body == GROUND else f"{entry['body']}:{kind}{number}"
+    name = str(entry.get("name", unnamed))
+    if kind is Kind.PLANE:
+        normal = _direction(_numbers(entry, kind.value, 3), "the normal")
+        return Shape(name, body, kind, (), placed(z_along(normal), _triple(entry, "through")))
+    if kind in (Kind.CAPSULE, Kind.CYLINDER):
+        return _between(entry, name, body, kind)
+    pose = placed(rotation_matrix(*_triple(entry, "rpy")), _triple(entry, "at"))
+    if kind is Kind.MESH:
+        if not isinstance(entry["mesh"], str):
+            raise InputError(f"'mesh' needs the name of a file, got {entry['mesh']!r}")
+        scale = _numbers(entry, "scale", 3) if "scale" in entry else [1.0, 1.0, 1.0]
+        return mesh_shape(name, body, pose, mesh_vertices(entry["mesh"], directory, scale))
+    return Shape(name, body, kind, tuple(_numbers(entry, kind.value, len(SIZES[kind]))), pose)
+
+
+def _kind(entry: Mapping[str, Any]) -> Kind:
+    """The kind of an entry, which has no keys that mean nothing to it."""
+    if not isinstance(entry, Mapping):
+        raise InputError(f"expected a mapping such as {{body: link3, sphere: 0.06}}, got {entry!r}")
+    kinds = [kind for kind in Kind if kind.value in entry]
+    if len(kinds) != 1:
+        found = " and ".join(kinds) if kinds else "none"
+        raise InputError(f"it needs exactly one of {', '.join(Kind)}; found {found}")
+    valid = ("body", "name", kinds[0].value, *_ALLOWED[kinds[0]])
+    strange = next((key for key in entry if key not in valid), None)
+    if strange is not None:
+        raise InputError(f"'{strange}' has no meaning for a {kinds[0]} (valid: {', '.join(valid)})")
+    return kinds[0]
+
+
+def _body(name: object, mechanism: Mechanism) -> int:
+    names = [body.name for body in mechanism.bodies]
+    if name in names or name in WORLD:
+        return names.index(str(name)) if name in names else GROUND
+    problem = f"there is no body '{name}'" if name is not None else "it does not name its body"
+    raise InputError(f"{problem} (valid: {', '.join((*names, WORLD[0]))})")
+
+
+def _between(entry: Mapping[str, Any], name: str, body: int, kind: Kind) -> Shape:
+    """A capsule or cylinder between the ends of its axis."""
+    for key in ("from", "to"):
+        if key not in entry:
+            raise InputError(f"a {kind} needs '{key}', an end of its axis")
+    first, last = _triple(entry, "from"), _triple(entry, "to")
+    along = _direction(last - first, "the way from 'from' to 'to'")
+    size = (_numbers(entry, kind.value, 1)[0], float(np.linalg.norm(along)) / 2)
+    return Shape(name, body, kind, size, placed(z_along(along), (first + last) / 2))
+
+
+def _triple(entry: Mapping[str, Any], key: str) -> Floats:
+    return np.array(_numbers(entry, key, 3)) if key in entry else np.zeros(3)
+
+
+def _numbers(entry: Mapping[str, Any], key: str, count: int) -> list[float]:
+    given = entry[key]
+    try:
+        values = list(map(float, np.atleast_1d(np.asarray(given, dtype=float))))
+    except (TypeError, ValueError):
+        values = []
+    if len(values) != count or not np.all(np.isfinite(values)):
+        raise InputError(f"'{key}' needs {'a number' if count == 1 else f'{count} numbers'}, got {given!r}")
+    return values
+
+
+def _direction(vector: npt.ArrayLike, what: str) -> Floats:
+    found = np.asarray(vector, dtype=float)
+    if not np.any(found):
+        raise InputError(f"{what} must not be zero")
+    return found

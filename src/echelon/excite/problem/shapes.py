@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -34,7 +35,7 @@ class Kind(StrEnum):
     MESH = "mesh"
 
 
-_SIZES = {
+SIZES = {
     Kind.SPHERE: ("radius",),
     Kind.CAPSULE: ("radius", "half length"),
     Kind.CYLINDER: ("radius", "half length"),
@@ -44,6 +45,12 @@ _SIZES = {
     Kind.MESH: (),
 }
 
+
+WORLD = ("world", "base", "ground")
+"""Names of the fixed world, unless a body has one of them."""
+
+CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
+"""Of a box with half lengths of 1."""
 
 Owner = tuple[int, str]
 """A body, −1 for the world, and the name of an obstacle; no name for all that belongs to the robot."""
@@ -68,7 +75,7 @@ class Shape:
     obstacle: bool = False
 
     def __post_init__(self) -> None:
-        names = _SIZES[self.kind]
+        names = SIZES[self.kind]
         if len(self.size) != len(names):
             wanted = f"{len(names)} sizes ({', '.join(names)})" if names else "no sizes"
             raise self._error(f"a {self.kind} has {wanted}, got {len(self.size)}")
@@ -77,6 +84,17 @@ class Shape:
                 raise self._error(f"the {name} must be a positive number, got {value}")
         if self.kind is Kind.PLANE and self.body != GROUND:
             raise self._error("a plane is infinite: it can only belong to the world")
+
+    @cached_property
+    def core(self) -> tuple[Floats, float] | None:
+        """Points of shape (k, 3) and a radius, if the solid is what is so near to the points' convex hull."""
+        if self.kind is Kind.SPHERE:
+            return np.zeros((1, 3)), self.size[0]
+        if self.kind is Kind.CAPSULE:
+            radius, half = self.size
+            return np.array([[0.0, 0.0, -half], [0.0, 0.0, half]]), radius
+        points = CORNERS * self.size if self.kind is Kind.BOX else self.vertices
+        return None if points is None else (points, 0.0)
 
     @property
     def owner(self) -> Owner:
@@ -112,50 +130,30 @@ _TOUCHING = 1e-9  # m, of witness points that are too near each other to tell a 
 def support(shape: Shape, directions: Floats) -> Floats:
     """The largest n · x over a solid that is not a plane, in its own frame, (K,), m, for unit vectors n of (K, 3)."""
     n = directions
-    if shape.vertices is not None:
-        return np.asarray((n @ shape.vertices.T).max(axis=1))
-    size = np.array(shape.size)
-    if shape.kind is Kind.SPHERE:
-        return np.full(len(n), size[0])
-    if shape.kind is Kind.CAPSULE:
-        return np.asarray(size[0] + size[1] * np.abs(n[:, 2]))
+    if shape.core is not None:
+        points, radius = shape.core
+        return np.asarray((n @ points.T).max(axis=1) + radius)
     if shape.kind is Kind.CYLINDER:
-        return np.asarray(size[0] * np.hypot(n[:, 0], n[:, 1]) + size[1] * np.abs(n[:, 2]))
-    if shape.kind is Kind.BOX:
-        return np.asarray(np.abs(n) @ size)
-    return np.asarray(np.linalg.norm(n * size, axis=1))
+        return np.asarray(shape.size[0] * np.hypot(n[:, 0], n[:, 1]) + shape.size[1] * np.abs(n[:, 2]))
+    return np.asarray(np.linalg.norm(n * shape.size, axis=1))
 
 
 def bounding_sphere(shape: Shape) -> tuple[Floats, float]:
-    """Centre in the body's frame and radius of a sphere that holds a shape, m; infinite for a plane."""
-    rotation, origin = shape.placement[:3, :3], shape.placement[:3, 3]
-    if shape.kind is Kind.PLANE:
-        return origin, float("inf")
-    if shape.vertices is not None:
-        middle = (shape.vertices.min(axis=0) + shape.vertices.max(axis=0)) / 2
-        return origin + rotation @ middle, float(np.linalg.norm(shape.vertices - middle, axis=1).max())
-    size = np.array(shape.size)
-    radius = {
-        Kind.SPHERE: size[0],
-        Kind.CAPSULE: size.sum(),
-        Kind.CYLINDER: np.linalg.norm(size),
-        Kind.BOX: np.linalg.norm(size),
-        Kind.ELLIPSOID: size.max(),
-    }[shape.kind]
-    return origin, float(radius)
+    """Centre in the shape's frame and radius of a sphere that holds it, m; infinite for a plane."""
+    if shape.core is not None:
+        points, radius = shape.core
+        middle = (points.min(axis=0) + points.max(axis=0)) / 2
+        return middle, radius + float(np.linalg.norm(points - middle, axis=1).max())
+    largest = np.linalg.norm(shape.size) if shape.kind is Kind.CYLINDER else max(shape.size, default=np.inf)
+    return np.zeros(3), float(largest)
 
 
 def extent(shape: Shape) -> float:
     """A bound of the distance of any point of a shape from its body's origin, m; infinite for a plane."""
     rotation, origin = shape.placement[:3, :3], shape.placement[:3, 3]
-    if shape.vertices is not None:
-        return float(np.linalg.norm(shape.vertices @ rotation.T + origin, axis=1).max())
-    if shape.kind is Kind.CAPSULE:
-        radius, half = shape.size
-        return radius + max(float(np.linalg.norm(origin + side * half * rotation[:, 2])) for side in (-1, 1))
-    if shape.kind is Kind.BOX:
-        corners = np.array(list(product((-1, 1), repeat=3))) * shape.size
-        return float(np.linalg.norm(corners @ rotation.T + origin, axis=1).max())
+    if shape.core is not None:
+        points, radius = shape.core
+        return radius + float(np.linalg.norm(points @ rotation.T + origin, axis=1).max())
     return float(np.linalg.norm(origin)) + bounding_sphere(shape)[1]
 
 
@@ -167,10 +165,7 @@ class BoundingSpheres:
         self.radii = np.array([radius for _, radius in found])
         finite = self.radii[np.isfinite(self.radii)]
         self.size = float(2 * finite.max(initial=0.0))
-        # in the shapes' own frames, m
-        self.centres = np.array(
-            [s.placement[:3, :3].T @ (c - s.placement[:3, 3]) for s, (c, _) in zip(shapes, found, strict=True)]
-        ).reshape(-1, 3)
+        self.centres = np.array([centre for centre, _ in found]).reshape(-1, 3)  # in the shapes' own frames, m
 
     def gaps(self, places: Floats, pairs: Integers) -> Floats:
         """Lower bounds of distances, (N, P), exact for spheres and planes; only the first of a pair may be a plane."""

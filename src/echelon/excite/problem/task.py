@@ -26,9 +26,8 @@ from echelon.excite.problem.closed_loops import (
 from echelon.excite.problem.effort_limits import effort_limits
 from echelon.excite.problem.prior_model import effort_model
 from echelon.excite.problem.resolved_limits import ResolvedLimits, resolved_limits
-from echelon.excite.problem.robot_shapes import read_geometry
+from echelon.excite.problem.robot_shapes import entry_shapes, read_geometry
 from echelon.excite.problem.state_limits import PointLimit, StateConstraint, point_limits
-from echelon.excite.problem.stated_shapes import entry_shapes
 from echelon.formats.schema.schema_excite import EVERY, ExcitationEntry, FrameEntry
 from echelon.formats.stated_limits import stated_limits
 from echelon.hints import nearest_of

@@ -24,7 +24,7 @@ import numpy as np
 from echelon.errors import InputError
 from echelon.exact.numbers import is_whole
 from echelon.extras import extra
-from echelon.hints import quoted_names, unused
+from echelon.hints import in_quotes, unused
 from echelon.inputs.content import INCLUDES, read_content
 from echelon.inputs.xml_text import parse_xml
 
@@ -141,7 +141,7 @@ NO_MASS = 2e-15
 """Mass (kg) and inertia (kg·m²) given to moving bodies that have none; MuJoCo's compiler asks for at least 1e-15."""
 
 # None of these moves a body or changes its inertia; equalities, which do matter, are kept.
-_IRRELEVANT = ("keys", "sensors", "actuators", "tendons", "pairs", "excludes", "skins", "tuples")
+IRRELEVANT = ("keys", "sensors", "actuators", "tendons", "pairs", "excludes", "skins", "tuples")
 _EFFECTS = ("armature", "damping", "frictionloss", "stiffness")
 _COMPILED = (
     *("body_pos", "body_quat", "body_mass", "body_inertia", "body_ipos", "body_iquat"),
@@ -172,7 +172,7 @@ def parse_spec(document: MjcfDocument) -> Any:
     try:
         spec = mujoco.MjSpec.from_string(document.text, include=dict(document.included))
     except (ValueError, mujoco.FatalError) as error:
-        raise _wrapped(error, document.source) from None
+        raise refusal(error, document.source) from None
     if document.directory is not None:
         spec.modelfiledir = str(document.directory)
     return spec
@@ -189,12 +189,12 @@ def compile_spec(spec: Any, document: MjcfDocument) -> CompiledModel:
     name_all("joint", spec.joints)
     _remove_irrelevant(spec)
     undefined = {g.meshname for g in spec.geoms if g.meshname and document.missing} - {
-        _mesh_name(m) for m in spec.meshes
+        mesh_name(m) for m in spec.meshes
     }
-    absent = _absent_meshes(spec, directory) | undefined
+    absent = absent_meshes(spec, directory) | undefined
     stages = [absent] if directory is None or undefined else [set(), absent]
     unknown: set[str] = set()
-    for doomed in (*stages, {_mesh_name(mesh) for mesh in spec.meshes if mesh.file}):
+    for doomed in (*stages, {mesh_name(mesh) for mesh in spec.meshes if mesh.file}):
         unknown |= _remove_meshes(spec, doomed)
         try:
             model = spec.compile()
@@ -202,7 +202,7 @@ def compile_spec(spec: Any, document: MjcfDocument) -> CompiledModel:
         except (ValueError, mujoco.FatalError) as error:
             failure = error
     else:
-        raise _wrapped(failure, document.source)
+        raise refusal(failure, document.source)
     if unknown and spec.compiler.settotalmass > 0:  # then the share of every other body is unknown as well
         unknown = {body.name for body in spec.bodies}
     if unknown:
@@ -220,10 +220,10 @@ def compile_spec(spec: Any, document: MjcfDocument) -> CompiledModel:
 
 
 def _bodies(names: Collection[str]) -> str:
-    return f"{'body' if len(names) == 1 else 'bodies'} {quoted_names(sorted(names), _MOST_NAMED)}"
+    return f"{'body' if len(names) == 1 else 'bodies'} {in_quotes(sorted(names), _MOST_NAMED)}"
 
 
-def _wrapped(error: Exception, source: str) -> InputError:
+def refusal(error: Exception, source: str) -> InputError:
     """MuJoCo's message as an input error that names the element."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     problem = re.sub(r"^((XML )?Error: )+", "", lines[0] if lines else "no reason given")
@@ -272,22 +272,31 @@ def name_all(stem: str, elements: Sequence[Any]) -> None:
             element.name = unused(f"{stem}_{index}", taken)
 
 
-def _remove_irrelevant(spec: Any) -> None:
-    for group in _IRRELEVANT:
-        for element in list(getattr(spec, group)):
-            spec.delete(element)
-    for equality in [e for e in spec.equalities if e.type == import_mujoco().mjtEq.mjEQ_TENDON]:
-        spec.delete(equality)
+def remove_groups(spec: Any, groups: Sequence[str]) -> None:
+    """Delete all elements of some kinds, and what materials refer to."""
+    for element in [e for group in groups for e in getattr(spec, group)]:
+        spec.delete(element)
     for material in spec.materials:
         material.textures = [""] * len(material.textures)
+
+
+def remove_unused(spec: Any) -> None:
+    """Delete textures, height fields, and meshes that no geom uses."""
+    used = {geom.meshname for geom in spec.geoms}
+    unused = [mesh for mesh in spec.meshes if mesh_name(mesh) not in used]
+    for element in (*spec.textures, *spec.hfields, *unused):
+        spec.delete(element)
+
+
+def _remove_irrelevant(spec: Any) -> None:
+    remove_groups(spec, IRRELEVANT)
+    for equality in [e for e in spec.equalities if e.type == import_mujoco().mjtEq.mjEQ_TENDON]:
+        spec.delete(equality)
     for geom in [g for g in spec.geoms if g.hfieldname or (g.meshname and not _contributes(spec, g))]:
         spec.delete(geom)
     for element in (*spec.geoms, *spec.sites):
         element.material = ""
-    used = {geom.meshname for geom in spec.geoms}
-    unused = [mesh for mesh in spec.meshes if _mesh_name(mesh) not in used]
-    for element in (*spec.textures, *spec.hfields, *unused):
-        spec.delete(element)
+    remove_unused(spec)
 
 
 def _contributes(spec: Any, geom: Any) -> bool:
@@ -311,15 +320,16 @@ def _inferred(spec: Any, model: Any) -> set[str]:
     return {name for name in heavy if float(model.body(name).mass[0]) > 2 * NO_MASS}
 
 
-def _absent_meshes(spec: Any, directory: Path | None) -> set[str]:
+def absent_meshes(spec: Any, directory: Path | None) -> set[str]:
     """Names of meshes whose files are not there."""
     folder = None if directory is None else directory / spec.meshdir
     strip = spec.strippath
-    files = {_mesh_name(m): PurePath(m.file).name if strip else m.file for m in spec.meshes if m.file}
+    files = {mesh_name(m): PurePath(m.file).name if strip else m.file for m in spec.meshes if m.file}
     return {name for name, file in files.items() if folder is None or not (folder / file).is_file()}
 
 
-def _mesh_name(mesh: Any) -> str:
+def mesh_name(mesh: Any) -> str:
+    """The name by which geoms refer to a mesh."""
     return str(mesh.name) or PurePath(mesh.file).stem  # older versions find the latter only while compiling
 
 
@@ -329,6 +339,6 @@ def _remove_meshes(spec: Any, doomed: Collection[str]) -> set[str]:
     for geom in [g for g in spec.geoms if g.meshname in doomed and g.meshname]:
         losers.add(str(geom.parent.name))
         spec.delete(geom)
-    for mesh in [m for m in spec.meshes if _mesh_name(m) in doomed]:
+    for mesh in [m for m in spec.meshes if mesh_name(m) in doomed]:
         spec.delete(mesh)
     return losers

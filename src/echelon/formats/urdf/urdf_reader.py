@@ -26,7 +26,7 @@ from echelon.formats.literal import (
     numeric_placement,
 )
 from echelon.formats.reading_options import checked_size
-from echelon.hints import quoted_names
+from echelon.hints import in_quotes
 from echelon.mechanism.coupling import linear
 from echelon.mechanism.joint import MotionKind
 
@@ -80,6 +80,14 @@ class ExactXml:
         x, y, z = (self.number(part, where) for part in parts)
         return (x, y, z)
 
+    def origin(self, element: Any, where: str) -> LiteralPlacement:
+        """The frame that <origin> states."""
+        origin = element.find("origin")
+        if origin is None:
+            return LiteralPlacement(f"{where} origin")
+        xyz, rpy = (self.triple(origin.get(key), (0, 0, 0), f"{where} origin {key}") for key in ("xyz", "rpy"))
+        return LiteralPlacement(f"{where} origin", xyz, rpy)
+
 
 class UrdfReader(ExactXml):
     """Reads a URDF document."""
@@ -102,7 +110,7 @@ class UrdfReader(ExactXml):
             pending.extend(reversed(self.children[order[-1]]))
         if len(order) < len(self.links):
             lost = sorted(set(self.links) - set(order))
-            raise self.error(f"links {quoted_names(lost, _MOST_NAMED)} form a cycle and are not connected to the root")
+            raise self.error(f"links {in_quotes(lost, _MOST_NAMED)} form a cycle and are not connected to the root")
         position = {name: i for i, name in enumerate(order)}
         links = tuple(self._link(name, parents.get(name), position) for name in order)
         couplings = tuple(self._couplings()) if mimics else ()
@@ -160,7 +168,7 @@ class UrdfReader(ExactXml):
         joint, where = self.joints[name], f"joint '{name}'"
         known = {"continuous": "revolute", "fixed": "weld", "floating": None}
         kind = known.get(joint.get("type"), joint.get("type"))
-        origin = self._origin(joint, where)
+        origin = self.origin(joint, where)
         frame = f"{{xyz: [{_written(origin.xyz)}], rpy: [{_written(origin.rpy)}]}}"
         axis = "" if kind in ("weld", None) else f", axis: [{_written(self._axis(joint, name))}]"
         loop = f"{{name: {name}, joint: {kind}, connects: [{parent}, {child}], at: {frame}{axis}, on_second: {{}}}}"
@@ -185,7 +193,7 @@ class UrdfReader(ExactXml):
         if not roots:
             raise self.error("every link has a parent: the links form a cycle and there is no root")
         if len(roots) > 1:
-            raise self.error(f"there are {len(roots)} root links, {quoted_names(roots, _MOST_NAMED)}; a tree has one")
+            raise self.error(f"there are {len(roots)} root links, {in_quotes(roots, _MOST_NAMED)}; a tree has one")
         return roots[0]
 
     # -- elements --------------------------------------------------------------------------------------------------
@@ -200,19 +208,12 @@ class UrdfReader(ExactXml):
             valid = ", ".join(JOINT_TYPES)
             problem = f"unknown joint type '{kind}'" if kind else "the attribute 'type' is missing"
             raise self.error(f"{problem} (valid: {valid})", f"joint '{joint}'")
-        steps: list[LiteralStep] = [self._origin(element, f"joint '{joint}'")]
+        steps: list[LiteralStep] = [self.origin(element, f"joint '{joint}'")]
         if kind != "fixed":
             axis = (0, 0, 1) if kind == "floating" else self._axis(element, joint)
             steps.append(LiteralMotion(f"joint '{joint}'", joint, _MOTIONS[kind], axis))
         parent = position[self._end(element, "parent", joint)]
         return LiteralLink(name, parent, joint, kind, tuple(steps), inertial)
-
-    def _origin(self, element: Any, where: str) -> LiteralPlacement:
-        origin = element.find("origin")
-        if origin is None:
-            return LiteralPlacement(f"{where} origin")
-        xyz, rpy = (self.triple(origin.get(key), (0, 0, 0), f"{where} origin {key}") for key in ("xyz", "rpy"))
-        return LiteralPlacement(f"{where} origin", xyz, rpy)
 
     def _axis(self, element: Any, joint: str) -> Triple:
         axis = element.find("axis")
@@ -229,7 +230,7 @@ class UrdfReader(ExactXml):
         mass = self._attribute(element.find("mass"), "value", f"{where} mass")
         inertia, keys = element.find("inertia"), ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
         moments = [self._attribute(inertia, name, f"{where} inertia") for name in keys]
-        frame = numeric_placement(self._origin(element, where))
+        frame = numeric_placement(self.origin(element, where))
         return central_inertial(mass, frame[:3, 3], moments, frame[:3, :3])
 
     def _attribute(self, element: Any, name: str, where: str) -> float:

@@ -21,7 +21,7 @@ from echelon.arrays import Floats
 from echelon.conventions import PARAMETERS, PER_BODY
 from echelon.errors import InputError
 from echelon.formats.writers.xml_editor import comment
-from echelon.hints import quoted_names
+from echelon.hints import in_quotes
 from echelon.inertia.convert import convert
 from echelon.inertia.spatial import pseudo_inertia
 from echelon.mechanism.body import ALL, Body
@@ -217,7 +217,7 @@ def kept_notes(stated: Mapping[str, Mapping[str, float]], written: Mapping[str, 
             if value and name not in written.get(joint, {}):
                 kept.setdefault(name, []).append(joint)
     for name, joints in kept.items():
-        yield f"{name} stays as in the input where the identified model has no such effect: {quoted_names(joints)}"
+        yield f"{name} stays as in the input where the identified model has no such effect: {in_quotes(joints)}"
 
 
 def _simple(mechanism: Mechanism, action: Action, value: float) -> _Simple | None:

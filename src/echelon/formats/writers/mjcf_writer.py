@@ -34,7 +34,7 @@ from echelon.formats.writers.identified_values import (
     reading_notes,
 )
 from echelon.formats.writers.xml_editor import XmlEditor, decoded
-from echelon.hints import quoted_names
+from echelon.hints import in_quotes
 from echelon.mechanism.mechanism import Mechanism
 
 JOINTS = ("joint", "freejoint")
@@ -127,10 +127,11 @@ class MjcfEditor:
                 self._write_inertial(element, _nothing(element))
             pending += [(child, moves) for child in _children(element)]
         if lumped:
-            yield f"no mass of their own, since they count as part of the body that they are fixed to: {quoted_names(lumped)}"
+            reason = "no mass of their own, since they count as part of the body that they are fixed to"
+            yield f"{reason}: {in_quotes(lumped)}"
         if massless:
             reason = "no mass, or next to none where MuJoCo demands some, since they carry no parameters or zero"
-            yield f"{reason}: {quoted_names(massless)}"
+            yield f"{reason}: {in_quotes(massless)}"
 
     def _write_inertial(self, body: Any, load: Load) -> None:
         xx, xy, xz, yy, yz, zz = load.moments
@@ -179,7 +180,7 @@ class MjcfEditor:
                     written[name][key] = 0.0
                     cleared.setdefault(key, []).append(name)
         for key, joints in cleared.items():
-            yield f"{key} is zero where other identified values hold it: {quoted_names(joints)}"
+            yield f"{key} is zero where other identified values hold it: {in_quotes(joints)}"
 
     def _with_spring(self, joint: Any, numbers: Mapping[str, float]) -> dict[str, float]:
         """Attributes of a joint, with the constant force as the place where its spring rests."""

@@ -40,7 +40,7 @@ from echelon.formats.writers.identified_values import (
     rotor_notes,
 )
 from echelon.formats.writers.xml_editor import XmlEditor, quoted
-from echelon.hints import quoted_names, unused
+from echelon.hints import in_quotes, unused
 from echelon.inertia.spatial import move
 from echelon.mechanism.body import GROUND, Body
 from echelon.mechanism.joint import ORIGIN, Motion, MotionKind, Placement
@@ -106,9 +106,9 @@ class UrdfEditor:
                     self.editor.remove(element)
         if lumped:
             reason = "no inertial of their own, since they count as part of the link that they are fixed to"
-            yield f"{reason}: {quoted_names(lumped)}"
+            yield f"{reason}: {in_quotes(lumped)}"
         if massless:
-            yield f"no inertial, since they carry no parameters or zero: {quoted_names(massless)}"
+            yield f"no inertial, since they carry no parameters or zero: {in_quotes(massless)}"
 
     def _rides(self, link: str) -> bool:
         """Whether a link is fixed to a body, rather than to the world."""
@@ -169,7 +169,7 @@ def urdf_obstacle(mechanism: Mechanism, values: IdentifiedValues) -> str:
     if mechanism.closures:
         return "the mechanism has loops"
     if coupled:
-        return f"the mechanism has couplings, of {quoted_names(coupled)}"
+        return f"the mechanism has couplings, of {in_quotes(coupled)}"
     for index, (body, ten) in enumerate(zip(mechanism.bodies, values.bodies, strict=True)):
         kinds = [motion.kind for motion in body.joint.motions]
         if not _floats(mechanism, index) and any(kind not in _TYPES for kind in kinds):
@@ -269,7 +269,7 @@ class UrdfGenerator:
         yield from self.effects.notes
         yield from rotor_notes(self.mechanism, self.values, FORMAT)
         if self.mechanism.actuators:
-            yield f"torques are those of joints; {FORMAT} lacks the transmission of " + quoted_names(
+            yield f"torques are those of joints; {FORMAT} lacks the transmission of " + in_quotes(
                 actuator.name for actuator in self.mechanism.actuators
             )
         gravity = [expression_text(part) for part in self.mechanism.gravity or ORIGIN]
@@ -279,7 +279,7 @@ class UrdfGenerator:
             m.name for m in self.mechanism.motions if m.kind is MotionKind.TRANSLATION and m.name in self._single
         ]
         if sliding:
-            yield f"the limits of {quoted_names(sliding)} are made up, because {FORMAT} demands some"
+            yield f"the limits of {in_quotes(sliding)} are made up, because {FORMAT} demands some"
 
     @property
     def _single(self) -> set[str]:
