@@ -161,8 +161,8 @@ FAULTS = (
     ),
     Fault(
         "excite/problem/shapes.py",
-        "size[0] + size[1] * np.abs(n[:, 2])",
-        "size[0] + size[1] * n[:, 2]",
+        "[0.0, 0.0, -half], [0.0, 0.0, half]",
+        "[0.0, 0.0, half], [0.0, 0.0, half]",
         "lower half of a capsule",
         "excite/test_collisions_room.py excite/test_collisions_certificate.py excite/test_collisions_distances.py",
     ),
