@@ -13,7 +13,7 @@ import numpy as np
 import echelon as ec
 import numeric
 from echelon.base.certificate import certify
-from echelon.base.closed_form import base_matrix
+from echelon.base.derive import base_matrix
 from echelon.base.matrix import BaseMatrix
 from echelon.base.structure import Structure, find_structure
 from echelon.mechanism.mechanism import Mechanism

@@ -7,8 +7,8 @@ from echelon.base.linear_base import LinearBase as LinearBase
 from echelon.base.matrix import Identifiability as Identifiability
 from echelon.base.model import BaseModel as BaseModel
 from echelon.base.modes import assembly_modes as assembly_modes
-from echelon.base.numeric_rank import NumericComparison as NumericComparison
-from echelon.base.numeric_rank import compare_numeric as compare_numeric
+from echelon.base.numeric_comparison import NumericComparison as NumericComparison
+from echelon.base.numeric_comparison import compare_numeric as compare_numeric
 from echelon.base.row_space import RecordedRows as RecordedRows
 from echelon.base.row_space import RowSpaces as RowSpaces
 from echelon.base.row_space import energy_regressor as energy_regressor

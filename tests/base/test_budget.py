@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from echelon import base_parameters, load, load_base, save_base, verify
-from echelon.base.closed_form import base_matrix
+from echelon.base.derive import base_matrix
 from echelon.base.expression import collect
 from echelon.base.model import BaseModel
 from echelon.base.structure import find_structure

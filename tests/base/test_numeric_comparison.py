@@ -9,7 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 import echelon as ec
-from echelon.base.numeric_rank import NumericComparison, NumericRanks, compare_numeric
+from echelon.base.numeric_comparison import NumericComparison, compare_numeric
+from echelon.base.reading_report import NumericRanks
 from echelon.cli.commands import app
 from support.paths import ROOT
 from support.robot_files import robot_file

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 
 import echelon as ec
-from echelon.base.numeric_rank import numeric_ranks, ranks_of_matrix
+from echelon.base.reading_report import numeric_ranks, ranks_of_matrix
 from echelon.errors import InputError
 from echelon.mechanism.joint import ball
 from support import textbook_arms as arms

@@ -2,8 +2,8 @@
 
 from mutation.fault import Fault
 
-SPATIAL, ENERGY = "regressor/steps.py", "regressor/energy.py"
-POWER, PROBES, LIFTING = "regressor/virtual_power.py", "regressor/probes.py", "regressor/loops/closed_curve.py"
+SPATIAL, ENERGY = "regressor/steps.py", "regressor/linear.py"
+POWER, PROBES, LIFTING = "regressor/virtual_power.py", "regressor/steps.py", "regressor/loops/closed_curve.py"
 MOVING, JOINTS = "regressor/loops/moving.py", "mechanism/test_joints.py"
 TRUTHS = "regressor/test_loops_truths.py::test_four_bar regressor/test_loops_truths.py::test_parallelogram"
 
@@ -44,7 +44,7 @@ FAULTS = (
         "regressor/test_energy.py",
     ),
     Fault(
-        "regressor/probes.py",
+        "regressor/steps.py",
         "sum((c.rate[0] * r for c, r in known), zero)",
         "sum((c.rate[0] for c, r in known), zero)",
         "speeds of motors",

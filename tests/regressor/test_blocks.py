@@ -19,8 +19,7 @@ from echelon.mechanism.effect import Side, ready_made
 from echelon.mechanism.joint import floating_motions, rotation, translation
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor import virtual_power
-from echelon.regressor.energy import energy_changes
-from echelon.regressor.linear import blocks_of
+from echelon.regressor.linear import blocks_of, energy_changes
 from echelon.regressor.virtual_power import virtual_power_form
 from support import textbook_arms as arms
 from support.random_mechanisms import mechanisms

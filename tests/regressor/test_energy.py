@@ -7,8 +7,8 @@ import pytest
 
 from echelon.mechanism.joint import rotation, translation
 from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.energy import energy_form
 from echelon.regressor.evaluate import evaluate_floats
+from echelon.regressor.linear import energy_form
 from support import textbook_arms as arms
 
 G = np.array([1.5, -2.0, -9.81])

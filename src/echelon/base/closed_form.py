@@ -1,291 +1,271 @@
-"""B in closed form, column by column, while the budget lasts, and in numbers where it does not.
+"""B in closed form: small relations between columns of X, interpolated, that together make it.
 
-The coefficients of every kernel are interpolated, the cheapest first, and brought to all places in the robot where the
-kernel occurs.  Then, going from the base to the tips, the dependent columns among the sources are substituted.
+For columns that move across one joint the relation is found on the two bodies of that joint.  On a whole parent that is
+done in the frame where the joint begins to move, so that equal joints share it, and a change of frame leads to the
+parent's own.  Columns that depend for other reasons (restricted motion near the base, couplings, massless bodies) have
+relations of just the columns that take part.  A relation's coefficients can be evaluated wherever rows of X can.
 
-Which of the other coefficients are not zero is known from random points of finite fields, whatever the symbols' values.
-Their numbers are exact fractions where all stated values that matter have exact residues; where angles have no exact
-sine they come from ball arithmetic, with a proved bound, rounded to a fixed number of digits.
+The coefficients of every kernel are interpolated, the cheapest first, while the budget lasts, and brought to all places
+in the robot where the kernel occurs.  Then, going from the base to the tips, the dependent columns among the sources
+are substituted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from functools import cached_property
 
-import flint
 import numpy as np
-import numpy.typing as npt
 
-from echelon.base.ball_rows import Balls, ball_rows, stated_generators
-from echelon.base.dependent import Kernel, Relation, relations
-from echelon.base.matrix import BaseMatrix, StatedNumbers, reordered
-from echelon.base.structure import Structure
+from echelon.base.matrix import BaseMatrix, StatedNumbers
+from echelon.base.structure import Structure, floating_pair, mount, pair_columns, pair_signature
 from echelon.conventions import PER_BODY
-from echelon.errors import ClosedFormError
-from echelon.exact.elimination import by_pivots, substituted
+from echelon.errors import ClosedFormError, DegenerateSampleError
+from echelon.exact.elimination import T, solve_batched, substituted
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.interpolation import interpolate
-from echelon.exact.numbers import Number
-from echelon.exact.polynomial import Polynomial
-from echelon.exact.rational import ONE, RationalFunction, cost_of_products, residues_at, sum_of_products
-from echelon.exact.unknown import UnknownFunctions, Work, persistent
+from echelon.exact.numbers import Surd, parts_of
+from echelon.exact.polynomial import Polynomial, as_polynomial
+from echelon.exact.rational import ONE, RationalFunction, cost_of_products, sum_of_products
+from echelon.exact.unknown import Geometry, UnknownFunctions, Work, persistent
+from echelon.inertia.spatial import move
+from echelon.mechanism.joint import Placement
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import symbol_roles, value_texts
-from echelon.program.schedule import ball
+from echelon.mechanism.stated import SymbolRoles, symbol_roles
+from echelon.program.sampling import FieldSampler
+from echelon.regressor.linear import LinearForms, Rows, energy_form
+from echelon.regressor.loops.curves import CurveSampler
+from echelon.regressor.virtual_power import rows_of
 
-_BITS, _MOST_BITS = 512, 4096
-_DIGITS = 40
-_LOOSE = 1e-60
-"""Coefficients must be known as well as this before they are rounded."""
-_SURPLUS_ROWS = 6
-
-Pair = tuple[int, int]
-"""(pivot, column) of a coefficient of B."""
+_MOST_TIMES = 32
+"""So many times as many points where regions of signs need them."""
 
 
-class StatedColumns:
-    """Numbers of some columns of B."""
+@dataclass(frozen=True, eq=False)
+class Kernel:
+    """Some columns known to be combinations of others, with rows to find out how."""
 
-    def __init__(
+    roles: SymbolRoles  # what the symbols stand for
+    rows: Rows  # with the columns [auxiliary, sources, targets]
+    sources: Sequence[int]  # numbers of columns; the targets are combinations of the sources
+    targets: Sequence[int]  # numbers of columns; the targets are combinations of the sources
+    zero: frozenset[int]  # sources that vanish in X, so that their coefficients do not matter
+    # powers of length of the coefficients, by source and target; None where they are inhomogeneous
+    degrees: Sequence[int] | None
+
+    @cached_property
+    def sampler(self) -> FieldSampler:
+        """Evaluates the rows modulo primes."""
+        return self.rows.forms.sampler()
+
+    @cached_property
+    def pairs(self) -> list[tuple[int, int]]:
+        """(source, target) of every coefficient that matters."""
+        return [(s, t) for s in self.sources if s not in self.zero for t in self.targets]
+
+    @property
+    def unknowns(self) -> int:
+        """Number of columns that are solved for."""
+        return self.rows.auxiliary + len(self.sources)
+
+    @cached_property
+    def cost(self) -> float:
+        """Operations of one evaluation modulo a prime."""
+        forms = self.rows.forms
+        program = len(forms.program.needed(list(forms.entries.values())))
+        elimination = (self.unknowns + 1) * self.unknowns * (self.unknowns + len(self.targets))
+        if isinstance(self.sampler, CurveSampler):
+            return self.sampler.cost(program, self.unknowns + 1) + elimination
+        return (self.unknowns + 1) * program + elimination
+
+    def unknown(self, rng: np.random.Generator) -> UnknownFunctions:
+        """The coefficients of :attr:`pairs` as functions of the symbols."""
+        roles = self.roles
+        lengths = frozenset() if self.degrees is None else roles.lengths
+        degrees = self.degrees or [0] * (len(self.sources) * len(self.targets))
+        chosen = [k for k, s in enumerate(s for s in self.sources for _ in self.targets) if s not in self.zero]
+
+        def evaluate(field: PrimeField, geometry: Geometry) -> Residues:
+            found: Residues = self.coefficients(field, geometry, rng)[chosen]
+            return found
+
+        return UnknownFunctions(
+            evaluate,
+            self.sampler.symbols,
+            roles.angles,
+            lengths,
+            [degrees[k] for k in chosen],
+            roles.irrational,
+            self.cost,
+        )
+
+    def coefficients(self, field: PrimeField, geometry: Geometry, rng: np.random.Generator) -> Residues:
+        """Coefficients at given geometries: array of shape (sources · targets, geometries)."""
+        first, unknowns = self.rows.auxiliary, self.unknowns
+        # one more equation than unknowns: a false relation contradicts itself
+        states = max(unknowns + 1, self.sampler.regions)
+        most = states if self.sampler.regions == 1 else _MOST_TIMES * states
+        while True:
+            matrix = self.rows.forms.stacked(self.sampler.evaluate(field, rng, states, geometry))
+            try:
+                solution = solve_batched(matrix[:, :, :unknowns], matrix[:, :, unknowns:], field)
+            except DegenerateSampleError:
+                states = 2 * states  # a region of signs may need more points
+                if states > most:
+                    raise
+                continue
+            return solution[:, first:].reshape(len(solution), -1).T
+
+
+@dataclass(frozen=True, eq=False)
+class Relation:
+    """A kernel at its place in the robot."""
+
+    kernel: Kernel
+    columns: Sequence[int]  # columns of X, by number in the kernel
+    # of the frame that the kernel's first ten columns are about, in that of the same columns of X
+    mount: Placement = Placement()  # noqa: RUF009 - immutable
+
+    @property
+    def targets(self) -> list[int]:
+        """Columns of X that are combinations of :attr:`sources`."""
+        return [self.columns[k] for k in self.kernel.targets]
+
+    @property
+    def sources(self) -> list[int]:
+        """Columns of X that the targets are combinations of."""
+        return [self.columns[k] for k in self.kernel.sources]
+
+    @cached_property
+    def symbols(self) -> frozenset[str]:
+        """Symbols that the coefficients may depend on."""
+        entries = (*(x for row in self.mount.rotation for x in row), *self.mount.translation)
+        return frozenset(self.kernel.sampler.symbols).union(*(entry.symbols() for entry in entries))
+
+    def changes(self, kinds: Iterable[int], number: Callable[[Polynomial], T]) -> dict[int, dict[int, T]]:
+        """Parameters of the whole body about the kernel's frame, as combinations of those about its own."""
+        chosen = sorted(set(kinds))
+        if self.mount.is_identity or not chosen:
+            return {}
+        rows = [(*row, t) for row, t in zip(self.mount.rotation, self.mount.translation, strict=True)]
+        plain = [[entry if entry.number is None else entry.number for entry in row] for row in rows]
+        units = np.eye(PER_BODY, dtype=int)[chosen].astype(object)
+        moved = move(units, np.array([*plain, [0, 0, 0, 1]], dtype=object))
+        return {
+            kind: {k: number(_integral(as_polynomial(entry))) for k, entry in enumerate(row) if entry}
+            for kind, row in zip(chosen, moved, strict=True)
+        }
+
+    def placed(
         self,
-        mechanism: Mechanism,
-        found: Sequence[Relation],
-        zero: Sequence[int],
-        order: tuple[int, ...],
-        rng: np.random.Generator,
-    ) -> None:
-        self.mechanism, self.found, self.order, self.rng = mechanism, found, order, rng
-        self.zero = list(zero)
-        dependent = {*zero, *(t for relation in found for t in relation.targets)}
-        self._classical = [c for c in range(len(order)) if c not in dependent]
-        self._is_classical = order == tuple(range(len(order)))
-        self.pivots, self._supports = self._structure()
-
-    def numbers(self, columns: Sequence[int]) -> tuple[dict[int, dict[int, RationalFunction]], StatedNumbers]:
-        """Some columns as combinations of pivots, and how exact they are."""
-        pairs = [(pivot, column) for column in columns for pivot in self._supports.get(column, ())]
-        needed = self._needed(columns)
-        at = self._stated({s for relation in needed for s in relation.symbols})
-        meaning = StatedNumbers(tuple(sorted(columns)), at, 0.0)
-        values = self._exact(pairs, needed, meaning)
-        if values is None:
-            values, radius = self._from_balls(pairs, needed, at)
-            meaning = replace(meaning, radius=radius)
-        found: dict[int, dict[int, RationalFunction]] = {column: {} for column in columns}
-        for (pivot, column), value in zip(pairs, values, strict=True):
-            if value:
-                found[column][pivot] = RationalFunction(value)
-        return found, meaning
-
-    # -- which coefficients there are ----------------------------------------------------------------------------
-
-    def _structure(self) -> tuple[tuple[int, ...], dict[int, set[int]]]:
-        """Pivots, and for every other column those that it depends on, for any values of the symbols."""
-        pivots: tuple[int, ...] = ()
-        supports: dict[int, set[int]] = {}
-        for _ in range(2):
-            field = PrimeField.random(self.rng)
-
-            def attempt(field: PrimeField = field) -> dict[int, dict[int, int]]:
-                symbols = {s for relation in self.found for s in relation.symbols}
-                geometry = {s: field.draw(self.rng, (1,)) for s in sorted(symbols)}
-                return self._modular(field, geometry, self.found)
-
-            solved = persistent(attempt)
-            pivots = tuple(column for column in self.order if column not in solved)
-            for column, combination in solved.items():
-                supports.setdefault(column, set()).update(combination)
-        return pivots, supports
-
-    def _needed(self, columns: Sequence[int]) -> list[Relation]:
-        """The relations that some columns depend on."""
-        if not self._is_classical:
-            return list(self.found)
-        owner = {target: relation for relation in self.found for target in relation.targets}
-        needed: list[Relation] = []
-        pending = [owner[c] for c in columns if c in owner]
-        while pending:
-            relation = pending.pop()
-            if relation not in needed:
-                needed.append(relation)
-                pending += [owner[s] for s in relation.sources if s in owner]
-        return needed
-
-    def _stated(self, names: set[str]) -> dict[str, str]:
-        at = value_texts(self.mechanism, names)
-        silent = sorted(names - at.keys())
-        if silent:
-            raise ClosedFormError(
-                f"not all coefficients have closed forms within the budget, and the symbol '{silent[0]}' has no value: "
-                "give it a value, or give a larger budget (--budget)"
-            )
-        return at
-
-    # -- modulo primes -------------------------------------------------------------------------------------------
-
-    def _modular(
-        self, field: PrimeField, geometry: Mapping[str, Residues], needed: Sequence[Relation]
-    ) -> dict[int, dict[int, int]]:
-        """Dependent columns as combinations of pivots at one geometry."""
-
-        def number(polynomial: Polynomial) -> int:
-            return polynomial.evaluate(residues_at(polynomial.generators(), geometry, field), field.embed) % field.p
-
-        def coefficients(kernel: Kernel) -> npt.NDArray[Any]:
-            own = {s: geometry[s] for s in kernel.sampler.symbols}
-            found = kernel.coefficients(field, own, self.rng)[:, 0].astype(object)
-            return found.reshape(len(kernel.sources), -1)
-
-        def reduced(combination: dict[int, int]) -> dict[int, int]:
-            return {pivot: v % field.p for pivot, v in combination.items() if v % field.p}
-
-        solved = self._solved(needed, coefficients, number, reduced)
-        assert solved is not None
-        return solved if self._is_classical else self._reordered(solved, field)
-
-    def _solved(
-        self,
-        needed: Sequence[Relation],
-        coefficients: Callable[[Kernel], npt.NDArray[Any] | None],
-        number: Callable[[Polynomial], Any],
-        reduced: Callable[[dict[int, Any]], dict[int, Any]],
-    ) -> dict[int, dict[int, Any]] | None:
-        """Dependent columns as combinations of classical pivots; None where a kernel has no coefficients."""
-        raw: dict[int, dict[int, Any]] = {column: {} for column in self.zero}
-        known: dict[Kernel, dict[int, dict[int, Any]]] = {}
-        for relation in needed:
-            kernel = relation.kernel
-            if kernel not in known:
-                values = coefficients(kernel)
-                if values is None:
-                    return None
-                known[kernel] = _by_target(kernel, values)
-            raw |= relation.placed(known[kernel], number)
-        solved: dict[int, dict[int, Any]] = {}
-        for column in sorted(raw):
-            solved[column] = reduced(substituted(raw[column], solved))
-        return solved
-
-    def _reordered(self, solved: Mapping[int, Mapping[int, int]], field: PrimeField) -> dict[int, dict[int, int]]:
-        dense = np.zeros((len(self._classical), len(self.order)), dtype=np.int64)
-        row = {pivot: i for i, pivot in enumerate(self._classical)}
-        for pivot, i in row.items():
-            dense[i, pivot] = 1
-        for column, combination in solved.items():
-            for pivot, value in combination.items():
-                dense[row[pivot], column] = value
-        found = by_pivots(dense[:, list(self.order)], field)
-        return {self.order[k]: {self.order[p]: x for p, x in pivots.items()} for k, pivots in found.items()}
-
-    def _exact(self, pairs: Sequence[Pair], needed: Sequence[Relation], meaning: StatedNumbers) -> list[Number] | None:
-        """Exact values, or None where the stated values have no residues."""
-        values = meaning.exact(symbol_roles(self.mechanism).angles)
-        if values is None:
-            return None
-
-        def evaluate(field: PrimeField, _: Mapping[str, Residues]) -> Residues:
-            geometry = {s: np.array([field.embed(v)], dtype=np.int64) for s, v in values.items()}
-            solved = self._modular(field, geometry, needed)
-            return np.array([[solved[column].get(pivot, 0)] for pivot, column in pairs], dtype=np.int64)
-
-        roots = symbol_roles(self.mechanism).irrational
-        unknown = UnknownFunctions(evaluate, (), frozenset(), frozenset(), [0] * len(pairs), roots)
-        try:
-            found = interpolate(unknown, self.rng, Work.of(1))
-        except ClosedFormError:
-            return None
-        return None if None in found else [f.numerator.number or 0 for f in found if f is not None]
-
-    # -- in balls ------------------------------------------------------------------------------------------------
-
-    def _from_balls(
-        self, pairs: Sequence[Pair], needed: Sequence[Relation], at: Mapping[str, str]
-    ) -> tuple[list[Number], float]:
-        """Values rounded to a fixed number of digits, and the largest error."""
-        bits = _BITS
-        while bits <= _MOST_BITS:
-            with flint.ctx.workprec(bits):
-                found = self._balls(pairs, needed, at)
-                if found is not None and all(_error(x) <= _LOOSE * max(1.0, float(abs(x).mid())) for x in found):
-                    return _rounded(found)
-            bits *= 2
-        raise ClosedFormError(f"balls of {_MOST_BITS} bits do not decide the coefficients; please report this model")
-
-    def _balls(self, pairs: Sequence[Pair], needed: Sequence[Relation], at: Mapping[str, str]) -> list[Any] | None:
-        def number(polynomial: Polynomial) -> Any:
-            return polynomial.evaluate(stated_generators(polynomial.generators(), at), ball)
-
-        solved = self._solved(needed, lambda kernel: _solved(kernel, at, self.rng), number, lambda found: found)
-        if solved is None:
-            return None
-        if not self._is_classical:
-            return self._exchanged(pairs, solved)
-        return [solved[column].get(pivot, flint.arb(0)) for pivot, column in pairs]
-
-    def _exchanged(self, pairs: Sequence[Pair], solved: Mapping[int, Mapping[int, Any]]) -> list[Any] | None:
-        """Values for other pivots than the classical ones."""
-        zero, one = flint.arb(0), flint.arb(1)
-
-        def entry(pivot: int, column: int) -> Any:
-            return solved[column].get(pivot, zero) if column in solved else one if pivot == column else zero
-
-        columns = sorted({column for _, column in pairs})
-        left = flint.arb_mat([[entry(p, c) for c in self.pivots] for p in self._classical])
-        try:
-            right = left.solve(flint.arb_mat([[entry(p, c) for c in columns] for p in self._classical]))
-        except ZeroDivisionError:
-            return None
-        row, place = ({c: i for i, c in enumerate(part)} for part in (self.pivots, columns))
-        return [right[row[pivot], place[column]] for pivot, column in pairs]
+        combinations: Mapping[int, Mapping[int, T]],
+        number: Callable[[Polynomial], T],
+    ) -> dict[int, dict[int, T]]:
+        """The targets as combinations of columns of X."""
+        changes = self.changes((k for c in combinations.values() for k in c if k < PER_BODY), number)
+        return {
+            self.columns[target]: {self.columns[k]: v for k, v in substituted(c, changes).items()}
+            for target, c in combinations.items()
+        }
 
 
-def _by_target(kernel: Kernel, values: npt.NDArray[Any]) -> dict[int, dict[int, Any]]:
-    """Coefficients of shape (sources, targets) as combinations."""
-    return {
-        target: dict(zip(kernel.sources, column, strict=True))
-        for target, column in zip(kernel.targets, values.T, strict=True)
-    }
+def relations(mechanism: Mechanism, structure: Structure) -> list[Relation]:
+    """The relations of all dependent columns that do not vanish."""
+    return [*_across_joints(mechanism, structure), *_across_robot(mechanism, structure)]
 
 
-def _solved(kernel: Kernel, at: Mapping[str, str], rng: np.random.Generator) -> Balls | None:
-    """Coefficients of a kernel, shape (sources, targets), or None if the precision does not decide them."""
-    unknowns, forms = kernel.unknowns, kernel.rows.forms
-    states = -(-(unknowns + _SURPLUS_ROWS) // max(1, forms.shape[0]))
-    for count in (states, 8 * states):  # regions of signs may need more
-        rows = ball_rows(forms, at, count, rng)
-        left, right = flint.arb_mat(rows[:, :unknowns].tolist()), flint.arb_mat(rows[:, unknowns:].tolist())
-        across = left.transpose()
-        try:
-            solution = (across * left).solve(across * right)
-        except ZeroDivisionError:
-            continue
-        table = np.empty((unknowns, len(kernel.targets)), dtype=object)
-        table.ravel()[:] = solution.entries()
-        return table[kernel.rows.auxiliary :]
-    return None
+def _across_joints(mechanism: Mechanism, structure: Structure) -> Iterable[Relation]:
+    zero = frozenset(c for c, support in structure.by_robot.items() if not support)
+    shared: dict[tuple[tuple[int, ...], tuple[object, ...]], list[int]] = {}
+    places: dict[int, tuple[list[int], Placement]] = {}
+    for index, dependent in structure.by_joint.items():
+        columns, chosen = pair_columns(mechanism, index), set(dependent)
+        places[index] = columns, mount(mechanism, index)
+        targets = tuple(k for k, c in enumerate(columns) if c in chosen)
+        shared.setdefault((targets, pair_signature(mechanism, index)), []).append(index)
+    for (targets, _), indices in shared.items():
+        pair = floating_pair(mechanism, indices[0])
+        everywhere = frozenset.intersection(*(_vanishing(*places[index], zero) for index in indices))
+        kernel = _pair_kernel(pair, targets, len(places[indices[0]][0]), everywhere)
+        yield from (Relation(kernel, *places[index]) for index in indices)
 
 
-def _error(x: Any) -> float:
-    return float(x.rad())
+def _vanishing(columns: Sequence[int], placement: Placement, zero: frozenset[int]) -> frozenset[int]:
+    """Numbers of a pair's columns that vanish in X; with a change of frame, the ten of the parent do together."""
+    found = frozenset(k for k, c in enumerate(columns) if c in zero)
+    parent = frozenset(range(PER_BODY))
+    return found if placement.is_identity or parent <= found else found - parent
 
 
-def _rounded(values: Sequence[Any]) -> tuple[list[Number], float]:
-    """Values to a fixed number of digits, and the largest error."""
-    rounded: list[Number] = []
-    radius = 0.0
-    for value in values:
-        if value.contains(0):  # it is smaller than the error allowed before
-            rounded.append(0)
-            radius = max(radius, float(abs(value).upper()))
-            continue
-        decimal = Fraction(value.mid().str(_DIGITS, radius=False))
-        rounded.append(decimal.numerator if decimal.denominator == 1 else decimal)
-        radius = max(radius, abs(float(decimal)) * 10.0 ** (1 - _DIGITS) + _error(value))
-    return rounded, radius
+def _pair_kernel(pair: Mechanism, targets: Sequence[int], size: int, zero: frozenset[int]) -> Kernel:
+    sources = [k for k in range(size) if k not in targets]
+    rows = Rows(energy_form(pair), 1).columns([*sources, *targets])
+    return Kernel(symbol_roles(pair), rows, sources, targets, zero, _degrees(pair, sources, targets))
 
+
+def _across_robot(mechanism: Mechanism, structure: Structure) -> Iterable[Relation]:
+    groups: dict[int | None, list[int]] = {}
+    # where finding a closed pose costs more than eliminating all columns at once, there is one group
+    roles = symbol_roles(mechanism)
+    together = bool(mechanism.closures) and not roles.symbols
+    for column, support in structure.by_robot.items():
+        if support:
+            groups.setdefault(None if together else mechanism.columns[column].body, []).append(column)
+    if not groups:
+        return
+    rows = rows_of(mechanism)
+    rows = Rows(structure.on_curves(rows.forms), rows.auxiliary)
+    for targets in groups.values():
+        sources = sorted({c for t in targets for c in structure.by_robot[t]})
+        degrees = _degrees(mechanism, sources, targets)
+        kernel = Kernel(roles, rows.columns([*sources, *targets]), sources, targets, frozenset(), degrees)
+        yield Relation(kernel, range(structure.parameters))
+
+
+def linear_relations(forms: LinearForms, structure: Structure, rng: np.random.Generator) -> list[Relation]:
+    """The relations of the dependent columns of any recorded rows that do not vanish, all in one."""
+    targets = [column for column, support in structure.by_robot.items() if support]
+    if not targets:
+        return []
+    sources = sorted({c for t in targets for c in structure.by_robot[t]})
+    rows = Rows(forms, 0).columns([*sources, *targets])
+    sampler = rows.forms.sampler()
+
+    def attempt() -> Residues:
+        field = PrimeField.random(rng)
+        return sampler.evaluate(field, rng, sampler.regions, {s: field.draw(rng, (1,)) for s in sampler.symbols})
+
+    persistent(attempt)  # functions of constants become symbols when they are first evaluated
+    roles = SymbolRoles(frozenset(), sampler.angles, frozenset(sampler.symbols), _irrational(forms))
+    kernel = Kernel(roles, rows, sources, targets, frozenset(), None)
+    return [Relation(kernel, range(structure.parameters))]
+
+
+def _irrational(forms: LinearForms) -> tuple[bool, bool]:
+    """Whether √2 and √3 occur in recorded rows."""
+    program = forms.program
+    needed = program.needed(forms.entries.values())
+    parts = [parts_of(c) for n in needed if isinstance(c := program.constants.get(n), Surd)]
+    return any(p[1] or p[3] for p in parts), any(p[2] or p[3] for p in parts)
+
+
+def _integral(polynomial: Polynomial) -> Polynomial:
+    """A polynomial whose whole coefficients are integers."""
+    terms = polynomial.terms.items()
+    return Polynomial({m: int(c) if isinstance(c, Fraction) and c.denominator == 1 else c for m, c in terms})
+
+
+def _degrees(mechanism: Mechanism, sources: Sequence[int], targets: Sequence[int]) -> list[int] | None:
+    """Powers of length of the coefficients; None where parameters of effects make them inhomogeneous."""
+    columns = mechanism.columns
+    if any(columns[c].kind is None for c in (*sources, *targets)):
+        return None
+    return [columns[s].length_degree - columns[t].length_degree for s in sources for t in targets]
+
+
+# -- interpolation ----------------------------------------------------------------------------------------------------
 
 Combination = dict[int, RationalFunction]
 """A column as a combination of other columns: coefficient by column."""
@@ -371,35 +351,6 @@ def _substituted(combination: Combination, solved: Mapping[int, Combination], wo
     if any(len(c.numerator.terms) > work.terms for c in total.values()):
         return None
     return {pivot: c for pivot, c in total.items() if c.numerator.terms}
-
-
-def base_matrix(
-    mechanism: Mechanism,
-    structure: Structure,
-    order: tuple[int, ...],
-    rng: np.random.Generator,
-    budget: float,
-    report: Callable[[str], None],
-) -> BaseMatrix:
-    """B for a column order."""
-    work = Work.of(budget)
-    found = relations(mechanism, structure)
-    zero = [column for column, support in structure.by_robot.items() if not support]
-    classical = tuple(range(structure.parameters))
-    closed = closed_columns(found, zero, rng, work, report)
-    open_columns = [c for relation in found for c in relation.targets if c not in closed]
-    if not open_columns:
-        matrix = assembled(mechanism.parameters, structure.pivots, closed, classical)
-        other = matrix if order == classical else reordered(matrix, order, rng, work)
-        if other is not None:
-            return other
-    report("numbers in place of closed forms")
-    stated = StatedColumns(mechanism, found, zero, order, rng)
-    if order != classical:  # an exchange of representatives mixes the columns
-        pivots = set(stated.pivots)
-        closed, open_columns = {}, [c for c in classical if c not in pivots]
-    numbers, meaning = stated.numbers(open_columns)
-    return assembled(mechanism.parameters, stated.pivots, closed | numbers, order, meaning)
 
 
 def assembled(

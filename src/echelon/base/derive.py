@@ -6,16 +6,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import overload
 
+import numpy as np
+
 from echelon.base.certificate import certify
-from echelon.base.closed_form import base_matrix
+from echelon.base.closed_form import assembled, closed_columns, relations
 from echelon.base.linear_base import LinearBase, linear_base_parameters
-from echelon.base.matrix import column_order
+from echelon.base.matrix import BaseMatrix, column_order, reordered
 from echelon.base.model import BaseModel
-from echelon.base.numeric_rank import firm_first
 from echelon.base.own import own_answer
-from echelon.base.reading_report import report_reading
+from echelon.base.reading_report import firm_first, report_reading
+from echelon.base.stated_columns import StatedColumns
 from echelon.base.structure import Structure
 from echelon.errors import InputError
+from echelon.exact.unknown import Work
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import stated_values
 from echelon.models.linear_model import LinearModel
@@ -129,6 +132,35 @@ def base_parameters(
     if answer.undecided:
         reading = replace(reading, doubt=answer.undecided)
     return BaseModel(own, matrix, certificate, reading, seed, answer.special, generic)
+
+
+def base_matrix(
+    mechanism: Mechanism,
+    structure: Structure,
+    order: tuple[int, ...],
+    rng: np.random.Generator,
+    budget: float,
+    report: Callable[[str], None],
+) -> BaseMatrix:
+    """B for a column order."""
+    work = Work.of(budget)
+    found = relations(mechanism, structure)
+    zero = [column for column, support in structure.by_robot.items() if not support]
+    classical = tuple(range(structure.parameters))
+    closed = closed_columns(found, zero, rng, work, report)
+    open_columns = [c for relation in found for c in relation.targets if c not in closed]
+    if not open_columns:
+        matrix = assembled(mechanism.parameters, structure.pivots, closed, classical)
+        other = matrix if order == classical else reordered(matrix, order, rng, work)
+        if other is not None:
+            return other
+    report("numbers in place of closed forms")
+    stated = StatedColumns(mechanism, found, zero, order, rng)
+    if order != classical:  # an exchange of representatives mixes the columns
+        pivots = set(stated.pivots)
+        closed, open_columns = {}, [c for c in classical if c not in pivots]
+    numbers, meaning = stated.numbers(open_columns)
+    return assembled(mechanism.parameters, stated.pivots, closed | numbers, order, meaning)
 
 
 def base_structure(mechanism: Mechanism, *, generic: bool = False, seed: int = DEFAULT_SEED) -> Structure:

@@ -12,8 +12,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.base.certificate import Certificate, certify
-from echelon.base.closed_form import assembled, closed_columns
-from echelon.base.dependent import linear_relations
+from echelon.base.closed_form import assembled, closed_columns, linear_relations
 from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseSet
 from echelon.base.own import RelationSearch, SpecialValues

@@ -22,10 +22,10 @@ from echelon.exact.field import PrimeField, Residues
 from echelon.exact.interpolation import rational
 from echelon.exact.numbers import Rational
 from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.energy import Rows, rows_of
-from echelon.regressor.linear import LinearForms
+from echelon.regressor.linear import LinearForms, Rows
 from echelon.regressor.loops.curves import CurveSampler
 from echelon.regressor.loops.moving import Pose
+from echelon.regressor.virtual_power import rows_of
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 Dependence = dict[int, tuple[int, ...]]

@@ -35,11 +35,10 @@ from echelon.exact.polynomial import Polynomial, format_polynomial
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import StatedValues, all_symbols, angle_generators, stated_values
 from echelon.mechanism.substitute import substituted
-from echelon.regressor.energy import rows_of
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.exact_pose import closed_exactly
-from echelon.regressor.virtual_power import virtual_power_form
+from echelon.regressor.virtual_power import rows_of, virtual_power_form
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 _MOST_TRIALS = 400

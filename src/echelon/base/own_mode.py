@@ -22,8 +22,8 @@ from echelon.errors import InputError
 from echelon.exact.elimination import ball_rank
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, known_values, value_texts
-from echelon.regressor.energy import Rows
 from echelon.regressor.evaluate import evaluate_floats
+from echelon.regressor.linear import Rows
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.recorded_loops import state_inputs
 from echelon.regressor.virtual_power import virtual_power_form

@@ -26,8 +26,7 @@ from echelon.exact.field import PrimeField, Residues
 from echelon.exact.interpolation import combine, rational
 from echelon.mechanism.mechanism import Mechanism
 from echelon.models.linear_model import LinearModel
-from echelon.regressor.energy import energy_form
-from echelon.regressor.linear import LinearForms
+from echelon.regressor.linear import LinearForms, energy_form
 from echelon.regressor.virtual_power import power_form, virtual_power_form
 from echelon.seeds import DEFAULT_SEED, random_generator
 

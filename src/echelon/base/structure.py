@@ -28,10 +28,10 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut
 from echelon.mechanism.stated import UNITS, has_values, inexact_symbols
 from echelon.program.sampling import FieldSampler
-from echelon.regressor.energy import Rows, energy_changes, energy_form, rows_of
-from echelon.regressor.linear import FEW_COLUMNS, LinearForms
+from echelon.regressor.linear import FEW_COLUMNS, LinearForms, Rows, energy_changes, energy_form
 from echelon.regressor.loops.closing import broken_relations, check_independent, closable_as_stated, unsolved
 from echelon.regressor.loops.curves import CurveSampler
+from echelon.regressor.virtual_power import rows_of
 
 _SURPLUS_ROWS = 8
 _ATTEMPTS, _PASSES = 8, 2

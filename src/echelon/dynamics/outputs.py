@@ -37,8 +37,7 @@ from echelon.mechanism.output import Cut
 from echelon.program.derivatives import derivatives
 from echelon.program.tape import Op, Program, Scalar
 from echelon.regressor.loops.dependent_motion import DependentMotion
-from echelon.regressor.probes import EffectRecorder, Probes, VirtualMotion, motion_of_joints, virtual_motion
-from echelon.regressor.steps import Recorder
+from echelon.regressor.steps import EffectRecorder, Probes, Recorder, VirtualMotion, motion_of_joints, virtual_motion
 from echelon.regressor.steps import Step as Recorded
 
 Index = tuple[int, ...]

@@ -29,10 +29,10 @@ from echelon.mechanism.body import GROUND
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.joint import Step as Described
 from echelon.program.tape import Scalar
-from echelon.regressor.probes import Probes
 from echelon.regressor.steps import (
     Freedom,
     Mat,
+    Probes,
     Recorder,
     Step,
     Vec,

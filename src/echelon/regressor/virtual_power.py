@@ -23,11 +23,26 @@ from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
 from echelon.program.tape import Program, Scalar
-from echelon.regressor.linear import FEW_COLUMNS, BlockRows, LinearForms, blocks_of, column_sums
+from echelon.regressor.linear import FEW_COLUMNS, BlockRows, LinearForms, Rows, blocks_of, column_sums, energy_form
 from echelon.regressor.loops.dependent_motion import DependentMotion
 from echelon.regressor.loops.recorded_loops import loops_of
-from echelon.regressor.probes import EffectRecorder, Probes, VirtualMotion, any_motion, motion_of_joints, virtual_motion
-from echelon.regressor.steps import Recorder, Step, Vec, add, cross, dot, forward, into_frame, scale
+from echelon.regressor.steps import (
+    EffectRecorder,
+    Probes,
+    Recorder,
+    Step,
+    Vec,
+    VirtualMotion,
+    add,
+    any_motion,
+    cross,
+    dot,
+    forward,
+    into_frame,
+    motion_of_joints,
+    scale,
+    virtual_motion,
+)
 
 Twist = tuple[Vec, Vec]
 """Angular velocity and linear velocity of the frame's origin, in the frame's axes."""
@@ -77,7 +92,7 @@ def virtual_power_form(mechanism: Mechanism) -> LinearForms:
         known = motion.chosen
     powers = recorded.powers(motion, range(len(mechanism.parameters)))
     entries = {(0, column): power.node for column, power in powers.items() if not power.is_zero}
-    loops = loops_of(mechanism, recorder, probes, known)
+    loops = loops_of(mechanism, recorder, probes, known) if mechanism.closures else None
     many = len(mechanism.parameters) > FEW_COLUMNS
     blocks = _block_powers(recorded) if many and mechanism.measures_every_force and not mechanism.closures else None
     return LinearForms(program, entries, (1, len(mechanism.parameters)), loops, blocks, known_values(mechanism))
@@ -105,8 +120,15 @@ def power_form(mechanism: Mechanism) -> LinearForms:
     motion = any_motion(mechanism, recorded.recorder, "qd")
     powers = recorded.powers(motion, range(len(mechanism.parameters)))
     entries = {(0, column): power.node for column, power in powers.items() if not power.is_zero}
-    loops = loops_of(mechanism, recorded.recorder)
+    loops = loops_of(mechanism, recorded.recorder) if mechanism.closures else None
     return LinearForms(recorded.program, entries, (1, len(mechanism.parameters)), loops)
+
+
+def rows_of(mechanism: Mechanism) -> Rows:
+    """The cheapest rows for what is measured: energies while every force is, and only bodies have parameters."""
+    if mechanism.measures_every_force and not mechanism.effects:
+        return Rows(energy_form(mechanism), 1)
+    return Rows(virtual_power_form(mechanism), 0)
 
 
 class _RecordedPowers:

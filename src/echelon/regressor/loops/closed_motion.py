@@ -24,8 +24,7 @@ from echelon.mechanism.stated import characteristic_length, symbol_values
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program
 from echelon.regressor.loops.closures import record_closures
-from echelon.regressor.probes import Probes, virtual_motion
-from echelon.regressor.steps import Recorder, quaternion_times
+from echelon.regressor.steps import Probes, Recorder, quaternion_times, virtual_motion
 
 RANK_TOLERANCE = 1e-6
 """Singular values below this part of the largest one count as zero."""

@@ -22,9 +22,9 @@ from echelon.mechanism.joint import Motion, Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.tape import Scalar
 from echelon.regressor.loops.moving import Pose
-from echelon.regressor.probes import Probes
 from echelon.regressor.steps import (
     Mat,
+    Probes,
     Recorder,
     Step,
     Vec,

@@ -24,8 +24,7 @@ from echelon.program.derivatives import rates
 from echelon.program.least_squares import LeastSquares
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.loops.closures import record_closures
-from echelon.regressor.probes import Probes
-from echelon.regressor.steps import Recorder, quaternion_times
+from echelon.regressor.steps import Probes, Recorder, quaternion_times
 
 
 class DependentMotion:

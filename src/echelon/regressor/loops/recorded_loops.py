@@ -16,18 +16,15 @@ from echelon.program.tape import Scalar
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.closures import Loops, record_closures, record_wrists
 from echelon.regressor.loops.exact_pose import stated_exactly
-from echelon.regressor.probes import Probes
-from echelon.regressor.steps import Recorder
+from echelon.regressor.steps import Probes, Recorder
 
 _DRAWS = 8  # of values for symbols that have none
 
 
 def loops_of(
     mechanism: Mechanism, recorder: Recorder, probes: Probes | None = None, speeds: Mapping[str, Scalar] | None = None
-) -> Loops | None:
-    """What keeps forms that were recorded for a mechanism on closed configurations; None without loops."""
-    if not mechanism.closures:
-        return None
+) -> Loops:
+    """What keeps forms that were recorded for a mechanism with loops on closed configurations."""
     equations = record_closures(mechanism, recorder, probes)
     motions = tuple(m for m in mechanism.motions if m.name not in mechanism.dependent)
     nodes = None if speeds is None else {name: speed.node for name, speed in speeds.items()}

@@ -1,0 +1,282 @@
+"""Columns of B in numbers, where the budget for closed forms does not last.
+
+Which coefficients are not zero is known from random points of finite fields, whatever the symbols' values.  Their
+numbers are exact fractions where all stated values that matter have exact residues; where angles have no exact sine
+they come from ball arithmetic, with a proved bound, rounded to a fixed number of digits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any
+
+import flint
+import numpy as np
+import numpy.typing as npt
+
+from echelon.base.ball_rows import Balls, ball_rows, stated_generators
+from echelon.base.closed_form import Kernel, Relation
+from echelon.base.matrix import StatedNumbers
+from echelon.errors import ClosedFormError
+from echelon.exact.elimination import by_pivots, substituted
+from echelon.exact.field import PrimeField, Residues
+from echelon.exact.interpolation import interpolate
+from echelon.exact.numbers import Number
+from echelon.exact.polynomial import Polynomial
+from echelon.exact.rational import RationalFunction, residues_at
+from echelon.exact.unknown import UnknownFunctions, Work, persistent
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.stated import symbol_roles, value_texts
+from echelon.program.schedule import ball
+
+_BITS, _MOST_BITS = 512, 4096
+_DIGITS = 40
+_LOOSE = 1e-60
+"""Coefficients must be known as well as this before they are rounded."""
+_SURPLUS_ROWS = 6
+
+Pair = tuple[int, int]
+"""(pivot, column) of a coefficient of B."""
+
+
+class StatedColumns:
+    """Numbers of some columns of B."""
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        found: Sequence[Relation],
+        zero: Sequence[int],
+        order: tuple[int, ...],
+        rng: np.random.Generator,
+    ) -> None:
+        self.mechanism, self.found, self.order, self.rng = mechanism, found, order, rng
+        self.zero = list(zero)
+        dependent = {*zero, *(t for relation in found for t in relation.targets)}
+        self._classical = [c for c in range(len(order)) if c not in dependent]
+        self._is_classical = order == tuple(range(len(order)))
+        self.pivots, self._supports = self._structure()
+
+    def numbers(self, columns: Sequence[int]) -> tuple[dict[int, dict[int, RationalFunction]], StatedNumbers]:
+        """Some columns as combinations of pivots, and how exact they are."""
+        pairs = [(pivot, column) for column in columns for pivot in self._supports.get(column, ())]
+        needed = self._needed(columns)
+        at = self._stated({s for relation in needed for s in relation.symbols})
+        meaning = StatedNumbers(tuple(sorted(columns)), at, 0.0)
+        values = self._exact(pairs, needed, meaning)
+        if values is None:
+            values, radius = self._from_balls(pairs, needed, at)
+            meaning = replace(meaning, radius=radius)
+        found: dict[int, dict[int, RationalFunction]] = {column: {} for column in columns}
+        for (pivot, column), value in zip(pairs, values, strict=True):
+            if value:
+                found[column][pivot] = RationalFunction(value)
+        return found, meaning
+
+    # -- which coefficients there are ----------------------------------------------------------------------------
+
+    def _structure(self) -> tuple[tuple[int, ...], dict[int, set[int]]]:
+        """Pivots, and for every other column those that it depends on, for any values of the symbols."""
+        pivots: tuple[int, ...] = ()
+        supports: dict[int, set[int]] = {}
+        for _ in range(2):
+            field = PrimeField.random(self.rng)
+
+            def attempt(field: PrimeField = field) -> dict[int, dict[int, int]]:
+                symbols = {s for relation in self.found for s in relation.symbols}
+                geometry = {s: field.draw(self.rng, (1,)) for s in sorted(symbols)}
+                return self._modular(field, geometry, self.found)
+
+            solved = persistent(attempt)
+            pivots = tuple(column for column in self.order if column not in solved)
+            for column, combination in solved.items():
+                supports.setdefault(column, set()).update(combination)
+        return pivots, supports
+
+    def _needed(self, columns: Sequence[int]) -> list[Relation]:
+        """The relations that some columns depend on."""
+        if not self._is_classical:
+            return list(self.found)
+        owner = {target: relation for relation in self.found for target in relation.targets}
+        needed: list[Relation] = []
+        pending = [owner[c] for c in columns if c in owner]
+        while pending:
+            relation = pending.pop()
+            if relation not in needed:
+                needed.append(relation)
+                pending += [owner[s] for s in relation.sources if s in owner]
+        return needed
+
+    def _stated(self, names: set[str]) -> dict[str, str]:
+        at = value_texts(self.mechanism, names)
+        silent = sorted(names - at.keys())
+        if silent:
+            raise ClosedFormError(
+                f"not all coefficients have closed forms within the budget, and the symbol '{silent[0]}' has no value: "
+                "give it a value, or give a larger budget (--budget)"
+            )
+        return at
+
+    # -- modulo primes -------------------------------------------------------------------------------------------
+
+    def _modular(
+        self, field: PrimeField, geometry: Mapping[str, Residues], needed: Sequence[Relation]
+    ) -> dict[int, dict[int, int]]:
+        """Dependent columns as combinations of pivots at one geometry."""
+
+        def number(polynomial: Polynomial) -> int:
+            return polynomial.evaluate(residues_at(polynomial.generators(), geometry, field), field.embed) % field.p
+
+        def coefficients(kernel: Kernel) -> npt.NDArray[Any]:
+            own = {s: geometry[s] for s in kernel.sampler.symbols}
+            found = kernel.coefficients(field, own, self.rng)[:, 0].astype(object)
+            return found.reshape(len(kernel.sources), -1)
+
+        def reduced(combination: dict[int, int]) -> dict[int, int]:
+            return {pivot: v % field.p for pivot, v in combination.items() if v % field.p}
+
+        solved = self._solved(needed, coefficients, number, reduced)
+        assert solved is not None
+        return solved if self._is_classical else self._reordered(solved, field)
+
+    def _solved(
+        self,
+        needed: Sequence[Relation],
+        coefficients: Callable[[Kernel], npt.NDArray[Any] | None],
+        number: Callable[[Polynomial], Any],
+        reduced: Callable[[dict[int, Any]], dict[int, Any]],
+    ) -> dict[int, dict[int, Any]] | None:
+        """Dependent columns as combinations of classical pivots; None where a kernel has no coefficients."""
+        raw: dict[int, dict[int, Any]] = {column: {} for column in self.zero}
+        known: dict[Kernel, dict[int, dict[int, Any]]] = {}
+        for relation in needed:
+            kernel = relation.kernel
+            if kernel not in known:
+                values = coefficients(kernel)
+                if values is None:
+                    return None
+                known[kernel] = _by_target(kernel, values)
+            raw |= relation.placed(known[kernel], number)
+        solved: dict[int, dict[int, Any]] = {}
+        for column in sorted(raw):
+            solved[column] = reduced(substituted(raw[column], solved))
+        return solved
+
+    def _reordered(self, solved: Mapping[int, Mapping[int, int]], field: PrimeField) -> dict[int, dict[int, int]]:
+        dense = np.zeros((len(self._classical), len(self.order)), dtype=np.int64)
+        row = {pivot: i for i, pivot in enumerate(self._classical)}
+        for pivot, i in row.items():
+            dense[i, pivot] = 1
+        for column, combination in solved.items():
+            for pivot, value in combination.items():
+                dense[row[pivot], column] = value
+        found = by_pivots(dense[:, list(self.order)], field)
+        return {self.order[k]: {self.order[p]: x for p, x in pivots.items()} for k, pivots in found.items()}
+
+    def _exact(self, pairs: Sequence[Pair], needed: Sequence[Relation], meaning: StatedNumbers) -> list[Number] | None:
+        """Exact values, or None where the stated values have no residues."""
+        values = meaning.exact(symbol_roles(self.mechanism).angles)
+        if values is None:
+            return None
+
+        def evaluate(field: PrimeField, _: Mapping[str, Residues]) -> Residues:
+            geometry = {s: np.array([field.embed(v)], dtype=np.int64) for s, v in values.items()}
+            solved = self._modular(field, geometry, needed)
+            return np.array([[solved[column].get(pivot, 0)] for pivot, column in pairs], dtype=np.int64)
+
+        roots = symbol_roles(self.mechanism).irrational
+        unknown = UnknownFunctions(evaluate, (), frozenset(), frozenset(), [0] * len(pairs), roots)
+        try:
+            found = interpolate(unknown, self.rng, Work.of(1))
+        except ClosedFormError:
+            return None
+        return None if None in found else [f.numerator.number or 0 for f in found if f is not None]
+
+    # -- in balls ------------------------------------------------------------------------------------------------
+
+    def _from_balls(
+        self, pairs: Sequence[Pair], needed: Sequence[Relation], at: Mapping[str, str]
+    ) -> tuple[list[Number], float]:
+        """Values rounded to a fixed number of digits, and the largest error."""
+        bits = _BITS
+        while bits <= _MOST_BITS:
+            with flint.ctx.workprec(bits):
+                found = self._balls(pairs, needed, at)
+                if found is not None and all(_error(x) <= _LOOSE * max(1.0, float(abs(x).mid())) for x in found):
+                    return _rounded(found)
+            bits *= 2
+        raise ClosedFormError(f"balls of {_MOST_BITS} bits do not decide the coefficients; please report this model")
+
+    def _balls(self, pairs: Sequence[Pair], needed: Sequence[Relation], at: Mapping[str, str]) -> list[Any] | None:
+        def number(polynomial: Polynomial) -> Any:
+            return polynomial.evaluate(stated_generators(polynomial.generators(), at), ball)
+
+        solved = self._solved(needed, lambda kernel: _solved(kernel, at, self.rng), number, lambda found: found)
+        if solved is None:
+            return None
+        if not self._is_classical:
+            return self._exchanged(pairs, solved)
+        return [solved[column].get(pivot, flint.arb(0)) for pivot, column in pairs]
+
+    def _exchanged(self, pairs: Sequence[Pair], solved: Mapping[int, Mapping[int, Any]]) -> list[Any] | None:
+        """Values for other pivots than the classical ones."""
+        zero, one = flint.arb(0), flint.arb(1)
+
+        def entry(pivot: int, column: int) -> Any:
+            return solved[column].get(pivot, zero) if column in solved else one if pivot == column else zero
+
+        columns = sorted({column for _, column in pairs})
+        left = flint.arb_mat([[entry(p, c) for c in self.pivots] for p in self._classical])
+        try:
+            right = left.solve(flint.arb_mat([[entry(p, c) for c in columns] for p in self._classical]))
+        except ZeroDivisionError:
+            return None
+        row, place = ({c: i for i, c in enumerate(part)} for part in (self.pivots, columns))
+        return [right[row[pivot], place[column]] for pivot, column in pairs]
+
+
+def _by_target(kernel: Kernel, values: npt.NDArray[Any]) -> dict[int, dict[int, Any]]:
+    """Coefficients of shape (sources, targets) as combinations."""
+    return {
+        target: dict(zip(kernel.sources, column, strict=True))
+        for target, column in zip(kernel.targets, values.T, strict=True)
+    }
+
+
+def _solved(kernel: Kernel, at: Mapping[str, str], rng: np.random.Generator) -> Balls | None:
+    """Coefficients of a kernel, shape (sources, targets), or None if the precision does not decide them."""
+    unknowns, forms = kernel.unknowns, kernel.rows.forms
+    states = -(-(unknowns + _SURPLUS_ROWS) // max(1, forms.shape[0]))
+    for count in (states, 8 * states):  # regions of signs may need more
+        rows = ball_rows(forms, at, count, rng)
+        left, right = flint.arb_mat(rows[:, :unknowns].tolist()), flint.arb_mat(rows[:, unknowns:].tolist())
+        across = left.transpose()
+        try:
+            solution = (across * left).solve(across * right)
+        except ZeroDivisionError:
+            continue
+        table = np.empty((unknowns, len(kernel.targets)), dtype=object)
+        table.ravel()[:] = solution.entries()
+        return table[kernel.rows.auxiliary :]
+    return None
+
+
+def _error(x: Any) -> float:
+    return float(x.rad())
+
+
+def _rounded(values: Sequence[Any]) -> tuple[list[Number], float]:
+    """Values to a fixed number of digits, and the largest error."""
+    rounded: list[Number] = []
+    radius = 0.0
+    for value in values:
+        if value.contains(0):  # it is smaller than the error allowed before
+            rounded.append(0)
+            radius = max(radius, float(abs(value).upper()))
+            continue
+        decimal = Fraction(value.mid().str(_DIGITS, radius=False))
+        rounded.append(decimal.numerator if decimal.denominator == 1 else decimal)
+        radius = max(radius, abs(float(decimal)) * 10.0 ** (1 - _DIGITS) + _error(value))
+    return rounded, radius
