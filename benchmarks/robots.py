@@ -14,8 +14,7 @@ import numpy as np
 import echelon as ec
 from echelon.exact.expressions import parse, parse_angle
 from echelon.exact.polynomial import Polynomial, float_generators
-from echelon.mechanism.body import GROUND, Body, Symbol
-from echelon.mechanism.joint import Joint, Motion, Placement, merge, rotation, shift, turn
+from echelon.mechanism.joint import GROUND, Body, Joint, Motion, Placement, Symbol, merge, rotation, shift, turn
 from echelon.mechanism.mechanism import Mechanism
 
 PANDA_FILE = Path(__file__).parents[1] / "examples" / "panda.yaml"

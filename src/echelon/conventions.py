@@ -19,12 +19,3 @@ LENGTH_DEGREE: Final = (2, 2, 2, 2, 2, 2, 1, 1, 1, 0)
 
 UNITS: Final = ("kg·m²",) * 6 + ("kg·m",) * 3 + ("kg",)
 """SI unit of each standard parameter."""
-
-
-def parameter_name(body: str, index: int) -> str:
-    """Name of one standard parameter: kind followed by the body's label.
-
-    >>> parameter_name("3", 9), parameter_name("_gripper", 0)
-    ('M3', 'XX_gripper')
-    """
-    return f"{PARAMETERS[index]}{body}"

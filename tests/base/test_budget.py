@@ -24,7 +24,7 @@ from echelon.errors import CertificateError, ClosedFormError, InputError
 from echelon.exact.expressions import PI, parse
 from echelon.exact.polynomial import is_trigonometric, symbol_of
 from echelon.exact.rational import RationalFunction
-from echelon.mechanism.body import Symbol
+from echelon.mechanism.joint import Symbol
 from echelon.mechanism.stated import all_symbols
 from support import textbook_arms as arms
 from support.float_regressor import FloatArray

@@ -18,9 +18,8 @@ from echelon.base.display import to_html, to_latex, to_markdown, to_text
 from echelon.base.expression import LatexStyle, TextStyle
 from echelon.base.reading_report import ReadingReport
 from echelon.cli.terminal import print_model
-from echelon.mechanism.body import Symbol
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.reading import Snap
+from echelon.mechanism.joint import Symbol
+from echelon.mechanism.mechanism import Mechanism, Snap
 from support import textbook_arms as arms
 from support.paths import ROOT, TESTS
 from support.selection import one_in

@@ -11,11 +11,11 @@ import sympy
 
 import echelon as ec
 from echelon.base.matrix import column_order
+from echelon.conventions import PARAMETERS, UNITS
 from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import read_description
 from echelon.mechanism.effect import Side, ready_made
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.output import Parameter, inertial_parameter
+from echelon.mechanism.mechanism import Mechanism, Parameter
 from support import textbook_arms as arms
 from support.selection import slow_unless
 
@@ -109,7 +109,9 @@ def test_unknown_choices_are_refused(order: str, prefer: tuple[str, ...]) -> Non
 @pytest.mark.parametrize("order", ["base-to-tip", "tip-to-base"])
 def test_parameters_of_effects_stay_behind_those_of_bodies(order: str) -> None:
     """Unless a user prefers one: then it comes first, and the rest keeps its order."""
-    bodies = [inertial_parameter(body, str(body + 1), kind) for body in range(2) for kind in (5, 9)]
+    bodies = [
+        Parameter(f"{PARAMETERS[kind]}{body + 1}", UNITS[kind], body, kind) for body in range(2) for kind in (5, 9)
+    ]
     columns = (*bodies, Parameter("Fv1", "N·m·s/rad"), Parameter("Fc1", "N·m"))
     expected = (0, 1, 2, 3, 4, 5) if order == "base-to-tip" else (2, 3, 0, 1, 4, 5)
     assert column_order(columns, order) == expected

@@ -23,7 +23,7 @@ from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import read_description
 from echelon.formats.writers.description_writer import write_description
 from echelon.mechanism.joint import Placement, as_matrix
-from echelon.mechanism.output import Cut, plain
+from echelon.mechanism.mechanism import Cut, plain
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.virtual_power import inverse_dynamics_regressor, virtual_power_form

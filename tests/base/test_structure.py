@@ -15,8 +15,8 @@ import echelon as ec
 from echelon.errors import DegenerateSampleError
 from echelon.exact.expressions import Angle
 from echelon.exact.polynomial import Polynomial
-from echelon.mechanism.body import Body
 from echelon.mechanism.joint import (
+    Body,
     Joint,
     Motion,
     Placement,

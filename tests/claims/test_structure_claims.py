@@ -16,12 +16,9 @@ from echelon.base.structure import find_structure
 from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField
 from echelon.exact.polynomial import Polynomial
-from echelon.mechanism.body import ALL, GROUND
 from echelon.mechanism.effect import Side, ready_made
-from echelon.mechanism.joint import MotionKind, ball, floating_motions, rotation, translation
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.output import Cut, JointForce, Output, plain
-from echelon.mechanism.transmission import Actuator
+from echelon.mechanism.joint import ALL, GROUND, MotionKind, ball, floating_motions, rotation, translation
+from echelon.mechanism.mechanism import Actuator, Cut, JointForce, Mechanism, Output, plain
 from echelon.regressor import virtual_power
 from echelon.regressor.linear import FEW_COLUMNS
 from echelon.regressor.virtual_power import virtual_power_form

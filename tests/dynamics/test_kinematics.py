@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import echelon as ec
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import InputError
-from echelon.mechanism.body import GROUND
+from echelon.mechanism.joint import GROUND
 from echelon.mechanism.mechanism import Mechanism
 from support.excitation_cases import Floats, slopes_by_state
 from support.float_regressor import random_states

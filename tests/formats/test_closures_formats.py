@@ -16,8 +16,8 @@ from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile, read_description
 from echelon.formats.schema.robot_schema import json_schema
 from echelon.formats.writers.description_writer import write_description
-from echelon.mechanism.body import GROUND
 from echelon.mechanism.closure import ClosureKind
+from echelon.mechanism.joint import GROUND
 from echelon.mechanism.mechanism import Mechanism
 from support.loop_frames import frames, matrix, position, residual
 from support.paths import ROOT

@@ -7,7 +7,7 @@ import pytest
 
 from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import open_robot
-from echelon.mechanism.body import GROUND
+from echelon.mechanism.joint import GROUND
 from echelon.mechanism.stated import known_values, placement_matrix
 from support.robot_files import pinocchio_model, robot_file
 

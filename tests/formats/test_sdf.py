@@ -10,8 +10,8 @@ import pytest
 import echelon as ec
 from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
-from echelon.mechanism.body import GROUND
 from echelon.mechanism.closure import ClosureKind
+from echelon.mechanism.joint import GROUND
 from echelon.mechanism.mechanism import Mechanism
 from support.loop_frames import residual
 from support.textbook_poses import Array, along, moved, pose_of, turned

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 import echelon as ec
 from echelon.errors import InputError
 from echelon.identification.physics.prior_information import prior_from
-from echelon.mechanism.body import GROUND, Body
-from echelon.mechanism.joint import Joint, Placement, merge, rotation
+from echelon.mechanism.joint import GROUND, Body, Joint, Placement, merge, rotation
 from echelon.mechanism.mechanism import Mechanism
 from support import textbook_arms as arms
 from support.measured_logs import measured

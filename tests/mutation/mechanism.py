@@ -2,20 +2,20 @@
 
 from mutation.fault import Fault
 
-PLACEMENT, JOINT, SUBSTITUTE = "mechanism/joint.py", "mechanism/joint.py", "mechanism/substitute.py"
+JOINT, SUBSTITUTE = "mechanism/joint.py", "mechanism/substitute.py"
 JOINTS = "mechanism/test_joints.py formats/test_description_geometry.py"
 
 FAULTS = (
     Fault(
-        PLACEMENT,
+        JOINT,
         "Placement(back, (-x, -y, -z))",
         "Placement(back, (x, y, z))",
         "inverse placements",
         "mechanism/test_joints.py::test_a_placement_and_its_inverse",
     ),
-    Fault(PLACEMENT, "= c, -s, s, c", "= c, s, -s, c", "sense of turns", JOINTS),
+    Fault(JOINT, "= c, -s, s, c", "= c, s, -s, c", "sense of turns", JOINTS),
     Fault(
-        PLACEMENT,
+        JOINT,
         "multiply(self.rotation, other.rotation)",
         "multiply(other.rotation, self.rotation)",
         "order of turns",
@@ -31,7 +31,7 @@ FAULTS = (
         JOINTS,
     ),
     Fault(
-        "mechanism/transmission.py",
+        "mechanism/mechanism.py",
         "a - factor * b for",
         "a + factor * b for",
         "inverse of a transmission",

@@ -13,8 +13,7 @@ from echelon.base.display import to_text
 from echelon.dynamics.evaluator import ClosedStates
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.joint import Placement, floating_motions
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.output import Cut, plain
+from echelon.mechanism.mechanism import Cut, Mechanism, plain
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.closed_motion import ClosureValues, normalised, position_rates

@@ -13,12 +13,9 @@ import pytest
 import echelon as ec
 from echelon.claims.audit import random_states
 from echelon.exact.polynomial import Polynomial
-from echelon.mechanism.body import GROUND
 from echelon.mechanism.effect import Action, Effect, Side
-from echelon.mechanism.joint import Placement
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.output import Cut, plain
-from echelon.mechanism.transmission import Actuator
+from echelon.mechanism.joint import GROUND, Placement
+from echelon.mechanism.mechanism import Actuator, Cut, Mechanism, plain
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.virtual_power import virtual_power_form

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from echelon.mechanism.joint import Placement
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.output import Cut, plain
+from echelon.mechanism.mechanism import Cut, Mechanism, plain
 
 EVERYTHING = """
 echelon: 1

@@ -6,9 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from echelon.exact.expressions import parse
-from echelon.mechanism.body import GROUND, Body
 from echelon.mechanism.closure import Closure, ClosureKind
-from echelon.mechanism.joint import Placement, ball, rotation, screw, shift, translation
+from echelon.mechanism.joint import GROUND, Body, Placement, ball, rotation, screw, shift, translation
 from echelon.mechanism.mechanism import Mechanism
 from support import textbook_arms as arms
 

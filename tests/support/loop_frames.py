@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from echelon.exact.polynomial import float_generators
-from echelon.mechanism.body import GROUND
-from echelon.mechanism.joint import Placement
+from echelon.mechanism.joint import GROUND, Placement
 from echelon.mechanism.mechanism import Mechanism
 from support.textbook_poses import Array, pose_of
 

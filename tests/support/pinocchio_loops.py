@@ -7,9 +7,8 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from echelon.exact.polynomial import Polynomial, float_generators
-from echelon.mechanism.body import GROUND
 from echelon.mechanism.closure import Closure, ClosureKind
-from echelon.mechanism.joint import Motion, MotionKind, Placement
+from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]

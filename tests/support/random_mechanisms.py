@@ -7,8 +7,8 @@ from collections.abc import Callable
 from hypothesis import strategies as st
 
 from echelon.exact.polynomial import Polynomial
-from echelon.mechanism.body import Body
 from echelon.mechanism.joint import (
+    Body,
     Motion,
     ball,
     floating_motions,

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from echelon.exact.expressions import parse, parse_angle
-from echelon.mechanism.body import ALL, GROUND, Body, Symbol
 from echelon.mechanism.coupling import Coupling, linear
 from echelon.mechanism.joint import (
+    ALL,
+    GROUND,
+    Body,
     Joint,
     Motion,
     Placement,
     Step,
+    Symbol,
     Vector,
     X,
     Y,

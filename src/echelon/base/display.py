@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from echelon.base.linear_base import LinearBase
     from echelon.base.matrix import StatedNumbers
     from echelon.base.model import BaseModel
-    from echelon.mechanism.body import Symbol
+    from echelon.mechanism.joint import Symbol
 
 _LATEX_ROWS_PER_PAGE = 40
 

@@ -29,7 +29,7 @@ from echelon.exact.polynomial import float_generators, generator_values
 from echelon.exact.rational import RationalFunction, cost_of_products, residues_at
 from echelon.exact.unknown import Work
 from echelon.extras import extra
-from echelon.mechanism.output import Parameter
+from echelon.mechanism.mechanism import Parameter
 from echelon.program.sympy_bridge import sympy_number
 
 if TYPE_CHECKING:

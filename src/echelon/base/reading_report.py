@@ -27,8 +27,7 @@ from echelon.errors import DegenerateSampleError, InputError
 from echelon.exact.elimination import rank as rank_modulo
 from echelon.exact.field import ARRAY_BITS, PrimeField
 from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.reading import Reading, Snap
+from echelon.mechanism.mechanism import Mechanism, Reading, Snap
 from echelon.mechanism.stated import (
     StatedValues,
     characteristic_length,
@@ -206,9 +205,7 @@ def mimic_ranks(mechanism: Mechanism, rank: int, rng: np.random.Generator) -> Mi
     return MimicRanks(rank, found) if len(mechanism.couplings) > len(other.couplings) else MimicRanks(found, rank)
 
 
-def _decisive(
-    reading: Reading[Mechanism], elements: Sequence[str], rank: int, bodies: int, rng: np.random.Generator
-) -> list[str]:
+def _decisive(reading: Reading, elements: Sequence[str], rank: int, bodies: int, rng: np.random.Generator) -> list[str]:
     """Elements that change the rank when taken literally, by bisection; whole groups once enough has been tried."""
     trials = iter(range(max(_FEWEST_TRIALS, _MOST_TRIALS // bodies)))
 

@@ -15,10 +15,8 @@ from echelon.errors import ClosedFormError, DegenerateSampleError, EchelonError,
 from echelon.exact.elimination import rank
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.unknown import SOLVING, Work
-from echelon.mechanism.body import GROUND
-from echelon.mechanism.joint import Placement
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.output import Cut, Output, plain
+from echelon.mechanism.joint import GROUND, Placement
+from echelon.mechanism.mechanism import Cut, Mechanism, Output, plain
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.virtual_power import virtual_power_form
 from echelon.seeds import DEFAULT_SEED, random_generator

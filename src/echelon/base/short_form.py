@@ -18,8 +18,7 @@ from echelon.errors import ClosedFormError
 from echelon.exact.numbers import Number
 from echelon.exact.polynomial import Monomial, Polynomial, cosine, is_trigonometric, sine, symbol_of
 from echelon.extras import extra
-from echelon.mechanism.body import GROUND
-from echelon.mechanism.joint import MotionKind, Placement
+from echelon.mechanism.joint import GROUND, MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.sympy_bridge import sympy_number
 from echelon.program.tape import FUNCTIONS, Op, Program

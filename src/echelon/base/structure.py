@@ -21,11 +21,9 @@ from echelon.base.own_mode import OwnPose
 from echelon.errors import BrokenRelationsError, DegenerateSampleError, EchelonError, OtherModeError, SingularPoseError
 from echelon.exact.elimination import by_pivots, rank
 from echelon.exact.field import PrimeField
-from echelon.mechanism.body import ALL, GROUND, Body
 from echelon.mechanism.closed_pose import shown_loops
-from echelon.mechanism.joint import Joint, Motion, Placement, Step, floating_motions
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.output import Cut
+from echelon.mechanism.joint import ALL, GROUND, Body, Joint, Motion, Placement, Step, floating_motions
+from echelon.mechanism.mechanism import Cut, Mechanism
 from echelon.mechanism.stated import UNITS, has_values, inexact_symbols
 from echelon.program.sampling import FieldSampler
 from echelon.regressor.linear import FEW_COLUMNS, LinearForms, Rows, energy_changes, energy_form

@@ -29,11 +29,9 @@ from echelon.dynamics.recursion import MASS, ForwardPass, efforts
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
 from echelon.inertia.spatial import Array, pseudo_inertia
-from echelon.mechanism.body import GROUND
 from echelon.mechanism.effect import Side
-from echelon.mechanism.joint import ORIGIN, Joint, MotionKind, Placement, Step, Vector, merge
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.output import Cut
+from echelon.mechanism.joint import GROUND, ORIGIN, Joint, MotionKind, Placement, Step, Vector, merge
+from echelon.mechanism.mechanism import Cut, Mechanism
 from echelon.program.derivatives import derivatives
 from echelon.program.tape import Op, Program, Scalar
 from echelon.regressor.loops.dependent_motion import DependentMotion

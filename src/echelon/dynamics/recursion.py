@@ -25,8 +25,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from echelon.inertia.spatial import Array
-from echelon.mechanism.body import GROUND
-from echelon.mechanism.joint import Motion, MotionKind
+from echelon.mechanism.joint import GROUND, Motion, MotionKind
 from echelon.mechanism.joint import Step as Described
 from echelon.program.tape import Scalar
 from echelon.regressor.steps import (

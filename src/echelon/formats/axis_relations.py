@@ -22,8 +22,9 @@ from echelon.exact.numbers import cosine_of_turn
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.reading_options import LENGTH_TOLERANCE, PRECISION
 from echelon.formats.snapping import Snapping
-from echelon.mechanism.body import GROUND, Body
 from echelon.mechanism.joint import (
+    GROUND,
+    Body,
     Matrix,
     Motion,
     MotionKind,
@@ -36,7 +37,7 @@ from echelon.mechanism.joint import (
     transpose,
     turn,
 )
-from echelon.mechanism.reading import Snap
+from echelon.mechanism.mechanism import Snap
 from echelon.mechanism.stated import vanishes
 
 _STEP = pi / STEPS_PER_HALF_TURN

@@ -13,8 +13,20 @@ from operator import matmul
 
 from echelon.exact.expressions import Angle
 from echelon.exact.polynomial import Polynomial
-from echelon.mechanism.body import ALL, GROUND, Body
-from echelon.mechanism.joint import Joint, Motion, MotionKind, Placement, Step, floating_motions, merge, shift, turn
+from echelon.mechanism.joint import (
+    ALL,
+    GROUND,
+    Body,
+    Joint,
+    Motion,
+    MotionKind,
+    Placement,
+    Step,
+    floating_motions,
+    merge,
+    shift,
+    turn,
+)
 
 BASE = "base"
 """What a parent is called that is the base, unless a body has that name."""

@@ -36,13 +36,10 @@ from echelon.formats.literal import (
 )
 from echelon.formats.reading_options import ReadingOptions, gravity_vector
 from echelon.formats.snapping import Snapping, symbol_stem
-from echelon.mechanism.body import ALL, GROUND, Symbol
 from echelon.mechanism.closed_pose import parted
 from echelon.mechanism.closure import Closure
-from echelon.mechanism.joint import Motion, MotionKind, Placement, Step, merge
-from echelon.mechanism.mechanism import Mechanism, setup_placements
-from echelon.mechanism.output import Cut, JointForce, Output, plain
-from echelon.mechanism.reading import Snap
+from echelon.mechanism.joint import ALL, GROUND, Motion, MotionKind, Placement, Step, Symbol, merge
+from echelon.mechanism.mechanism import Cut, JointForce, Mechanism, Output, Snap, plain, setup_placements
 
 
 @dataclass(frozen=True)

@@ -20,11 +20,10 @@ from echelon.exact.polynomial import Polynomial, as_polynomial, is_trigonometric
 from echelon.formats.reading_options import PRECISION
 from echelon.formats.snapping import Snapping
 from echelon.inertia.convert import rotation_quaternion
-from echelon.mechanism.body import Body, Symbol
 from echelon.mechanism.closed_pose import parted, turned_by
 from echelon.mechanism.closure import Closure, ClosureKind
-from echelon.mechanism.joint import IDENTITY, Motion, MotionKind, Placement, Vector, shift
-from echelon.mechanism.reading import Snap
+from echelon.mechanism.joint import IDENTITY, Body, Motion, MotionKind, Placement, Symbol, Vector, shift
+from echelon.mechanism.mechanism import Snap
 from echelon.mechanism.stated import placement_matrix
 
 _MOST_ANGLES = 18  # a product of six rotations by three angles each has thousands of terms

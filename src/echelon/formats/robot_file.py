@@ -22,8 +22,7 @@ from echelon.formats.robot_sources import content_of, described_path, expanded, 
 from echelon.formats.usual_effects import with_usual_effects
 from echelon.inputs.xml_text import parse_xml
 from echelon.mechanism.lock_joints import lock_joints
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.reading import Reading
+from echelon.mechanism.mechanism import Mechanism, Reading
 from echelon.mechanism.stated import in_numbers
 from echelon.models.linear_model import LinearModel
 

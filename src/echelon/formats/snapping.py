@@ -23,12 +23,12 @@ from echelon.exact.numbers import Rational, decimal_text, inverse, square_root
 from echelon.exact.polynomial import Polynomial, as_polynomial, format_polynomial
 from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralTree, Triple
 from echelon.formats.reading_options import LARGEST_ANGLE, LENGTH_TOLERANCE, PRECISION, ReadingOptions
-from echelon.mechanism.body import Symbol
 from echelon.mechanism.joint import (
     Motion,
     MotionKind,
     Placement,
     Step,
+    Symbol,
     Vector,
     as_matrix,
     floating_motions,
@@ -36,7 +36,7 @@ from echelon.mechanism.joint import (
     shift,
     turn,
 )
-from echelon.mechanism.reading import Snap
+from echelon.mechanism.mechanism import Snap
 
 _STEP = pi / STEPS_PER_HALF_TURN
 _SAME = 1e-12

@@ -14,8 +14,7 @@ from math import isfinite
 
 from echelon.mechanism.effect import Effect, Side, ready_made
 from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.output import Cut, JointForce
+from echelon.mechanism.mechanism import Cut, JointForce, Mechanism
 
 DriveNumbers = Mapping[str, Mapping[str, float]]
 """What a file states of the drives of coordinates: kinds of effects with values, nan where only the kind is known."""

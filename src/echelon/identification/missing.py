@@ -22,8 +22,7 @@ from echelon.identification.rows.plan import part_of
 from echelon.identification.rows.rows import ModelRows, rows_taken
 from echelon.logs.finding import Finding, note, warning
 from echelon.logs.recording import Samples
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.output import ActuatorForce, JointForce
+from echelon.mechanism.mechanism import ActuatorForce, JointForce, Mechanism
 from echelon.mechanism.stated import known_values
 from echelon.observe.triangle import column_norms, safe_norms, upper_triangle
 from echelon.signals.clock import low_passed

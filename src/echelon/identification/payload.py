@@ -22,7 +22,7 @@ from echelon.errors import InputError
 from echelon.hints import nearest_of
 from echelon.identification.rows.rows import ModelRows, RowBlock, Rows
 from echelon.logs.recording import Samples
-from echelon.mechanism.body import ALL
+from echelon.mechanism.joint import ALL
 from echelon.observe.observation import Layout
 
 LABEL = "_payload"

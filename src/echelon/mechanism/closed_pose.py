@@ -13,9 +13,8 @@ from math import lcm
 
 from echelon.exact.expressions import multiple_of_point
 from echelon.exact.polynomial import Polynomial
-from echelon.mechanism.body import GROUND
 from echelon.mechanism.closure import Closure
-from echelon.mechanism.joint import Motion, MotionKind, Placement, shift, turn_by
+from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement, shift, turn_by
 from echelon.mechanism.mechanism import ClosedAt, Mechanism
 
 _SHOWN = 4  # closures that a message names

@@ -11,14 +11,11 @@ from math import tan
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
 from echelon.hints import nearest_of
-from echelon.mechanism.body import Body
 from echelon.mechanism.coupling import Coupling, Spline
 from echelon.mechanism.effect import Effect
-from echelon.mechanism.joint import IDENTITY, Joint, Matrix, Motion, MotionKind, Placement, Step, as_matrix, merge
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.output import ActuatorForce, Cut, Output
+from echelon.mechanism.joint import IDENTITY, Body, Joint, Matrix, Motion, MotionKind, Placement, Step, as_matrix, merge
+from echelon.mechanism.mechanism import Actuator, ActuatorForce, Cut, Mechanism, Output
 from echelon.mechanism.stated import known_values
-from echelon.mechanism.transmission import Actuator
 
 _DENOMINATOR = 10**8  # of tangents of half angles: a rational point of the circle within 2e-8 rad of any angle
 _REFERENCE = re.compile(r"\b(qdd|qd|q)\[([^\]]*)\]")

@@ -1,23 +1,146 @@
-"""The mechanism: bodies with joints, couplings, drives, effects and gravity, and what is measured on it."""
+"""The mechanism: bodies with joints, couplings, drives, effects and gravity, and what is measured on it.
+
+The rows of the regressor X are its measured outputs.  An output is a linear combination of what sensors can measure.  A
+sensor is a freedom that never moves: the power of the bodies' wrenches in a virtual motion of that freedom is what it
+measures.  A joint torque is the power of the joint's own freedom, a torque or force sensor anywhere between two bodies
+that of a turn or a shift of one against the other.  The columns of X are the standard parameters.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any, Protocol
 
-from echelon.conventions import PER_BODY
+from echelon.conventions import LENGTH_DEGREE, PARAMETERS, PER_BODY, UNITS
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
-from echelon.mechanism.body import GROUND, Body, Symbol
+from echelon.exact.rational import RationalFunction
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.coupling import Coupling
 from echelon.mechanism.effect import Effect, Side
-from echelon.mechanism.joint import Motion, MotionKind, Placement, Vector
-from echelon.mechanism.output import ActuatorForce, Cut, JointForce, Output, Parameter, inertial_parameter, plain
-from echelon.mechanism.reading import Reading
-from echelon.mechanism.transmission import Actuator, Transmission, transmission
+from echelon.mechanism.joint import GROUND, Body, Motion, MotionKind, Placement, Symbol, Vector
+
+
+@dataclass(frozen=True)
+class JointForce:
+    """Generalised force of a joint coordinate, on the joint's side of its drive: rigid bodies and effects there."""
+
+    coordinate: str
+
+
+@dataclass(frozen=True)
+class ActuatorForce:
+    """Torque or force of an actuator: everything that its motion moves, and the effects in the drive."""
+
+    actuator: str
+
+
+@dataclass(frozen=True)
+class Cut:
+    """One component of the wrench that a body gets from its parent (from the ground: all bodies that hang on it)."""
+
+    body: int  # the body; GROUND for the wrench under the base
+    frame: Placement  # the sensor's frame in the frame of the body, or of its parent
+    on_parent: bool  # whether the frame is fixed to the parent
+    axis: int  # 0, 1, 2 for x, y, z of the sensor's frame
+    angular: bool  # moment (N·m) or force (N)
+
+
+Channel = JointForce | ActuatorForce | Cut
+
+
+@dataclass(frozen=True)
+class Output:
+    """One measured output, a row of X."""
+
+    name: str
+    unit: str
+    terms: tuple[tuple[Channel, Polynomial], ...]  # y = Σ weight · channel
+
+
+_ONE = Polynomial.constant(1)
+
+
+def plain(name: str, unit: str, channel: Channel) -> Output:
+    """The output that is one channel."""
+    return Output(name, unit, ((channel, _ONE),))
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One standard parameter."""
+
+    name: str
+    unit: str  # SI unit
+    body: int | None = None  # index of the body whose inertia it describes; None for parameters of effects
+    kind: int | None = None  # its place in XX … M, for a body's parameter
+
+    @property
+    def length_degree(self) -> int:
+        """Power of length in the unit of an inertial parameter; 0 for other parameters."""
+        return 0 if self.kind is None else LENGTH_DEGREE[self.kind]
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """One row of T."""
+
+    name: str  # the actuator's coordinate
+    terms: tuple[tuple[str, Polynomial], ...]  # ratio to each joint coordinate
+
+
+@dataclass(frozen=True)
+class Transmission:
+    """All actuators, θ = T q and so τ_q = Tᵀ τ_θ, and what an actuator's motion moves."""
+
+    # those stated, then one of the same name for every coordinate that none of them drives
+    actuators: tuple[Actuator, ...]
+    # T⁻¹ by columns: for each actuator, the joint velocities that a unit of its velocity causes alone
+    inverse: Mapping[str, Mapping[str, RationalFunction]]
+
+
+def transmission(stated: Sequence[Actuator], coordinates: Sequence[str]) -> Transmission:
+    """Complete the stated actuators by direct drives and invert T."""
+    driven = [name for name in coordinates if any(name == joint for a in stated for joint, _ in a.terms)]
+    if len(driven) != len(stated):
+        raise InputError(
+            f"{len(stated)} actuators drive {len(driven)} coordinates ({', '.join(driven) or 'none'}); their torques "
+            "follow from the motion only if the numbers are equal: measure combinations of them as outputs instead",
+            element="transmission",
+        )
+    matrix = [[RationalFunction(dict(a.terms).get(name, Polynomial({}))) for name in driven] for a in stated]
+    solved = _inverse(matrix)
+    if solved is None:
+        names = ", ".join(a.name for a in stated)
+        raise InputError(f"the transmission of {names} is singular: its actuators cannot move independently")
+    one = Polynomial.constant(1)
+    direct = tuple(Actuator(name, ((name, one),)) for name in coordinates if name not in driven)
+    inverse: dict[str, dict[str, RationalFunction]] = {a.name: {a.name: RationalFunction(1)} for a in direct}
+    for k, actuator in enumerate(stated):
+        inverse[actuator.name] = {name: row[k] for name, row in zip(driven, solved, strict=True) if row[k]}
+    return Transmission((*stated, *direct), inverse)
+
+
+def _inverse(matrix: list[list[RationalFunction]]) -> list[list[RationalFunction]] | None:
+    """Inverse of a square matrix by Gauss–Jordan elimination; None if it is singular."""
+    size = len(matrix)
+    rows = [[*row, *(RationalFunction(int(i == j)) for j in range(size))] for i, row in enumerate(matrix)]
+    for column in range(size):
+        pivot = next((i for i in range(column, size) if rows[i][column]), None)
+        if pivot is None:
+            return None
+        rows[column], rows[pivot] = rows[pivot], rows[column]
+        lead = rows[column][column]
+        rows[column] = [entry / lead for entry in rows[column]]
+        for i in range(size):
+            factor = rows[i][column]
+            if i != column and factor:
+                rows[i] = [a - factor * b for a, b in zip(rows[i], rows[column], strict=True)]
+    return [row[size:] for row in rows]
+
 
 ClosedAt = Mapping[str, tuple[Polynomial, ...]]
 """Exact positions by motion: cosine and sine, a displacement or quaternion (:mod:`echelon.mechanism.closed_pose`)."""
@@ -77,7 +200,7 @@ class Mechanism:
     assembly: Mapping[str, float] = field(default_factory=dict)
     closed_at: ClosedAt = field(default_factory=dict)
     stated_closures: tuple[Closure, ...] = ()
-    reading: Reading[Mechanism] | None = field(init=False, default=None, compare=False, repr=False)
+    reading: Reading | None = field(init=False, default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         _check_tree(self)
@@ -86,7 +209,7 @@ class Mechanism:
         _check_effects(self)
         _check_outputs(self)
 
-    def as_read(self, reading: Reading[Mechanism]) -> Mechanism:
+    def as_read(self, reading: Reading) -> Mechanism:
         """The same mechanism with how it was read; what :func:`dataclasses.replace` changes has no reading."""
         found = copy(self)
         object.__setattr__(found, "reading", reading)
@@ -153,7 +276,8 @@ class Mechanism:
     def columns(self) -> tuple[Parameter, ...]:
         """The standard parameters: those of the bodies, then those of the effects."""
         bodies = self.bodies
-        inertial = (inertial_parameter(i, bodies[i].label, k) for i in self.carriers for k in bodies[i].carried)
+        pairs = ((i, k) for i in self.carriers for k in bodies[i].carried)
+        inertial = (Parameter(f"{PARAMETERS[k]}{bodies[i].label}", UNITS[k], i, k) for i, k in pairs)
         return (*inertial, *(Parameter(effect.parameter, effect.unit) for effect in self.effects))
 
     @cached_property
@@ -205,6 +329,50 @@ class Mechanism:
 
     def __str__(self) -> str:
         return f"{self.name}: {len(self.bodies)} bodies, {self.degrees_of_freedom} degrees of freedom"
+
+
+@dataclass(frozen=True)
+class Snap:
+    """One number of a file that was read as a nearby exact one."""
+
+    element: str  # where it stands, e.g. ``"joint 'elbow' rpy[0]"``
+    literal: str  # the number in the file
+    intended: str  # what it was taken for
+    difference: float  # size of the change, rad or m
+
+    def __str__(self) -> str:
+        return f"{self.element}: {self.literal} read as {self.intended}"
+
+
+class ReadableFile(Protocol):
+    """A file that mechanisms can be built from (:class:`echelon.formats.robot_file.RobotFile`)."""
+
+    def mechanism(self, options: Any = ..., literal: Collection[str] = ...) -> Mechanism:
+        """The robot, with the numbers of some elements taken literally."""
+        ...
+
+    def recoupled(self, options: Any) -> Mechanism | None:
+        """The robot with its couplings ignored, or kept if the options ignore them; None if the file has none."""
+        ...
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a mechanism was read from a file."""
+
+    snaps: tuple[Snap, ...]  # numbers that were read as nearby exact ones
+    notes: tuple[str, ...]  # remarks of the reader for the user
+    file: ReadableFile
+    options: Any  # how the file was read
+
+    def literal(self, elements: Collection[str] | None = None) -> Mechanism:
+        """The mechanism with these snapped elements (all, if omitted) taken literally."""
+        chosen = {snap.element for snap in self.snaps} if elements is None else elements
+        return self.file.mechanism(self.options, chosen)
+
+    def recoupled(self) -> Mechanism | None:
+        """The mechanism with the file's couplings ignored, or kept if they are ignored; None if it has none."""
+        return self.file.recoupled(self.options)
 
 
 def setup_placements(mechanism: Mechanism) -> list[Placement]:

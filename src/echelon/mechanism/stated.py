@@ -32,8 +32,7 @@ from echelon.exact.polynomial import (
     sine,
     symbol_of,
 )
-from echelon.mechanism.body import Symbol
-from echelon.mechanism.joint import MotionKind, Placement
+from echelon.mechanism.joint import MotionKind, Placement, Symbol
 from echelon.mechanism.mechanism import Mechanism, setup_placements, setup_ratios
 from echelon.mechanism.substitute import substituted
 from echelon.program.text import phase_symbols

@@ -22,12 +22,10 @@ from echelon.exact.polynomial import (
     sine,
     symbol_of,
 )
-from echelon.mechanism.body import Body
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.effect import Effect
-from echelon.mechanism.joint import Matrix, Motion, MotionKind, Placement, Step, Vector, merge
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.output import Channel, Cut, Output
+from echelon.mechanism.joint import Body, Matrix, Motion, MotionKind, Placement, Step, Vector, merge
+from echelon.mechanism.mechanism import Channel, Cut, Mechanism, Output
 
 _NAMES = re.compile(r"\[[^\]]*\]|[^\W\d]\w*")
 """Coordinates in brackets, which are no symbols, and names."""

@@ -28,8 +28,8 @@ import numpy as np
 from echelon.exact.elimination import rank, reduced_echelon
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.numbers import Rational
-from echelon.mechanism.body import ALL, GROUND
 from echelon.mechanism.effect import Side
+from echelon.mechanism.joint import ALL, GROUND
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import GENERAL, StatedValues
 from echelon.program.sampling import FieldSampler

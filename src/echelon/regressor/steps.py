@@ -12,11 +12,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, TypeVar
 
-from echelon.mechanism.body import GROUND
 from echelon.mechanism.effect import Action, Effect, Side
-from echelon.mechanism.joint import Motion, MotionKind, Placement
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.output import ActuatorForce, Cut, JointForce
+from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement
+from echelon.mechanism.mechanism import ActuatorForce, Cut, JointForce, Mechanism
 from echelon.program.tape import Program, Scalar
 from echelon.program.text import record_expression
 

@@ -14,8 +14,7 @@ from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS
 from echelon.errors import one_line
 from echelon.exact.rational import RationalFunction
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.output import Parameter
+from echelon.mechanism.mechanism import Mechanism, Parameter
 
 KINDS = ("pivot", "number", "length", "area", "other")
 """Kinds of coefficients: of the representative, a number, a length, a product of two lengths, anything else."""

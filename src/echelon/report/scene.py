@@ -16,8 +16,7 @@ from echelon.arrays import Floats
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import EchelonError, one_line
 from echelon.excite.excite import ExcitingTrajectory
-from echelon.mechanism.body import GROUND, Body
-from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.joint import GROUND, Body, MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
 from echelon.regressor.loops.assembly import Assembly

@@ -19,7 +19,7 @@ from echelon.errors import EchelonError, one_line
 from echelon.formats.robot_file import RobotFile
 from echelon.inertia.convert import convert
 from echelon.inertia.spatial import pseudo_inertia
-from echelon.mechanism.body import GROUND
+from echelon.mechanism.joint import GROUND
 from echelon.mechanism.stated import characteristic_length
 
 _ROUNDED = 1e-6  # relative; decimals of a file cannot help smaller violations

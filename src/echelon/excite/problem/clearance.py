@@ -32,8 +32,7 @@ from echelon.excite.problem.shapes import WORLD, BoundingSpheres, Kind, Owner, S
 from echelon.excite.problem.state_limits import Slopes, StateConstraint
 from echelon.formats.mjcf.mjcf_model import import_mujoco
 from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
-from echelon.mechanism.body import GROUND
-from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.joint import GROUND, MotionKind
 from echelon.mechanism.mechanism import Mechanism
 
 _OLDEST = (3, 12)

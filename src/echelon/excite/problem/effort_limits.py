@@ -19,8 +19,7 @@ from echelon.dynamics.functions import robot_function
 from echelon.errors import InputError
 from echelon.excite.problem.information import StateRegressor
 from echelon.excite.problem.state_limits import Enclosed, Slopes, StateLimits, enclosures_of
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.output import ActuatorForce, JointForce, Output, plain
+from echelon.mechanism.mechanism import ActuatorForce, JointForce, Mechanism, Output, plain
 from echelon.program.intervals import Interval
 
 SIGNS = ("plus", "minus")

@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats, Integers
 from echelon.errors import InputError
-from echelon.mechanism.body import GROUND
+from echelon.mechanism.joint import GROUND
 
 
 class Kind(StrEnum):

@@ -24,8 +24,7 @@ from echelon.excite.problem.clearance import Clearance
 from echelon.excite.problem.shapes import Shape, extent, plane_gaps
 from echelon.excite.problem.trajectory import Trajectory
 from echelon.excite.verify.margins import Margin
-from echelon.mechanism.body import GROUND
-from echelon.mechanism.joint import Motion, MotionKind, Placement, Step
+from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement, Step
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import placement_matrix, symbol_values
 

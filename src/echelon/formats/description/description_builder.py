@@ -30,10 +30,8 @@ from echelon.formats.reading_options import ReadingOptions, StatedJoint, gravity
 from echelon.formats.snapping import symbol_stem
 from echelon.hints import nearest_of, unused
 from echelon.inputs.yaml_text import step_into
-from echelon.mechanism.body import ALL, GROUND, Body
-from echelon.mechanism.joint import ORIGIN, Joint, Motion, Placement, Step, floating_motions, merge
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.reading import Snap
+from echelon.mechanism.joint import ALL, GROUND, ORIGIN, Body, Joint, Motion, Placement, Step, floating_motions, merge
+from echelon.mechanism.mechanism import Mechanism, Snap
 from echelon.mechanism.stated import placement_matrix
 
 if TYPE_CHECKING:

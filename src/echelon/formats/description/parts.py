@@ -15,7 +15,7 @@ from echelon.formats.description.stated_expressions import Expressions
 from echelon.formats.description.stated_joints import Joints, joint_name
 from echelon.formats.literal import central_inertial
 from echelon.hints import nearest
-from echelon.mechanism.body import ALL
+from echelon.mechanism.joint import ALL
 
 if TYPE_CHECKING:
     from echelon.formats.schema.robot_schema import BodyEntry, Inertial, ModifiedRow, RobotDescription, StandardRow

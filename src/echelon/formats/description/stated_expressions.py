@@ -24,10 +24,8 @@ from echelon.formats.literal import LiteralTree
 from echelon.formats.reading_options import NOT_FINITE, ReadingOptions, checked_size, gravity_vector
 from echelon.formats.snapping import Snapping
 from echelon.hints import nearest, nearest_of
-from echelon.mechanism.body import Symbol
-from echelon.mechanism.joint import ORIGIN, Vector
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.reading import Snap
+from echelon.mechanism.joint import ORIGIN, Symbol, Vector
+from echelon.mechanism.mechanism import Mechanism, Snap
 from echelon.mechanism.stated import geometry as geometry_of
 from echelon.mechanism.stated import symbol_roles
 

@@ -17,15 +17,12 @@ from echelon.formats.description.stated_expressions import Expressions
 from echelon.formats.description.stated_joints import CouplingReader, Joints
 from echelon.formats.snapping import symbol_stem
 from echelon.formats.usual_effects import effect_label, floating_velocities, slides
-from echelon.mechanism.body import Body
 from echelon.mechanism.closed_pose import follow
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.coupling import Coupling, linear
 from echelon.mechanism.effect import Action, Effect, Side, ready_made
-from echelon.mechanism.joint import Joint, Motion, MotionKind, Placement, X, Y, Z, merge, turn
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.output import ActuatorForce, Channel, Cut, JointForce, Output, plain
-from echelon.mechanism.transmission import Actuator
+from echelon.mechanism.joint import Body, Joint, Motion, MotionKind, Placement, X, Y, Z, merge, turn
+from echelon.mechanism.mechanism import Actuator, ActuatorForce, Channel, Cut, JointForce, Mechanism, Output, plain
 
 if TYPE_CHECKING:
     from echelon.formats.schema.robot_schema import RobotDescription

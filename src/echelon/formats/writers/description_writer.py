@@ -15,13 +15,24 @@ from echelon.exact.polynomial import Polynomial, format_polynomial
 from echelon.formats.bodies import BASE
 from echelon.formats.description.stated_expressions import GENERIC
 from echelon.formats.schema.schema_setup import COMPONENTS
-from echelon.mechanism.body import ALL, GROUND, Body, Symbol
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.coupling import Spline
 from echelon.mechanism.effect import Effect
-from echelon.mechanism.joint import IDENTITY, ORIGIN, Joint, Motion, MotionKind, Placement, Step, Vector
-from echelon.mechanism.mechanism import Mechanism, setup_expressions
-from echelon.mechanism.output import ActuatorForce, Cut, JointForce, Output
+from echelon.mechanism.joint import (
+    ALL,
+    GROUND,
+    IDENTITY,
+    ORIGIN,
+    Body,
+    Joint,
+    Motion,
+    MotionKind,
+    Placement,
+    Step,
+    Symbol,
+    Vector,
+)
+from echelon.mechanism.mechanism import ActuatorForce, Cut, JointForce, Mechanism, Output, setup_expressions
 
 if TYPE_CHECKING:
     from echelon.formats.description.stated_joints import Joints

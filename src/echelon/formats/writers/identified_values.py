@@ -24,8 +24,8 @@ from echelon.formats.writers.xml_editor import comment
 from echelon.hints import in_quotes
 from echelon.inertia.convert import convert
 from echelon.inertia.spatial import pseudo_inertia
-from echelon.mechanism.body import ALL, Body
 from echelon.mechanism.effect import Action, Side
+from echelon.mechanism.joint import ALL, Body
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
 

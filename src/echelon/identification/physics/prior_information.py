@@ -29,8 +29,7 @@ from echelon.errors import InputError
 from echelon.identification.physics.bounds import Roles
 from echelon.inertia.spatial import from_pseudo_inertia, move, pseudo_inertia
 from echelon.logs.finding import Finding, note, warning
-from echelon.mechanism.body import GROUND
-from echelon.mechanism.joint import Motion, MotionKind, Placement
+from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, characteristic_length, placement_matrix, symbol_values
 

@@ -29,7 +29,7 @@ from echelon.extras import extra
 from echelon.identification.physics.bounds import Bounds, LinearLimits, Roles, linear_limits, roles
 from echelon.identification.physics.prior_information import Reference, common_mass, reference
 from echelon.inertia.spatial import SIZE, factor, frame_change, margins, pseudo_inertia
-from echelon.mechanism.output import Parameter
+from echelon.mechanism.mechanism import Parameter
 
 
 def svec(matrix: Floats) -> Floats:

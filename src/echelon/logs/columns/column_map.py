@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from echelon.logs.recording import Recording
 from echelon.mechanism.joint import Motion, MotionKind
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.transmission import Actuator
+from echelon.mechanism.mechanism import Actuator, Mechanism
 
 
 @dataclass(frozen=True)

@@ -26,10 +26,9 @@ from echelon.logs.files.log_file import Table
 from echelon.logs.finding import listed
 from echelon.logs.recording import Recording
 from echelon.mechanism.effect import KINDS, Side
-from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.mechanism import Channel as Force
+from echelon.mechanism.mechanism import JointForce, Mechanism, Output
 from echelon.mechanism.motor_side import transmission_matrix
-from echelon.mechanism.output import Channel as Force
-from echelon.mechanism.output import JointForce, Output
 from echelon.mechanism.stated import symbol_values
 from echelon.signals.clock import GAP, nominal_period
 

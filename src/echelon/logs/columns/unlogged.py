@@ -13,8 +13,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 
 from echelon.logs.columns.column_names import Meaning
-from echelon.mechanism.body import GROUND
-from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.joint import GROUND, MotionKind
 from echelon.mechanism.mechanism import Mechanism
 
 _ATTACHED = re.compile(

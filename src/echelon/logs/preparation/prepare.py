@@ -18,8 +18,7 @@ from echelon.errors import InputError
 from echelon.logs.preparation.states import Preparation, states, states_reach, usable, velocity_names
 from echelon.logs.recording import Samples, Segment
 from echelon.mechanism.effect import Side
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.output import ActuatorForce, Cut, JointForce, Output
+from echelon.mechanism.mechanism import ActuatorForce, Cut, JointForce, Mechanism, Output
 from echelon.mechanism.stated import symbol_values
 from echelon.signals.clock import shift_reach, shifted
 from echelon.signals.filters import NEAR, FirFilter, reduction

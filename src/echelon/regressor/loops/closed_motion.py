@@ -15,11 +15,9 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.mechanism.body import Symbol
 from echelon.mechanism.closed_pose import shown_loops
-from echelon.mechanism.joint import Motion, MotionKind
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.output import Cut
+from echelon.mechanism.joint import Motion, MotionKind, Symbol
+from echelon.mechanism.mechanism import Cut, Mechanism
 from echelon.mechanism.stated import characteristic_length, symbol_values
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program

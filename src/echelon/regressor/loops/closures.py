@@ -16,9 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.exact.field import PrimeField, Residues
-from echelon.mechanism.body import GROUND
 from echelon.mechanism.closure import Closure, ClosureKind
-from echelon.mechanism.joint import Motion, Placement
+from echelon.mechanism.joint import GROUND, Motion, Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.tape import Scalar
 from echelon.regressor.loops.moving import Pose

@@ -11,8 +11,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.mechanism.body import GROUND
-from echelon.mechanism.joint import Joint, MotionKind
+from echelon.mechanism.joint import GROUND, Joint, MotionKind
 from echelon.mechanism.mechanism import Mechanism
 
 _DIGITS = 6  # of velocities that are compared; where they are alike, x comes first

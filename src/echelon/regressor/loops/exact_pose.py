@@ -19,9 +19,8 @@ from echelon.arrays import Floats
 from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.field import CERTIFICATE_BITS, PrimeField
 from echelon.exact.polynomial import Polynomial, as_polynomial
-from echelon.mechanism.body import Symbol
 from echelon.mechanism.closed_pose import angle_parts, follow, loop_motions
-from echelon.mechanism.joint import Motion, MotionKind
+from echelon.mechanism.joint import Motion, MotionKind, Symbol
 from echelon.mechanism.mechanism import ClosedAt, Mechanism
 from echelon.mechanism.stated import stated_values
 from echelon.seeds import DEFAULT_SEED, random_generator
