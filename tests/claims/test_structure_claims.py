@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 import echelon as ec
 from echelon.base import structure
 from echelon.base.structure import find_structure
-from echelon.exact.elimination import reduced_echelon
-from echelon.exact.field import PrimeField
+from echelon.exact.field import PrimeField, reduced_echelon
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.effect import Side, ready_made
 from echelon.mechanism.joint import ALL, GROUND, MotionKind, ball, floating_motions, rotation, translation

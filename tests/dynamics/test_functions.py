@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from echelon.errors import InputError, UnknownRelationsError
-from echelon.exact.elimination import rank
-from echelon.exact.field import PrimeField, Residues
+from echelon.exact.field import PrimeField, Residues, rank
 from echelon.program.sampling import FieldSampler
 from echelon.program.tape import Program
 from echelon.program.text import record_expression

@@ -8,8 +8,7 @@ from sympy import GF
 from sympy.polys.matrices import DomainMatrix
 
 from echelon.errors import DegenerateSampleError
-from echelon.exact.elimination import null_vectors, rank, reduced_echelon, solve_batched
-from echelon.exact.field import PrimeField, Residues
+from echelon.exact.field import PrimeField, Residues, null_vectors, rank, reduced_echelon, solve_batched
 from support.strategies import FIELDS, LARGE_FIELD, SMALL_FIELD
 
 

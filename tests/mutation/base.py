@@ -29,7 +29,7 @@ FAULTS = (
         "base/test_certificate.py",
     ),
     Fault(
-        "exact/elimination.py",
+        "exact/field.py",
         "total[pivot] + addend if pivot in total else addend",
         "addend",
         "sums in X̄ B",

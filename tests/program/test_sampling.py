@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from echelon.errors import DegenerateSampleError
-from echelon.exact.elimination import rank
-from echelon.exact.field import PrimeField, Residues
+from echelon.exact.field import PrimeField, Residues, rank
 from echelon.exact.numbers import surd
 from echelon.program.sampling import FieldSampler
 from echelon.program.tape import Program, Scalar

@@ -13,7 +13,7 @@ from hypothesis import assume, given
 from sympy import Abs, Rational, cos, exp, log, pi, sign, sin, sqrt, tan, tanh
 
 from echelon.errors import InputError
-from echelon.exact.elimination import rank
+from echelon.exact.field import rank
 from echelon.exact.numbers import Number
 from echelon.program.sampling import FieldSampler
 from echelon.program.schedule import FloatArithmetic, Schedule

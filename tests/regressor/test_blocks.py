@@ -12,8 +12,7 @@ import echelon as ec
 from echelon.base.certificate import certify
 from echelon.base.matrix import BaseMatrix
 from echelon.errors import CertificateError
-from echelon.exact.elimination import null_vectors
-from echelon.exact.field import PrimeField
+from echelon.exact.field import PrimeField, null_vectors
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.effect import Side, ready_made
 from echelon.mechanism.joint import floating_motions, rotation, translation

@@ -31,8 +31,7 @@ import numpy as np
 from echelon.base.ball_rows import ball_rows
 from echelon.base.matrix import BaseMatrix, StatedNumbers
 from echelon.errors import CertificateError, DegenerateSampleError
-from echelon.exact.elimination import rank, substituted
-from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField, Residues
+from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField, Residues, rank, substituted
 from echelon.exact.numbers import Number
 from echelon.exact.polynomial import is_trigonometric, multiple_of
 from echelon.mechanism.stated import GENERAL, StatedValues

@@ -23,8 +23,7 @@ from echelon.base.matrix import BaseMatrix, StatedNumbers
 from echelon.base.structure import Structure, floating_pair, mount, pair_columns, pair_signature
 from echelon.conventions import PER_BODY
 from echelon.errors import ClosedFormError, DegenerateSampleError
-from echelon.exact.elimination import T, solve_batched, substituted
-from echelon.exact.field import PrimeField, Residues
+from echelon.exact.field import PrimeField, Residues, T, solve_batched, substituted
 from echelon.exact.interpolation import interpolate
 from echelon.exact.numbers import Surd, parts_of
 from echelon.exact.polynomial import Polynomial, as_polynomial

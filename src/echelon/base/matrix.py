@@ -21,9 +21,8 @@ import numpy.typing as npt
 from echelon.choices import Order
 from echelon.conventions import PARAMETERS
 from echelon.errors import EchelonError, InputError, shortened
-from echelon.exact.elimination import reduced_echelon
 from echelon.exact.expressions import parse
-from echelon.exact.field import PrimeField, Residues
+from echelon.exact.field import PrimeField, Residues, reduced_echelon
 from echelon.exact.numbers import BEYOND_DOUBLES, Number
 from echelon.exact.polynomial import float_generators, generator_values
 from echelon.exact.rational import RationalFunction, cost_of_products, residues_at

@@ -17,8 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import DegenerateSampleError, EchelonError, InputError, SingularPoseError
-from echelon.exact.elimination import by_pivots
-from echelon.exact.field import PrimeField, Residues
+from echelon.exact.field import PrimeField, Residues, by_pivots
 from echelon.exact.interpolation import rational
 from echelon.exact.numbers import Rational
 from echelon.mechanism.mechanism import Mechanism

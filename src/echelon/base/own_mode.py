@@ -19,7 +19,7 @@ from echelon.arrays import Floats, pivoted_qr
 from echelon.base.ball_rows import ball_rows
 from echelon.base.modes import Mode
 from echelon.errors import InputError
-from echelon.exact.elimination import ball_rank
+from echelon.exact.field import ball_rank
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, known_values, value_texts
 from echelon.regressor.evaluate import evaluate_floats

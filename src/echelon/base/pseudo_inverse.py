@@ -26,8 +26,8 @@ import numpy.typing as npt
 
 from echelon.base.matrix import BaseMatrix, sympy_generators
 from echelon.errors import ClosedFormError, EchelonError, InputError
-from echelon.exact.elimination import substituted
 from echelon.exact.expressions import parse
+from echelon.exact.field import substituted
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction, Ring
 from echelon.extras import extra

@@ -24,8 +24,8 @@ from echelon.arrays import Floats, independent_columns, pivoted_qr
 from echelon.base.matrix import BaseMatrix
 from echelon.base.own import stated_structure
 from echelon.errors import DegenerateSampleError, InputError
-from echelon.exact.elimination import rank as rank_modulo
 from echelon.exact.field import ARRAY_BITS, PrimeField
+from echelon.exact.field import rank as rank_modulo
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism, Reading, Snap
 from echelon.mechanism.stated import (

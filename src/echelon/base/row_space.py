@@ -21,8 +21,7 @@ from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseModel
 from echelon.base.structure import find_structure
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
-from echelon.exact.elimination import rank, reduced_echelon
-from echelon.exact.field import PrimeField, Residues
+from echelon.exact.field import PrimeField, Residues, rank, reduced_echelon
 from echelon.exact.interpolation import combine, rational
 from echelon.mechanism.mechanism import Mechanism
 from echelon.models.linear_model import LinearModel

@@ -12,8 +12,7 @@ import numpy as np
 from echelon.base.own import at_stated_values
 from echelon.base.structure import find_structure
 from echelon.errors import ClosedFormError, DegenerateSampleError, EchelonError, InputError
-from echelon.exact.elimination import rank
-from echelon.exact.field import PrimeField, Residues
+from echelon.exact.field import PrimeField, Residues, rank
 from echelon.exact.unknown import SOLVING, Work
 from echelon.mechanism.joint import GROUND, Placement
 from echelon.mechanism.mechanism import Cut, Mechanism, Output, plain

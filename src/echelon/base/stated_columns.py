@@ -20,8 +20,7 @@ from echelon.base.ball_rows import Balls, ball_rows, stated_generators
 from echelon.base.closed_form import Kernel, Relation
 from echelon.base.matrix import StatedNumbers
 from echelon.errors import ClosedFormError
-from echelon.exact.elimination import by_pivots, substituted
-from echelon.exact.field import PrimeField, Residues
+from echelon.exact.field import PrimeField, Residues, by_pivots, substituted
 from echelon.exact.interpolation import interpolate
 from echelon.exact.numbers import Number
 from echelon.exact.polynomial import Polynomial

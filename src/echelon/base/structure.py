@@ -19,8 +19,7 @@ import numpy as np
 from echelon.base.modes import Dependence, InMode, Mode, find_modes, in_mode
 from echelon.base.own_mode import OwnPose
 from echelon.errors import BrokenRelationsError, DegenerateSampleError, EchelonError, OtherModeError, SingularPoseError
-from echelon.exact.elimination import by_pivots, rank
-from echelon.exact.field import PrimeField
+from echelon.exact.field import PrimeField, by_pivots, rank
 from echelon.mechanism.closed_pose import shown_loops
 from echelon.mechanism.joint import ALL, GROUND, Body, Joint, Motion, Placement, Step, floating_motions
 from echelon.mechanism.mechanism import Cut, Mechanism

@@ -2,7 +2,7 @@
 
 The caller can evaluate a vector of unknown functions of the geometry symbols at any points of any field.  Group testing
 finds which symbols each function depends on, lines along single symbols give the degrees and the denominator, and
-sparse interpolation the numerator (:mod:`echelon.exact.fractions`), all in one field.  The coefficients of the
+sparse interpolation the numerator (:mod:`echelon.exact.unknown`), all in one field.  The coefficients of the
 monomials that occur are then found in as many fields as it takes, one per sign of √2 and √3 and one per prime, and put
 together by Chinese remainders and rational reconstruction.
 """
@@ -18,18 +18,6 @@ import numpy as np
 
 from echelon.errors import DegenerateSampleError
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.fractions import (
-    Numerator,
-    Residual,
-    Section,
-    SparseInterpolation,
-    entangled_factor,
-    entangled_size,
-    evaluated,
-    factor_of,
-    multiplied,
-    sections,
-)
 from echelon.exact.numbers import Number, Rational, simplest, surd
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction, residues_at
@@ -38,9 +26,19 @@ from echelon.exact.unknown import (
     Ansatz,
     Fit,
     Geometry,
+    Numerator,
+    Residual,
+    Section,
+    SparseInterpolation,
     UnknownFunctions,
     Work,
+    entangled_factor,
+    entangled_size,
+    evaluated,
+    factor_of,
+    multiplied,
     persistent,
+    sections,
     solve_ansatz,
 )
 

@@ -6,8 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Flags
-from echelon.exact.elimination import solve_batched
-from echelon.exact.field import PrimeField, Residues
+from echelon.exact.field import PrimeField, Residues, solve_batched
 
 _BLOCK = 1024  # series that are multiplied together, so that they stay in the cache
 _SMALL = 8  # unknowns that are as fast to solve for together as one after the other

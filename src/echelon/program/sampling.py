@@ -18,8 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import UnknownRelationsError
-from echelon.exact.elimination import rank
-from echelon.exact.field import PrimeField, Residues
+from echelon.exact.field import PrimeField, Residues, rank
 from echelon.exact.numbers import Rational
 from echelon.program.bounds import Size, polynomial_size
 from echelon.program.canonical import CanonicalForms, Form, Product, Signs, Turn

@@ -24,8 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Floats, SignArray
-from echelon.exact.elimination import rank
-from echelon.exact.field import PrimeField
+from echelon.exact.field import PrimeField, rank
 from echelon.exact.numbers import Rational
 from echelon.program.intervals import interval_values
 from echelon.program.schedule import BallArithmetic, FloatArithmetic, Schedule, ball

@@ -17,8 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from echelon.arrays import Integers
-from echelon.exact.elimination import reduced_echelon
-from echelon.exact.field import PrimeField, Residues
+from echelon.exact.field import PrimeField, Residues, reduced_echelon
 from echelon.exact.quotient_ring import Equation, Exponents, Monomials, NormalForms, Product, commute, quotient_points
 from echelon.program.recorded_forms import RecordedForms, Recorder, Recording
 

@@ -25,8 +25,7 @@ from functools import partial, reduce
 
 import numpy as np
 
-from echelon.exact.elimination import rank, reduced_echelon
-from echelon.exact.field import PrimeField, Residues
+from echelon.exact.field import PrimeField, Residues, rank, reduced_echelon
 from echelon.exact.numbers import Rational
 from echelon.mechanism.effect import Side
 from echelon.mechanism.joint import ALL, GROUND

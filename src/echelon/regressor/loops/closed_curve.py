@@ -19,8 +19,7 @@ import numpy.typing as npt
 
 from echelon.errors import InputError, SingularPoseError, UnknownRelationsError
 from echelon.exact import series
-from echelon.exact.elimination import rank, reduced_echelon
-from echelon.exact.field import PrimeField, Residues
+from echelon.exact.field import PrimeField, Residues, rank, reduced_echelon
 from echelon.program.canonical import CanonicalForms, Product, Signs
 from echelon.program.generator_values import residues_of
 from echelon.program.schedule import Schedule, SeriesArithmetic

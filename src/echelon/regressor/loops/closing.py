@@ -11,8 +11,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import DegenerateSampleError, InputError, ShakyPoseError, SingularPoseError
-from echelon.exact.elimination import null_vectors, rank
-from echelon.exact.field import PrimeField, Residues
+from echelon.exact.field import PrimeField, Residues, null_vectors, rank
 from echelon.mechanism.closed_pose import as_stated, shown_loops
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import has_values, in_numbers, inexact_symbols

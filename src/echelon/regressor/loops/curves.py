@@ -20,8 +20,7 @@ import numpy.typing as npt
 from echelon.arrays import Floats
 from echelon.errors import ShakyPoseError, SingularPoseError, UnknownRelationsError
 from echelon.exact import series
-from echelon.exact.elimination import rank
-from echelon.exact.field import PrimeField, Residues
+from echelon.exact.field import PrimeField, Residues, rank
 from echelon.program.canonical import Turn
 from echelon.program.generator_values import GeneratorValues
 from echelon.program.region import COMPLETE, SAMPLED, IndependentRegions, RegionReport, one_sided

@@ -13,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import DegenerateSampleError, SingularPoseError
-from echelon.exact.elimination import rank
-from echelon.exact.field import Residues
+from echelon.exact.field import Residues, rank
 from echelon.regressor.loops.closed_curve import choose
 from echelon.regressor.loops.closure_block import ClosureBlock
 from echelon.regressor.loops.closures import Accepts, Wrist
