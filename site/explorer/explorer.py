@@ -22,12 +22,10 @@ from echelon.exact.polynomial import Polynomial
 from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.usual_effects import effect_label, slides
-from echelon.mechanism.joint import GROUND, Body
 from echelon.mechanism.effect import Effect, Side, ready_made
-from echelon.mechanism.joint import Joint, MotionKind, Placement
+from echelon.mechanism.joint import GROUND, Body, Joint, MotionKind, Placement
 from echelon.mechanism.lock_joints import lock_joints
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.mechanism import Cut, Output, plain
+from echelon.mechanism.mechanism import Cut, Mechanism, Output, plain
 from echelon.mechanism.substitute import substituted
 from echelon.report.drawing import CLASSES, drawable_pose, seen_bodies
 from echelon.results.saved import to_json

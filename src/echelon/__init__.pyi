@@ -49,11 +49,11 @@ from echelon.identification.predict import predict_log as predict_log
 from echelon.identification.result import Identification as Identification
 from echelon.identification.servos.servo_fit import ServoFit as ServoFit
 from echelon.identification.servos.servo_fit import fit_servos as fit_servos
-from echelon.inertia.convert import convert as convert
-from echelon.inertia.convert import convert_columns as convert_columns
+from echelon.inertia import convert as convert
+from echelon.inertia import convert_columns as convert_columns
 from echelon.mechanism.mechanism import Mechanism as Mechanism
 from echelon.mechanism.motor_side import joint_side as joint_side
-from echelon.models.linear_model import LinearModel as LinearModel
+from echelon.models import LinearModel as LinearModel
 from echelon.observe.observation import NormalEquations as NormalEquations
 from echelon.observe.observation import Observation as Observation
 from echelon.report.preview import preview_html as preview_html

@@ -16,7 +16,7 @@ import echelon as ec
 from echelon.base.display import to_latex, to_markdown
 from echelon.formats.description.document import read_text
 from echelon.formats.linear_document import load_linear, read_linear
-from echelon.models.linear_model import LinearModel, evaluate_model
+from echelon.models import LinearModel, evaluate_model
 from echelon.results.saved import to_json
 from support.paths import ROOT
 

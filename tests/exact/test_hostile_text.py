@@ -23,7 +23,7 @@ from echelon.exact.numbers import in_double_range, is_whole, surd
 from echelon.exact.polynomial import Polynomial, multiple_of
 from echelon.formats.snapping import symbol_stem
 from echelon.mechanism.joint import Symbol
-from echelon.models.model_text import constant_values
+from echelon.models import constant_values
 from echelon.program.tape import Program
 from echelon.program.text import record_expression
 from support import textbook_arms as arms

@@ -14,7 +14,7 @@ import echelon as ec
 from echelon.errors import InputError
 from echelon.identification.identify import _bounds
 from echelon.identification.physics.fit import physical_fit
-from echelon.inertia.spatial import pseudo_inertia
+from echelon.inertia import pseudo_inertia
 from support.physical_robots import bounds_of, model, observed, robot
 
 PANDA = Path("examples/panda.yaml")

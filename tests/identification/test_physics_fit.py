@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from echelon.errors import InputError
 from echelon.identification.physics.bounds import Bounds, Roles
 from echelon.identification.physics.fit import physical_fit
-from echelon.inertia.spatial import divergence, factor, from_pseudo_inertia, pseudo_inertia
+from echelon.inertia import divergence, factor, from_pseudo_inertia, pseudo_inertia
 from support.physical_robots import is_physical, model, observed, robot
 
 

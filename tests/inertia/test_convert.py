@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 import echelon as ec
 from echelon.exact.polynomial import Polynomial
-from echelon.inertia.convert import CONVENTIONS, convention
-from echelon.inertia.spatial import (
+from echelon.inertia import (
+    CONVENTIONS,
+    convention,
     frame_change,
     from_pseudo_inertia,
     from_spatial_inertia,

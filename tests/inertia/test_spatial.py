@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from echelon.errors import InputError
-from echelon.inertia.spatial import (
+from echelon.inertia import (
     divergence,
     factor,
     margins,

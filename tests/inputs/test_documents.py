@@ -5,10 +5,7 @@ from __future__ import annotations
 import pytest
 
 from echelon.errors import InputError
-from echelon.inputs.content import DEPTH, Limit
-from echelon.inputs.json_text import parse_json
-from echelon.inputs.xml_text import parse_xml
-from echelon.inputs.yaml_text import parse_yaml
+from echelon.inputs import DEPTH, Limit, parse_json, parse_xml, parse_yaml
 
 
 def test_a_limit_is_the_largest_number() -> None:

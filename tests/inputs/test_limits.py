@@ -22,10 +22,7 @@ import echelon as ec
 from echelon.claims.reading import read_claims
 from echelon.errors import InputError
 from echelon.excite.files.trajectory_file import read_trajectory
-from echelon.inputs.content import COLUMNS, DEPTH, LIMITS, Limit, limits_table
-from echelon.inputs.json_text import parse_json
-from echelon.inputs.xml_text import parse_xml
-from echelon.inputs.yaml_text import parse_yaml
+from echelon.inputs import COLUMNS, DEPTH, LIMITS, Limit, limits_table, parse_json, parse_xml, parse_yaml
 from echelon.logs.files.open_log import open_log, read_table
 from fuzz.child import run_alone
 from support.paths import ROOT
@@ -356,7 +353,7 @@ def test_tables_of_bags_are_not_computed(change: str, tmp_path: Path) -> None:
 
 
 def test_every_limit_is_documented() -> None:
-    import echelon.inputs.content as module
+    import echelon.inputs as module
 
     declared = [value for value in vars(module).values() if isinstance(value, Limit)]
     assert set(declared) == set(LIMITS)

@@ -8,24 +8,24 @@ GUESS = "logs/test_log_guess.py"
 LIMITS, SETUP = "inputs/test_documents.py", "identification/test_setup_files.py"
 
 FAULTS = (
-    Fault("inputs/content.py", "if found > self.most:", "if found > 2 * self.most:", "limits of what is read", LIMITS),
+    Fault("inputs.py", "if found > self.most:", "if found > 2 * self.most:", "limits of what is read", LIMITS),
     Fault(
-        "inputs/json_text.py",
+        "inputs.py",
         "if len(found) < len(pairs):",
         "if not found and pairs:",
         "keys that occur twice",
         LIMITS,
     ),
     Fault(
-        "inputs/yaml_text.py",
+        "inputs.py",
         "if key in within.data:",
         "if key in ():",
         "keys that occur twice",
         "formats/test_description.py",
     ),
-    Fault("inputs/xml_text.py", "forbid_dtd=True", "forbid_dtd=False", "document types in XML", LIMITS),
+    Fault("inputs.py", "forbid_dtd=True", "forbid_dtd=False", "document types in XML", LIMITS),
     Fault(
-        "inputs/yaml_text.py",
+        "inputs.py",
         "len(self._open), self._source",
         "len(self._open) - 9, self._source",
         "depth of YAML",

@@ -55,7 +55,7 @@ FAULTS = (
         "identification/test_estimators_batches.py",
     ),
     Fault(
-        "inertia/spatial.py",
+        "inertia.py",
         "eigenvalues - np.log(eigenvalues) - 1",
         "eigenvalues - np.log(eigenvalues)",
         "divergence of equal bodies",

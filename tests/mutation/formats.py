@@ -47,7 +47,7 @@ FAULTS = (
         "formats/test_urdf.py::test_fixed_links_are_lumped_or_kept",
     ),
     Fault(
-        "inertia/convert.py",
+        "inertia.py",
         "2 * (x * y - w * z)",
         "2 * (x * y + w * z)",
         "quaternions",

@@ -14,7 +14,7 @@ from echelon.conventions import PER_BODY
 from echelon.errors import InputError
 from echelon.formats.schema.schema_log import IdentificationEntry
 from echelon.identification.physics.bounds import Bounds, Roles, roles
-from echelon.inertia.spatial import factor, from_pseudo_inertia, parameter_array, pseudo_inertia
+from echelon.inertia import factor, from_pseudo_inertia, parameter_array, pseudo_inertia
 from echelon.mechanism.stated import characteristic_length
 from echelon.observe.observation import Observation
 

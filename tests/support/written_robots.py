@@ -11,7 +11,7 @@ from echelon.conventions import PER_BODY
 from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.writers.robot_writer import WrittenRobot
-from echelon.inertia.spatial import from_pseudo_inertia
+from echelon.inertia import from_pseudo_inertia
 from echelon.mechanism.joint import ALL
 from echelon.mechanism.mechanism import Mechanism
 from support.robot_files import PinocchioState, pinocchio_state

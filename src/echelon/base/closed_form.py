@@ -29,7 +29,7 @@ from echelon.exact.numbers import Surd, parts_of
 from echelon.exact.polynomial import Polynomial, as_polynomial
 from echelon.exact.rational import ONE, RationalFunction, cost_of_products, sum_of_products
 from echelon.exact.unknown import Geometry, UnknownFunctions, Work, persistent
-from echelon.inertia.spatial import move
+from echelon.inertia import move
 from echelon.mechanism.joint import Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import SymbolRoles, symbol_roles

@@ -21,7 +21,7 @@ from echelon.errors import InputError
 from echelon.exact.unknown import Work
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import stated_values
-from echelon.models.linear_model import LinearModel
+from echelon.models import LinearModel
 from echelon.regressor.virtual_power import virtual_power_form
 from echelon.seeds import DEFAULT_SEED, random_generator
 

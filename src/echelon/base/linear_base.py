@@ -22,7 +22,7 @@ from echelon.exact.polynomial import Polynomial
 from echelon.exact.unknown import Work
 from echelon.extras import extra
 from echelon.mechanism.stated import StatedValues
-from echelon.models.linear_model import LinearModel, definition_values, evaluate_model
+from echelon.models import LinearModel, definition_values, evaluate_model
 from echelon.program.sympy_bridge import to_sympy
 from echelon.seeds import random_generator
 
@@ -167,7 +167,7 @@ class LinearBase(BaseSet):
         return symbolic_regressor(self.model.name, forms, self.model.outputs, self.pivots, form)
 
     def _constants_used(self) -> list[str]:
-        from echelon.models.linear_model import recorded_definitions
+        from echelon.models import recorded_definitions
 
         plain = {s for s in self.matrix.symbols if s not in self.definitions}
         program, _ = recorded_definitions({n: d for n, d in self.definitions.items() if n in self.matrix.symbols})
@@ -178,7 +178,7 @@ class LinearBase(BaseSet):
         with extra("symbolic"):
             import sympy
 
-        from echelon.models.linear_model import recorded_definitions
+        from echelon.models import recorded_definitions
 
         program, nodes = recorded_definitions(self.definitions)
         replaced = {sympy.Symbol(name): value for name, value in values.items()}

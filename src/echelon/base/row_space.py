@@ -24,7 +24,7 @@ from echelon.errors import DegenerateSampleError, EchelonError, InputError
 from echelon.exact.field import PrimeField, Residues, rank, reduced_echelon
 from echelon.exact.interpolation import combine, rational
 from echelon.mechanism.mechanism import Mechanism
-from echelon.models.linear_model import LinearModel
+from echelon.models import LinearModel
 from echelon.regressor.linear import LinearForms, energy_form
 from echelon.regressor.virtual_power import power_form, virtual_power_form
 from echelon.seeds import DEFAULT_SEED, random_generator

@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from echelon.errors import InputError
-from echelon.inputs.content import read_document
-from echelon.inputs.json_text import parse_json
+from echelon.inputs import parse_json, read_document
 
 _HEADERS = (
     "expression", "closed form", "base parameter", "base parameters", "base", "base_parameter", "base_parameters",

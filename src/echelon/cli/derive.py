@@ -24,7 +24,7 @@ from echelon.errors import InputError, one_line
 from echelon.formats.robot_file import load, load_model
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols
-from echelon.models.linear_model import LinearModel
+from echelon.models import LinearModel
 from echelon.regressor.loops.assembly import Assembled
 from echelon.regressor.loops.closing import assembled
 from echelon.results.saved import to_json

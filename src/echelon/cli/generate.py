@@ -99,8 +99,7 @@ def read_values(path: Path) -> dict[str, float]:
     """Values by name, from a JSON object or from lines ``name,value``."""
     import csv
 
-    from echelon.inputs.content import read_document
-    from echelon.inputs.json_text import parse_json
+    from echelon.inputs import parse_json, read_document
 
     text = read_document(path)
     data = parse_json(text, str(path)) if text.lstrip().startswith("{") else None
@@ -139,7 +138,7 @@ def _csv_pairs(text: str) -> list[tuple[str, str]]:
 def _base(robot: Path, read: Mapping[str, Any], derivation: Mapping[str, Any]) -> BaseModel:
     from echelon.base.derive import base_parameters
     from echelon.formats.robot_file import load_model
-    from echelon.models.linear_model import LinearModel
+    from echelon.models import LinearModel
     from echelon.results.saved import load_base
 
     if _holds_saved_base(robot):

@@ -17,7 +17,7 @@ from echelon.dynamics.arguments import parameter_input
 from echelon.errors import InputError, one_line
 from echelon.exact.numbers import Number, Surd, parts_of
 from echelon.hints import in_quotes
-from echelon.mechanism.body import Symbol
+from echelon.mechanism.joint import Symbol
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, symbol_values
 from echelon.program.function import Argument, Function

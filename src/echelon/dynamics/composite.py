@@ -38,7 +38,7 @@ from echelon.dynamics.recursion import (
     body_wrench,
     plus,
 )
-from echelon.inertia.spatial import Array
+from echelon.inertia import Array
 from echelon.program.tape import Scalar
 from echelon.regressor.steps import Freedom, Mat, Vec, add, apply, backward, cross, dot, into_frame, scale
 

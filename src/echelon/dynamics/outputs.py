@@ -28,7 +28,7 @@ from echelon.dynamics.composite import by_quaternion, effort_derivatives, effort
 from echelon.dynamics.recursion import MASS, ForwardPass, efforts
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
-from echelon.inertia.spatial import Array, pseudo_inertia
+from echelon.inertia import Array, pseudo_inertia
 from echelon.mechanism.effect import Side
 from echelon.mechanism.joint import GROUND, ORIGIN, Joint, MotionKind, Placement, Step, Vector, merge
 from echelon.mechanism.mechanism import Cut, Mechanism

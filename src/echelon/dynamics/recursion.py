@@ -24,7 +24,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from echelon.inertia.spatial import Array
+from echelon.inertia import Array
 from echelon.mechanism.joint import GROUND, Motion, MotionKind
 from echelon.mechanism.joint import Step as Described
 from echelon.program.tape import Scalar

@@ -19,7 +19,7 @@ import numpy as np
 from echelon.exact.polynomial import Polynomial, as_polynomial, is_trigonometric, symbol_of
 from echelon.formats.reading_options import PRECISION
 from echelon.formats.snapping import Snapping
-from echelon.inertia.convert import rotation_quaternion
+from echelon.inertia import rotation_quaternion
 from echelon.mechanism.closed_pose import parted, turned_by
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import IDENTITY, Body, Motion, MotionKind, Placement, Symbol, Vector, shift

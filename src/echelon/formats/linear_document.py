@@ -14,8 +14,8 @@ from pydantic import ConfigDict, Field, ValidationError, model_validator
 from echelon.errors import InputError
 from echelon.extras import extra
 from echelon.formats.description.document import Document, read_text
-from echelon.inputs.content import read_content
-from echelon.models.linear_model import LinearModel
+from echelon.inputs import read_content
+from echelon.models import LinearModel
 from echelon.program.sympy_bridge import to_sympy
 
 

@@ -23,7 +23,7 @@ from echelon.exact.numbers import Rational
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.reading_options import StatedJoint
 from echelon.hints import nearest_of
-from echelon.inertia.spatial import from_tensor, tensor_and_moment
+from echelon.inertia import from_tensor, tensor_and_moment
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.coupling import Coupling, Spline
 from echelon.mechanism.joint import MotionKind

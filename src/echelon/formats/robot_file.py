@@ -20,11 +20,11 @@ from echelon.formats.literal import LiteralTree
 from echelon.formats.reading_options import ANGLE_TOLERANCE, Gravity, ReadingOptions
 from echelon.formats.robot_sources import content_of, described_path, expanded, is_xacro, text_of
 from echelon.formats.usual_effects import with_usual_effects
-from echelon.inputs.xml_text import parse_xml
+from echelon.inputs import parse_xml
 from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism, Reading
 from echelon.mechanism.stated import in_numbers
-from echelon.models.linear_model import LinearModel
+from echelon.models import LinearModel
 
 if TYPE_CHECKING:
     from echelon.formats.description.document import Document

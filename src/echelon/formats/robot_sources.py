@@ -19,8 +19,7 @@ from echelon.errors import InputError, one_line
 from echelon.extras import extra
 from echelon.formats.literal import roll_pitch_yaw
 from echelon.hints import nearest
-from echelon.inputs.content import read_content
-from echelon.inputs.xml_text import parse_xml
+from echelon.inputs import parse_xml, read_content
 
 _DESCRIPTION = re.compile(r"\w+_description")
 _XACRO = re.compile(rb"""xmlns:xacro\s*=\s*["']https?://[^"']*xacro/?["']""")

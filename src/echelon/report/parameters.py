@@ -13,7 +13,7 @@ from echelon.errors import InputError
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.result import Identification
-from echelon.inertia.convert import convert
+from echelon.inertia import convert
 from echelon.mechanism.mechanism import Mechanism
 from echelon.report.closed_forms import ClosedForms
 from echelon.report.digits import to_place, with_uncertainty

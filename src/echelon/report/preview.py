@@ -18,7 +18,7 @@ from echelon.excite.excite import ExcitingTrajectory
 from echelon.excite.problem.state_limits import ORDERS
 from echelon.excite.problem.task import UNCHECKED
 from echelon.excite.verify.margins import ACTIVE, Margin, when_kept
-from echelon.inputs.json_text import plain_data
+from echelon.inputs import plain_data
 from echelon.report.closed_forms import ClosedForms
 from echelon.report.digits import significant
 from echelon.report.page import Context, html_page, packed

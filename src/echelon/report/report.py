@@ -10,7 +10,7 @@ from typing import Any
 from echelon.errors import one_line
 from echelon.identification.result import Identification
 from echelon.identification.validation import Score
-from echelon.inputs.json_text import plain_data
+from echelon.inputs import plain_data
 from echelon.logs.finding import Finding, Severity
 from echelon.logs.preparation.states import Preparation
 from echelon.report.drawing import seen_links

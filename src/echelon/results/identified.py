@@ -24,8 +24,7 @@ from echelon.identification.result import Identification
 from echelon.identification.rows.plan import Plan
 from echelon.identification.servos.servo_fit import ServoFit
 from echelon.identification.validation import Score, Validation
-from echelon.inputs.content import read_content
-from echelon.inputs.json_text import parse_json, plain_data
+from echelon.inputs import parse_json, plain_data, read_content
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.preparation.states import Preparation
 from echelon.results.saved import from_json, to_dict

@@ -24,8 +24,7 @@ from echelon.exact.rational import RationalFunction
 from echelon.files import write_atomically
 from echelon.formats.linear_document import linear_document
 from echelon.formats.reading_options import ReadingOptions
-from echelon.inputs.content import read_content
-from echelon.inputs.json_text import parse_json
+from echelon.inputs import parse_json, read_content
 from echelon.mechanism.stated import stated_values, value_texts
 from echelon.regressor.virtual_power import virtual_power_form
 from echelon.version import __version__

@@ -15,7 +15,7 @@ from echelon.base.own import SpecialValues
 from echelon.base.reading_report import ReadingReport
 from echelon.choices import Values
 from echelon.errors import InputError
-from echelon.inputs.json_text import published_schema
+from echelon.inputs import published_schema
 
 SCHEMA_NAME: Literal["echelon.base-model/1"] = "echelon.base-model/1"
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from echelon.errors import InputError
 from echelon.formats.robot_file import RobotFile, open_robot
-from echelon.inputs.yaml_text import dump_flow
+from echelon.inputs import dump_flow
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.files.log_file import LogFile
 from echelon.logs.files.open_log import log_paths

@@ -17,8 +17,7 @@ from echelon.base.model import BaseModel
 from echelon.conventions import PER_BODY
 from echelon.errors import EchelonError, one_line
 from echelon.formats.robot_file import RobotFile
-from echelon.inertia.convert import convert
-from echelon.inertia.spatial import pseudo_inertia
+from echelon.inertia import convert, pseudo_inertia
 from echelon.mechanism.joint import GROUND
 from echelon.mechanism.stated import characteristic_length
 

@@ -20,7 +20,7 @@ from pydantic import ConfigDict, Discriminator, Field
 from echelon.arrays import Floats
 from echelon.errors import InputError, one_line
 from echelon.excite.problem.trajectory import DURATIONS, Basis, Combined, Fourier, Splines, Trajectory
-from echelon.inputs.json_text import published_schema
+from echelon.inputs import published_schema
 from echelon.results.schema import checked
 
 VERSION = 1

@@ -22,7 +22,7 @@ from echelon.errors import InputError, one_line
 from echelon.excite.problem.trajectory import Trajectory
 from echelon.extras import extra
 from echelon.hints import in_quotes
-from echelon.inputs.yaml_text import parse_yaml
+from echelon.inputs import parse_yaml
 from echelon.logs.files.log_file import decoding
 from echelon.logs.files.open_log import open_log, read_table
 from echelon.results.schema import checked

@@ -34,8 +34,7 @@ from echelon.excite.files.samples import (
 from echelon.excite.problem.trajectory import DEGREE, DURATIONS, LARGEST, SHORTEST_STEP, Splines, Trajectory
 from echelon.extras import extra
 from echelon.files import write_atomically
-from echelon.inputs.content import read_content
-from echelon.inputs.json_text import parse_json, plain_data
+from echelon.inputs import parse_json, plain_data, read_content
 from echelon.logs.files.log_file import existing_file
 
 if TYPE_CHECKING:

@@ -29,7 +29,7 @@ from echelon.formats.literal import StatedCoupling, move_inertial
 from echelon.formats.reading_options import ReadingOptions, StatedJoint, gravity_vector
 from echelon.formats.snapping import symbol_stem
 from echelon.hints import nearest_of, unused
-from echelon.inputs.yaml_text import step_into
+from echelon.inputs import step_into
 from echelon.mechanism.joint import ALL, GROUND, ORIGIN, Body, Joint, Motion, Placement, Step, floating_motions, merge
 from echelon.mechanism.mechanism import Mechanism, Snap
 from echelon.mechanism.stated import placement_matrix

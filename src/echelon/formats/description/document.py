@@ -18,9 +18,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from echelon.errors import InputError
 from echelon.formats.schema.schema_types import kind_of
 from echelon.hints import nearest_of, nearest_word
-from echelon.inputs.content import DESCRIPTION_NODES, decoded
-from echelon.inputs.json_text import parse_json
-from echelon.inputs.yaml_text import dump_flow, parse_yaml, step_into
+from echelon.inputs import DESCRIPTION_NODES, decoded, dump_flow, parse_json, parse_yaml, step_into
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails

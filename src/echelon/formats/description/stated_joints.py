@@ -15,7 +15,7 @@ from echelon.exact.polynomial import Monomial, Polynomial, is_trigonometric, sym
 from echelon.formats.bodies import placed_before
 from echelon.formats.description.stated_expressions import Expressions
 from echelon.formats.literal import LiteralMotion, StatedCoupling, resolved
-from echelon.inputs.yaml_text import step_into
+from echelon.inputs import step_into
 from echelon.mechanism.coupling import Spline, linear, natural_spline
 from echelon.mechanism.joint import (
     IDENTITY,

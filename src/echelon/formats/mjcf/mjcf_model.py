@@ -25,8 +25,7 @@ from echelon.errors import InputError
 from echelon.exact.numbers import is_whole
 from echelon.extras import extra
 from echelon.hints import in_quotes, unused
-from echelon.inputs.content import INCLUDES, read_content
-from echelon.inputs.xml_text import parse_xml
+from echelon.inputs import INCLUDES, parse_xml, read_content
 
 _NUMERIC = {
     *("pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "axis", "ref", "polycoef", "gravity"),

@@ -14,7 +14,7 @@ from echelon.exact.expressions import STEPS_PER_HALF_TURN
 from echelon.exact.numbers import Rational, parse_decimal
 from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralStep, Triple, rotation_matrix
 from echelon.formats.reading_options import checked_size
-from echelon.inertia.convert import rotation_of
+from echelon.inertia import rotation_of
 
 _NOISE = 1e-14  # what a few roundings of MuJoCo's compiler leave of a zero or of a multiple of 15°
 _LOCK = 1e-2  # cosine of the pitch below which roll and yaw are hardly told apart

@@ -38,7 +38,7 @@ from echelon.formats.schema.schema_types import (
     refusal,
     required,
 )
-from echelon.inputs.json_text import published_schema
+from echelon.inputs import published_schema
 
 FORMS = ("modified_dh", "standard_dh", "bodies", "robot")
 """The ways to describe the geometry; a document uses exactly one."""

@@ -22,8 +22,7 @@ from echelon.conventions import PARAMETERS, PER_BODY
 from echelon.errors import InputError
 from echelon.formats.writers.xml_editor import comment
 from echelon.hints import in_quotes
-from echelon.inertia.convert import convert
-from echelon.inertia.spatial import pseudo_inertia
+from echelon.inertia import convert, pseudo_inertia
 from echelon.mechanism.effect import Action, Side
 from echelon.mechanism.joint import ALL, Body
 from echelon.mechanism.mechanism import Mechanism

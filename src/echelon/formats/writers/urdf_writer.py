@@ -41,7 +41,7 @@ from echelon.formats.writers.identified_values import (
 )
 from echelon.formats.writers.xml_editor import XmlEditor, quoted
 from echelon.hints import in_quotes, unused
-from echelon.inertia.spatial import move
+from echelon.inertia import move
 from echelon.mechanism.joint import GROUND, ORIGIN, Body, Motion, MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values, placement_matrix

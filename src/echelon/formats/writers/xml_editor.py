@@ -14,7 +14,7 @@ from typing import Any
 from xml.sax.saxutils import escape
 
 from echelon.errors import InputError
-from echelon.inputs.xml_text import parse_xml
+from echelon.inputs import parse_xml
 
 _TAG = re.compile(
     r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>|<(?P<end>/?)(?P<name>[^\s/>!?]+)(?:[^>\"']|\"[^\"]*\"|'[^']*')*>",

@@ -43,7 +43,7 @@ from echelon.errors import EchelonError, InputError
 from echelon.identification.physics.bounds import Bounds, roles
 from echelon.identification.physics.interior import active, interior_point, put_inside
 from echelon.identification.physics.programme import SOLVED, ConeSolution, Programme
-from echelon.inertia.spatial import divergence, pseudo_inertia
+from echelon.inertia import divergence, pseudo_inertia
 from echelon.logs.finding import Finding, warning
 from echelon.mechanism.mechanism import Mechanism
 from echelon.observe.observation import Observation

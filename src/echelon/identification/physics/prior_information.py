@@ -27,7 +27,7 @@ from echelon.base.model import BaseModel
 from echelon.conventions import PER_BODY
 from echelon.errors import InputError
 from echelon.identification.physics.bounds import Roles
-from echelon.inertia.spatial import from_pseudo_inertia, move, pseudo_inertia
+from echelon.inertia import from_pseudo_inertia, move, pseudo_inertia
 from echelon.logs.finding import Finding, note, warning
 from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism

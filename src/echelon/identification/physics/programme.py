@@ -28,7 +28,7 @@ from echelon.errors import EchelonError
 from echelon.extras import extra
 from echelon.identification.physics.bounds import Bounds, LinearLimits, Roles, linear_limits, roles
 from echelon.identification.physics.prior_information import Reference, common_mass, reference
-from echelon.inertia.spatial import SIZE, factor, frame_change, margins, pseudo_inertia
+from echelon.inertia import SIZE, factor, frame_change, margins, pseudo_inertia
 from echelon.mechanism.mechanism import Parameter
 
 

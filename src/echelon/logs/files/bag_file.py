@@ -28,7 +28,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError, locating, one_line
-from echelon.inputs.content import COLUMNS
+from echelon.inputs import COLUMNS
 from echelon.logs.files.log_file import CHUNK, Table, missing
 from echelon.logs.files.message_sources import END_OF_TIME, Mcap, Rosbag, is_mcap
 

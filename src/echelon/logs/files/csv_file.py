@@ -28,7 +28,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError, one_line
-from echelon.inputs.content import COLUMNS, LINE, check_unpacked
+from echelon.inputs import COLUMNS, LINE, check_unpacked
 from echelon.logs.files.log_file import CHUNK, Table, decoding, existing_file, selected
 
 _DELIMITERS = ("\t", ";", ",", None)

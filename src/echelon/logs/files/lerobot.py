@@ -15,8 +15,7 @@ from typing import Any
 
 from echelon.errors import InputError
 from echelon.extras import extra
-from echelon.inputs.content import read_content
-from echelon.inputs.json_text import parse_json
+from echelon.inputs import parse_json, read_content
 from echelon.logs.files.log_file import CHUNK, Table, decoding, selected
 
 _EPISODE = re.compile(r"episode_(\d+)")

@@ -29,7 +29,7 @@ import numpy.typing as npt
 
 from echelon.errors import InputError
 from echelon.extras import extra
-from echelon.inputs.content import COLUMNS, check_unpacked, most_unpacked
+from echelon.inputs import COLUMNS, check_unpacked, most_unpacked
 from echelon.logs.files.log_file import decoding, existing_file
 from echelon.logs.files.numpy_file import ArrayFile, NamedArray
 

@@ -21,7 +21,7 @@ from typing import IO, Any
 
 from echelon.errors import InputError, one_line
 from echelon.extras import extra
-from echelon.inputs.json_text import parse_json
+from echelon.inputs import parse_json
 from echelon.logs.files.log_file import decoding, existing_file
 from echelon.logs.files.unpacked_size import bounded, check_bag, check_chunks
 

@@ -31,7 +31,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.inputs.content import ARRAY_COLUMNS, COLUMNS, check_unpacked
+from echelon.inputs import ARRAY_COLUMNS, COLUMNS, check_unpacked
 from echelon.logs.files.log_file import CHUNK, Table, decoding, existing_file, selected
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ import pyarrow.parquet as pq
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.inputs.content import COLUMNS, check_unpacked
+from echelon.inputs import COLUMNS, check_unpacked
 from echelon.logs.files.log_file import CHUNK, Table, decoding, existing_file, selected
 
 _UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}

@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from echelon.errors import InputError
-from echelon.inputs.content import check_unpacked, most_unpacked, read_content
-from echelon.inputs.yaml_text import parse_yaml
+from echelon.inputs import check_unpacked, most_unpacked, parse_yaml, read_content
 
 _BLOCK = 1 << 20
 _HEAD = 32

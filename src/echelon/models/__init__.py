@@ -1,1 +1,0 @@
-"""Models that are not mechanisms: anything linear in its parameters."""
