@@ -81,6 +81,10 @@ def test_units_in_names_count() -> None:
     assert found.time == Channel("Time [ms]", "ms")
     assert [c.unit for c in found.positions.values()] == ["deg", "deg"]
     assert [c.unit for c in found.outputs.values()] == ["mNm", "mNm"]
+    beside = {"t": "ms", "q1": "deg", "q2": "deg", "tau1": "mNm", "tau2": "mNm"}
+    stated = guess_columns(list(beside), PENDULUM, units=beside)
+    for kind, group in stated.channels.items():
+        assert [c.unit for c in group.values()] == [c.unit for c in found.channels[kind].values()]
 
 
 def test_references_of_the_usual_recorders_are_found() -> None:

@@ -54,6 +54,17 @@ def parser(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> s
         ("t;q\n2026-02-28 23:59:59,5;1\n2026-03-01 00:00:00,25;2\n", {"t": [0.5, 1.25], "q": [1, 2]}),
         ("9:59:59,1\n10:00:00.5,2\n", {"0": [-1, 0.5], "1": [1, 2]}),
         ("# t q\n2026-02-28T00:00:01 1\n", {"t": [0], "q": [1]}),
+        ("t,q\n31.01.2026 23:59:59.5,1\n1.2.2026 00:00:00,2\n", {"t": [0.5, 1], "q": [1, 2]}),
+        ("t|q\n0|1\n", {"t": [0], "q": [1]}),
+        ("% by hand\n% t,q\n0,1\n// pause\n1,2\n", {"t": [0, 1], "q": [1, 2]}),
+        ("%time,q\n0,1\n", {"%time": [0], "q": [1]}),
+        ("robot: 7\nrate: 50 Hz\n\nt,q\n0,1\n1,2\n2,3\n3,4\n", {"t": range(4), "q": range(1, 5)}),
+        ("t,q,\n0,1,\n", {"t": [0], "q": [1], "2": [np.nan]}),
+        ("t,q\n0,1,\n1,2,\n", {"t": [0, 1], "q": [1, 2], "2": [np.nan, np.nan]}),
+        ("t q\n1 0 5\n2 1 6\n", {"0": [1, 2], "t": [0, 1], "q": [5, 6]}),
+        ("t,q,q\n0,1,2\n", {"t": [0], "q[0]": [1], "q[1]": [2]}),
+        (",q,f\n,a,a\nt,,\n0,1,2\n1,2,3\n2,3,4\n", {"t": range(3), "q/a": [1, 2, 3], "f/a": [2, 3, 4]}),
+        ("t,q\n0,-\n1,#N/A\n", {"t": [0, 1], "q": [np.nan, np.nan]}),
     ],
 )
 def test_layouts_of_text(content: str, expected: dict[str, list[float]], tmp_path: Path) -> None:
@@ -87,8 +98,8 @@ def test_few_rows_that_cannot_be_read_are_left_out_and_named(rows: int, tmp_path
     [
         ("t,q\n0,1\n1,AUTO\n", r"line 3, column 'q': 'AUTO' is not a number"),
         (
-            "t,q\n01.03.2026 12:00:00,1\n",
-            r"column 't': '01.03.2026 12:00:00' is not a number; write times as numbers or as 2026-05-01T12:30:00.25",
+            "t,q\n03/01/2026 12:00:00,1\n",
+            r"column 't': '03/01/2026 12:00:00' is not a number; write times as numbers or as 2026-05-01T12:30:00.25",
         ),
         ("t,q\n0,1_000\n", r"line 2, column 'q': '1_000' is not a number"),
         ("t,q\n0,0x10\n", r"line 2, column 'q': '0x10' is not a number"),
@@ -112,6 +123,14 @@ def test_text_that_is_no_log(content: str | bytes, problem: str, tmp_path: Path)
 
 
 @pytest.mark.usefixtures("parser")
+@pytest.mark.parametrize("units", ["ms,deg,", "[ms],[deg],-"])
+def test_a_line_of_units_below_the_names(units: str, tmp_path: Path) -> None:
+    log = CsvFile(text(tmp_path, f"made by a program\nt,q,n\n{units}\n0,1,2\n1,2,3\n2,3,4\n"))
+    assert log.units == {"t": "ms", "q": "deg", "n": ""}
+    same(joined(log), {"t": [0, 1, 2], "q": [1, 2, 3], "n": [2, 3, 4]})
+
+
+@pytest.mark.usefixtures("parser")
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "latin-1"])
 def test_encodings_of_windows(encoding: str, tmp_path: Path) -> None:
     path = text(tmp_path, "t,Gelenk °\n0,1\n1,2\n".encode(encoding))
@@ -124,6 +143,11 @@ def test_text_that_nobody_asks_for_may_stand_beside_numbers(tmp_path: Path) -> N
     same(read_table(path, ["q", "t"]).columns, {"q": np.arange(100) / 8, "t": np.arange(100)})
     with pytest.raises(InputError, match=r"line 2, column 'mode': 'AUTO' is not a number"):
         read_table(path)
+    path = text(tmp_path, "t,names,note,q\n" + "".join(f"{k},\"['a', 'b']\",,\"({k}, 2)\"\n" for k in range(9)))
+    same(
+        read_table(path, ["t", "q[0]", "q[1]"]).columns,
+        {"t": np.arange(9), "q[0]": np.arange(9), "q[1]": np.full(9, 2)},
+    )
 
 
 @pytest.mark.usefixtures("parser")

@@ -53,7 +53,7 @@ FAULTS = (
         "logs/test_log_archives.py",
     ),
     Fault(
-        "logs/files/csv_file.py",
+        "logs/files/text_layout.py",
         "int(second) - east",
         "int(second) + east",
         "time zones",
@@ -66,8 +66,8 @@ FAULTS = (
         "angles of Pinocchio's frames",
         "formats/test_robot_sources.py",
     ),
-    Fault("logs/columns/units.py", 'degrees °": _PI / 180', 'degrees °": _PI / 200', "degrees", UNITS),
-    Fault("logs/columns/units.py", "sign = -1 if operator", "sign = 1 if operator", "quotients of units", UNITS),
+    Fault("logs/units.py", 'degrees °": _PI / 180', 'degrees °": _PI / 200', "degrees", UNITS),
+    Fault("logs/units.py", "sign = -1 if operator", "sign = 1 if operator", "quotients of units", UNITS),
     Fault(
         "logs/columns/conversion.py",
         "* values + channel.offset)",

@@ -24,7 +24,6 @@ from echelon.logs.columns.by_values import clock, clock_unit
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.columns.column_names import meaning
 from echelon.logs.columns.conversion import needed_columns, recording
-from echelon.logs.columns.units import factor
 from echelon.logs.faults.examine import examine
 from echelon.logs.faults.plausibility import check_plausible, surplus_columns
 from echelon.logs.files.log_file import CHUNK, LogFile, Table, selected
@@ -32,6 +31,7 @@ from echelon.logs.files.open_log import is_joined, open_log, read_table
 from echelon.logs.finding import Finding, counted, listed, warning
 from echelon.logs.preparation.segments import segments
 from echelon.logs.recording import Recording, Segment
+from echelon.logs.units import factor
 from echelon.mechanism.mechanism import Mechanism
 
 

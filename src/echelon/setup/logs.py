@@ -19,11 +19,11 @@ from echelon.logs.columns.by_values import with_units
 from echelon.logs.columns.column_guess import guess
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.columns.conversion import needed_columns
-from echelon.logs.columns.units import factor
 from echelon.logs.files.log_file import LogFile, Table
 from echelon.logs.files.open_log import log_paths
 from echelon.logs.finding import listed
 from echelon.logs.read_log import first_table, opened
+from echelon.logs.units import factor
 from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.setup import Setup, load_setup, with_usual
@@ -77,7 +77,10 @@ def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = Fal
     Joints that are not in the log rest, and so do those that never move there; if it is not the ``only`` log, those of
     which moreover no output is measured.
     """
-    found = guess(file.names, setup.mechanism, lambda: first_table(file), by_values=by_values, outputs=outputs)
+    stated = getattr(file, "units", {})
+    found = guess(
+        file.names, setup.mechanism, lambda: first_table(file), units=stated, by_values=by_values, outputs=outputs
+    )
     notes, columns, silent = list(found.notes), found.columns, set(found.unmeasured)
     locked = _assumed(setup, found.unlogged)
     if locked:

@@ -19,9 +19,9 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.logs.columns.column_map import Channel, ColumnMap, motion_of
-from echelon.logs.columns.units import factor
 from echelon.logs.files.log_file import Table
 from echelon.logs.finding import Finding, note, warning
+from echelon.logs.units import factor
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.clock import nominal_period
@@ -123,7 +123,7 @@ def clock_unit(times: Floats) -> str:
 
 def fitting_units(period: float) -> list[str]:
     """Units of time stamps that are so far apart in which that is a rate at which robots are logged."""
-    return [unit for unit in ("s", "ms", "us", "ns") if PERIODS[0] <= period * factor(unit, "s") <= PERIODS[1]]
+    return [unit for unit in ("s", "ms", "us", "ns", "day") if PERIODS[0] <= period * factor(unit, "s") <= PERIODS[1]]
 
 
 def classified(

@@ -14,10 +14,10 @@ from echelon.errors import InputError
 from echelon.logs.columns.by_values import Family, blocks, classified, clock, families
 from echelon.logs.columns.column_map import Channel, ColumnMap, actuators, coordinates, units
 from echelon.logs.columns.column_names import Meaning, aliases, meaning, words
-from echelon.logs.columns.units import factor
 from echelon.logs.columns.unlogged import unlogged_joints
 from echelon.logs.files.log_file import Table
 from echelon.logs.finding import counted, listed
+from echelon.logs.units import factor
 from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism
 
@@ -30,6 +30,7 @@ _PARTLY = ("output", "current")
 """What may be there for some joints only: the others are not measured."""
 _OPTIONAL = ("velocity", "acceleration", "reference")
 _ADVICE = "say under log which they are, or let  echelon setup ROBOT LOG -o setup.yaml  write it"
+_SI: Mapping[str, str] = {}
 
 
 @dataclass(frozen=True)
@@ -49,21 +50,23 @@ def guess(
     mechanism: Mechanism,
     look: Look | None = None,
     *,
+    units: Mapping[str, str] = _SI,
     outputs: bool = True,
     by_values: bool = False,
 ) -> Guess:
     """Take columns for what their names say, and with ``by_values`` or without names for what their values say.
 
-    Where this fails for the whole robot, it is tried for what is left of it without joints that the log may lack.
+    ``units`` are those that the file states beside names.  Where this fails for the whole robot, it is tried for what
+    is left of it without joints that the log may lack.
     """
-    meanings, known = _meanings(names, mechanism)
+    meanings, known = _meanings(names, mechanism, units)
     whole = _of_all(names, meanings, mechanism, look, outputs=outputs, by_values=by_values)
     if not whole.problems or mechanism.closures:
         return whole
     parts = []
     for locked in unlogged_joints(names, meanings, known, mechanism):
         rest = lock_joints(mechanism, dict.fromkeys(locked, 0.0))
-        part = _of_all(names, _meanings(names, rest)[0], rest, look, outputs=outputs, by_values=by_values)
+        part = _of_all(names, _meanings(names, rest, units)[0], rest, look, outputs=outputs, by_values=by_values)
         parts += [replace(part, unlogged=locked)]
     nothing = not (whole.columns.positions or whole.columns.outputs)
     parts = [part for part in parts if not part.problems] or (parts if nothing else [])
@@ -75,11 +78,14 @@ def guess(
     return parts[0] if parts else whole
 
 
-def _meanings(names: Sequence[str], mechanism: Mechanism) -> tuple[dict[str, Meaning], dict[str, str]]:
-    """What the names of columns say, and coordinates by what columns may call them."""
+def _meanings(
+    names: Sequence[str], mechanism: Mechanism, units: Mapping[str, str]
+) -> tuple[dict[str, Meaning], dict[str, str]]:
+    """What the names of columns say, with their units, and coordinates by what columns may call them."""
     drives = [a.name for a in mechanism.transmission.actuators]
     known = aliases([*mechanism.positions, *mechanism.velocities, *(o.name for o in mechanism.outputs), *drives])
-    return {name: found for name in names if (found := meaning(name, known)) is not None}, known
+    said = {name: f"{name} [{units[name]}]" if units.get(name) else name for name in names}
+    return {name: found for name, text in said.items() if (found := meaning(text, known)) is not None}, known
 
 
 def _of_all(

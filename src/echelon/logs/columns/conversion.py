@@ -21,10 +21,10 @@ from echelon.arrays import Floats
 from echelon.errors import InputError, locating
 from echelon.hints import nearest_of, nearest_word
 from echelon.logs.columns.column_map import Channel, ColumnMap, actuators, coordinates, units
-from echelon.logs.columns.units import factor
 from echelon.logs.files.log_file import Table
 from echelon.logs.finding import listed
 from echelon.logs.recording import Recording
+from echelon.logs.units import factor
 from echelon.mechanism.effect import KINDS, Side
 from echelon.mechanism.mechanism import Channel as Force
 from echelon.mechanism.mechanism import JointForce, Mechanism, Output

@@ -23,9 +23,9 @@ from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
 from echelon.logs.columns.by_values import DEGREES, LONG, TURNS, fitting_units
 from echelon.logs.columns.column_map import WRAP, Channel, ColumnMap, Series, motion_of, series
-from echelon.logs.columns.units import factor
 from echelon.logs.finding import Finding, listed, warning
 from echelon.logs.recording import Recording
+from echelon.logs.units import factor
 from echelon.mechanism.joint import MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values

@@ -1,9 +1,5 @@
 """Text files: CSV and its relatives, with commas, semicolons, tabs or blanks, compressed by gzip or not.
 
-The layout is found from the first lines rather than asked for: a delimiter is right if it cuts all of them into equally
-many cells and turns the last one into numbers.  Tabs and semicolons are tried before commas, because beside them commas
-are decimal.
-
 Blocks of clean numbers, which is nearly all of every log, are parsed by pyarrow where it is installed and by numpy
 where not.  Both only decide how fast: whatever they refuse is parsed again cell by cell, which alone says what counts
 as a number and names the line and the column of what does not.  Files are read in pieces and may be larger than memory.
@@ -12,14 +8,12 @@ as a number and names the line and the column of what does not.  Files are read 
 from __future__ import annotations
 
 import codecs
-import csv
 import gzip
 import io
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from datetime import date
 from itertools import chain
 from pathlib import Path
 from typing import IO, Any, cast
@@ -28,161 +22,22 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError, one_line
-from echelon.inputs import COLUMNS, LINE, check_unpacked
+from echelon.inputs import LINE, check_unpacked
 from echelon.logs.files.log_file import CHUNK, Table, decoding, existing_file, selected
+from echelon.logs.files.text_layout import COMMENT, LIST, Dialect, cells, flat, is_blank, number, sniff, stamp
 
-_DELIMITERS = ("\t", ";", ",", None)
-_MISSING = frozenset({"", "nan", "na", "n/a", "null", "none"})
-_TRUTH = {"true": 1.0, "false": 0.0}
-_NUMBER = re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|inf(?:inity)?|nan)", re.ASCII | re.IGNORECASE)
-
-_COMMENT = re.compile(rb"^[ \t]*#[^\n]*", re.MULTILINE)
 _DATE = re.compile(r"\d+[-/.]\d+[-/.]\d+|\d+:\d\d")
-_STAMP = re.compile(
-    r"(?:(\d{4})[-/](\d\d)[-/](\d\d)[T ])?(\d\d?):(\d\d):(\d\d)(?:[.,](\d+))? ?(?:Z|UTC|([+-]\d\d):?(\d\d))?",
-    re.ASCII | re.IGNORECASE,
-)
-_LIST = re.compile(rb'"?\[([^\[\]]*)\]"?')
-_NULLS = ["", "nan", "NaN", "NAN", "NA", "N/A", "null", "NULL", "None"]
+_NULLS = ["", "-", "nan", "NaN", "NAN", "NA", "N/A", "#N/A", "null", "NULL", "None"]
 _SHOWN = 40
 _FEW = 0.01
 """Share of the rows of a piece that may be garbage; of more, the file is of another layout."""
 _ENOUGH = 10
 """Rows before one that is cut off, such as the last one of a recorder that was stopped."""
-_SNIFFED = 50
+_SNIFFED = 100
 _PREAMBLE = 100_000
 _AT_ONCE = 1 << 26
 _BLOCK = 1 << 20
 _MARK = b"\xef\xbb\xbf"
-_EPOCH = date(1970, 1, 1).toordinal()
-
-
-@dataclass(frozen=True)
-class Dialect:
-    """The layout of a text file."""
-
-    delimiter: str | None  # between cells; None for any amount of white space
-    names: tuple[str, ...]  # of the columns
-    start: int  # lines before the first row of numbers
-    stamps: frozenset[int] = frozenset()  # columns of times such as 12:30:00.25
-    origin: int = 0  # second from which these count
-    vectors: bool = False  # whether cells hold lists, ``[0.1, 0.2]``, whose entries are columns
-
-    @property
-    def decimal_comma(self) -> bool:
-        """Whether a comma inside a cell is a decimal point."""
-        return self.delimiter != ","
-
-
-def cells(line: str, delimiter: str | None) -> list[str]:
-    """A line's cells, without quotes and surrounding blanks."""
-    text = line.strip("\r\n")
-    if '"' not in text:
-        return text.split() if delimiter is None else [cell.strip() for cell in text.split(delimiter)]
-    if delimiter is None:
-        text, delimiter = text.replace("\t", " ").strip(), " "
-    try:
-        rows = list(csv.reader([text], delimiter=delimiter, skipinitialspace=True, strict=False))
-    except csv.Error as error:
-        raise InputError(f"its quotes cannot be read: {error}") from None
-    return [cell.strip() for cell in rows[0]] if rows else [""]
-
-
-def number(cell: str) -> float | None:
-    """The value of a cell with a decimal point, NaN where there is none, or None for what is no number."""
-    word = cell.strip().lower()
-    if word in _MISSING:
-        return float("nan")
-    if word in _TRUTH:
-        return _TRUTH[word]
-    return float(word) if _NUMBER.fullmatch(word) else None
-
-
-def stamp(cell: str) -> tuple[int, float] | None:
-    """Whole seconds and their fraction of a time such as ``2026-05-01T12:30:00.25+02:00`` or ``12:30:00``."""
-    found = _STAMP.fullmatch(cell)
-    if found is None:
-        return None
-    year, month, day, hour, minute, second, fraction, zone, rest = found.groups()
-    try:
-        days = date(int(year), int(month), int(day)).toordinal() - _EPOCH if year else 0
-    except ValueError:
-        return None
-    east = 60 * (60 * int(zone) + int(zone[0] + rest)) if zone else 0
-    whole = 86400 * days + 3600 * int(hour) + 60 * int(minute) + int(second) - east
-    return whole, float(f"0.{fraction or 0}")
-
-
-def is_blank(line: str) -> bool:
-    """Whether a line holds nothing, or a comment."""
-    return not line.strip(" \r\n") or line.lstrip().startswith("#")
-
-
-def sniff(lines: list[str], source: str) -> Dialect:
-    """The layout of a file from its first lines.
-
-    Names stand in the first line, if that holds anything but numbers, or in the comment right above the numbers, if
-    that has as many cells; otherwise columns are numbered from 0.
-    """
-    content = [index for index, line in enumerate(lines) if not is_blank(line)]
-    if not content:
-        raise InputError("holds no numbers: all lines are blank or comments", source=source)
-    first = content[0]
-    delimiter = _delimiter([lines[index] for index in content])
-    row = cells(lines[first], delimiter)
-    COLUMNS.check(len(row), source, f"line {first + 1}")
-    usual = cells(lines[content[len(content) // 2]], delimiter)
-    begun = {k: found for k, cell in enumerate(usual) if (found := stamp(cell))}
-    times = frozenset(begun), min((whole for whole, _ in begun.values()), default=0)
-    if any(_value(cell, delimiter) is None for cell in row):
-        names = _names(row, source, first)
-        if any(cell.startswith("[") for cell in usual) and len(usual) == len(names):
-            entries = [len(_LIST.sub(_flat(" "), cell.encode()).split()) for cell in usual]
-            pairs = zip(names, usual, entries, strict=True)
-            names = tuple(f"{n}[{k}]" if c.startswith("[") else n for n, c, count in pairs for k in range(count))
-            return Dialect(delimiter, names, first + 1, *times, vectors=True)
-        return Dialect(delimiter, names, first + 1, *times)
-    above = lines[first - 1].strip().lstrip("#").strip() if first else ""
-    titles = cells(above, delimiter)
-    if above and len(titles) == len(row) and any(_value(cell, delimiter) is None for cell in titles):
-        return Dialect(delimiter, _names(titles, source, first - 1), first, *times)
-    return Dialect(delimiter, tuple(str(index) for index in range(len(row))), first, *times)
-
-
-def _flat(delimiter: str | None) -> Callable[[re.Match[bytes]], bytes]:
-    """Writes a list as cells of its own."""
-    return lambda found: (delimiter or " ").encode().join(found.group(1).replace(b",", b" ").split())
-
-
-def _delimiter(lines: list[str]) -> str | None:
-    """The delimiter that makes all lines equally long and the last one numbers; failing that, equally long."""
-    even = []
-    for delimiter in _DELIMITERS:
-        rows = [cells(line, delimiter) for line in lines]
-        if len(rows[0]) > 1 and len({len(row) for row in rows}) == 1:
-            even.append(delimiter)
-            if all(_value(cell, delimiter) is not None for cell in rows[-1]):
-                return delimiter
-    if even:
-        return even[0]
-    # ragged lines, or a single column: what cuts the first line most often
-    return max(_DELIMITERS, key=lambda delimiter: (len(cells(lines[0], delimiter)), delimiter == ","))
-
-
-def _value(cell: str, delimiter: str | None) -> float | None:
-    value = number(cell if delimiter == "," else cell.replace(",", "."))
-    return 0.0 if value is None and stamp(cell) else value
-
-
-def _names(row: list[str], source: str, line: int) -> tuple[str, ...]:
-    """Names of columns; one without a name goes by its number."""
-    names = tuple(one_line(cell) or str(index) for index, cell in enumerate(row))
-    first: dict[str, int] = {}
-    for index, name in enumerate(names):
-        if first.setdefault(name, index) != index:
-            problem = f"columns {first[name]} and {index} have the same name; rename one"
-            raise InputError(problem, source=source, element=f"line {line + 1}, column '{name}'")
-    return names
 
 
 @dataclass(frozen=True)
@@ -200,10 +55,10 @@ class BlockParser:
         if the last one is cut off.
         """
         if self.dialect.vectors:
-            lines = [_LIST.sub(_flat(self.dialect.delimiter), line) for line in lines]
+            lines = [LIST.sub(flat(self.dialect.delimiter), line) for line in lines]
         text = b"\n".join(lines)
-        if b"#" in text:
-            text = _COMMENT.sub(b"", text)
+        if any(mark in text for mark in (b"#", b"%", b"//")):
+            text = COMMENT.sub(b"", text)
         if self.dialect.decimal_comma:
             text = text.replace(b",", b".")
         if not text.strip():
@@ -307,6 +162,7 @@ class CsvFile:
         self._packed = self._path.stat().st_size if _is_packed(self._path) else 0
         self._dialect = sniff(self._first_lines(), self.source)
         self.names: tuple[str, ...] = self._dialect.names
+        self.units = dict(zip(self.names, self._dialect.units, strict=False))
 
     def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
         """Pieces of the file with ``rows`` lines, or fewer where lines are long."""

@@ -72,7 +72,7 @@ _FACTORS: Final[dict[Dimension, dict[str, Fraction | int]]] = {
     },
     _SPIN: {"rpm": 2 * _PI / 60, "rps": 2 * _PI},
     _LENGTH: {"m": 1, "in inch": Fraction("0.0254"), "ft": Fraction("0.3048")},
-    _TIME: {"s sec secs second seconds": 1, "min": 60, "h": 3600},
+    _TIME: {"s sec secs second seconds": 1, "min": 60, "h": 3600, "day": 86400},
     (0, 0, -1, 0, 0): {"Hz": 1},
     _MASS: {"g": Fraction(1, 1000), "lb": _POUND},
     _FORCE: {"N": 1, "gf": _G / 1000, "lbf": _G * _POUND, "ozf": _G * _POUND / 16},
@@ -110,6 +110,14 @@ def factor(unit: str, quantity: str | Sequence[str] | None) -> float:
         what = f"is the unit of {of}" if of else "is a unit of something else"
         raise InputError(f"'{unit}' {what}, not of {asked} (valid: {', '.join(_valid(wanted))})")
     return float(found.factor)
+
+
+def is_unit(text: str) -> bool:
+    """Whether a text is a unit of any quantity."""
+    try:
+        return bool(text) and factor(text, None) > 0
+    except InputError:
+        return False
 
 
 def _valid(wanted: Sequence[str]) -> list[str]:
