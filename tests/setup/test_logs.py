@@ -44,7 +44,9 @@ def test_columns_without_names(motion: Motion, tmp_path: Path) -> None:
     result = ec.identify(ARM, str(tmp_path / "log.csv"))
     assert well(result)
     texts = [str(finding) for finding in result.findings]
-    assert any("1 … 2 taken for the positions of shoulder_joint, elbow_joint by their values" in text for text in texts)
+    assert any("1, 2 taken for the positions of shoulder_joint, elbow_joint by their values" in text for text in texts)
+    setup, _, _ = with_logs(ARM, {"log": np.column_stack([motion["t"], motion["q"], motion["tau"]])})
+    assert [channel.column for channel in setup.columns[0].outputs.values()] == ["log[3]", "log[4]"]
     assert not any("another robot" in text for text in texts)
 
 
@@ -68,6 +70,25 @@ def test_files_that_share_a_clock_are_one_log(clocked: bool, motion: Motion, tmp
     assert well(ec.identify(setup, logs))
     assert with_logs(ARM, tmp_path)[1] == logs
     assert with_logs(ARM, f"{both[0]}+{both[1]}")[1] == logs
+
+
+def test_a_log_in_a_file_per_quantity_or_joint(motion: Motion, tmp_path: Path) -> None:
+    for name in ("q", "qd", "tau", "t"):
+        np.savetxt(tmp_path / f"{name}.txt", motion[name])
+    both = [tmp_path / f"{name}.txt" for name in ("q", "tau", "qd")]
+    with pytest.raises(ec.InputError, match="its samples have no time"):
+        ec.identify(ARM, both)
+    setup, (log,), _ = with_logs(ARM, [*both, tmp_path / "t.txt"])
+    assert log == Path("+".join(map(str, [*both, tmp_path / "t.txt"])))
+    assert [channel.column for channel in setup.columns[0].velocities.values()] == ["qd/0", "qd/1"]
+    for k, joint in enumerate(("shoulder", "elbow")):
+        frame = pd.DataFrame({"t": motion["t"], "position": motion["q"][:, k], "torque": motion["tau"][:, k]})
+        frame.to_csv(tmp_path / f"{joint}.csv", index=False)
+    files = [tmp_path / "shoulder.csv", tmp_path / "elbow.csv"]
+    setup, logs, _ = with_logs(ARM, files)
+    assert logs == (Path("+".join(map(str, files))),)
+    assert setup.columns[0].positions["elbow_joint"].column == "elbow/position"
+    assert with_logs(setup, files)[1] == logs
 
 
 def test_files_without_a_common_clock(tmp_path: Path) -> None:

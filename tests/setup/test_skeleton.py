@@ -118,7 +118,7 @@ def test_commands_without_torques_make_a_fit_of_servos(motion: Motion, tmp_path:
     assert "log.csv: 10 s at 300 Hz in 1 stretch" in text
     (tmp_path / "setup.yaml").write_text(text)
     assert not ec.load_setup(tmp_path / "setup.yaml").columns[0].outputs
-    with pytest.raises(ec.InputError, match="there are commands of positions: let  echelon setup"):
+    with pytest.raises(ec.InputError, match=r"there are commands of positions, .* servos .*; echelon setup"):
         ec.identify(ARM, tmp_path / "log.csv")
 
 
@@ -138,3 +138,26 @@ def test_a_description_gets_a_section(motion: Motion, tmp_path: Path) -> None:
     (tmp_path / "setup.yaml").write_text(text)
     with pytest.raises(ec.InputError, match="says already what its logs mean"):
         skeleton(tmp_path / "setup.yaml", [tmp_path / "log.csv"], tmp_path)
+
+
+def test_rates_come_from_velocities_or_coarse_stamps(motion: Motion, tmp_path: Path) -> None:
+    both = {f"{name}{k}": motion[name][:, k] for name in ("q", "qd", "tau") for k in (0, 1)}
+    for first, why in (({}, "what the velocities say"), ({"t": np.floor(50 * motion["t"]) / 50}, "coarser than")):
+        written(tmp_path, pd.DataFrame(first | both))
+        found = skeleton(tmp_path / "arm.urdf", [tmp_path / "log.csv"], tmp_path)
+        assert "  rate: 300 " in found.text
+        assert any(why in line for line in found.report)
+        assert not any("time" in question for question in found.undecided)
+
+
+@pytest.mark.parametrize("order", ["quantities", "joints"])
+def test_names_of_their_own_are_told_by_values_and_order(order: str, motion: Motion, tmp_path: Path) -> None:
+    q, tau = motion["q"], motion["tau"]
+    columns = {"alpha": q[:, 0], "beta": q[:, 1], "Mx": tau[:, 0], "lift": tau[:, 1]}
+    names = ["alpha", "beta", "Mx", "lift"] if order == "quantities" else ["alpha", "Mx", "beta", "lift"]
+    count = np.arange(len(q))
+    table = {"n": count, "when": motion["t"], **{name: columns[name] for name in names}, "warm": 30 + 0 * count}
+    (tmp_path / "setup.yaml").write_text(written(tmp_path, pd.DataFrame(table)))
+    read = ec.load_setup(tmp_path / "setup.yaml").columns[0]
+    assert [channel.column for channel in read.positions.values()] == ["alpha", "beta"]
+    assert [channel.column for channel in read.outputs.values()] == ["Mx", "lift"]

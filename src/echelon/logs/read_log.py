@@ -150,8 +150,9 @@ class JoinedLog:
             if wanted:
                 values = read_table(file.source, list(wanted.values())).columns
                 columns |= {name: values[inner] for name, inner in wanted.items()}
-                columns[f"{stem}/time"] = self._own_times(stem, len(values[next(iter(wanted.values()))]))
-                clocks |= dict.fromkeys(wanted, f"{stem}/time")
+                if any(len(times) for _, times in self._times.values()):
+                    columns[f"{stem}/time"] = self._own_times(stem, len(values[next(iter(wanted.values()))]))
+                    clocks |= dict.fromkeys(wanted, f"{stem}/time")
         yield Table(self.source, columns, clocks)
 
     def _columns(self, stem: str, file: LogFile) -> list[str]:

@@ -7,6 +7,7 @@ the same.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from echelon.logs.columns.column_guess import guess
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.columns.conversion import needed_columns
 from echelon.logs.files.log_file import LogFile, Table
+from echelon.logs.files.numpy_file import MemoryLog
 from echelon.logs.files.open_log import log_paths
 from echelon.logs.finding import listed
 from echelon.logs.read_log import first_table, opened
@@ -53,7 +55,8 @@ def with_logs(
     for file in kinds.values():
         found = understood(file, setup, only=usual and len(fitted) + len(unseen) == 1)
         if found.problems:
-            raise InputError("; ".join(found.problems), source=file.source)
+            advice = "echelon setup ROBOT LOG -o setup.yaml  writes a set-up to begin with"
+            raise InputError("; ".join([*found.problems, advice]), source=file.source)
         notes = tuple(text for text in found.notes if text not in setup.assumed)
         setup = replace(found.setup, columns=(*setup.columns, found.columns), assumed=(*setup.assumed, *notes))
     return setup, fitted, unseen
@@ -162,22 +165,34 @@ def _without(setup: Setup, locked: Mapping[str, float], silent: Collection[str])
 
 
 def joined(paths: Sequence[Path], mechanism: Mechanism, columns: Sequence[ColumnMap] = ()) -> tuple[Path, ...]:
-    """The logs, with files joined that hold positions only and outputs only: one of each, or as many of both."""
-    if len(paths) < 2 or any(set(needed_columns(some)) <= set(opened(paths[0]).names) for some in columns):
+    """The logs, with files joined of which no one is a log: all of them, or one of each kind, such as positions1.csv.
+
+    The name of a file may say of which quantity or joint it is.
+    """
+
+    def is_log(path: Path) -> bool:
+        names = opened(path).names
+        return any(set(needed_columns(some)) <= set(names) for some in columns) or not guess(names, mechanism).problems
+
+    if len(paths) < 2 or any(isinstance(path, MemoryLog) or is_log(path) for path in paths):
         return tuple(paths)
-    kinds = [_holds(path, mechanism) for path in paths]
-    positions = [path for path, has in zip(paths, kinds, strict=True) if has == (True, False)]
-    outputs = [path for path, has in zip(paths, kinds, strict=True) if has == (False, True)]
-    if len(positions) + len(outputs) < len(paths) or len(positions) != len(outputs):
-        return tuple(paths)
-    return tuple(Path(f"{first}+{second}") for first, second in zip(positions, outputs, strict=True))
+    kinds: dict[tuple[str, ...], list[Path]] = {}
+    for path in paths:
+        kinds.setdefault(_holds(path, mechanism), []).append(path)
+    sets = list(zip(*kinds.values(), strict=False))
+    if len(sets) * len(kinds) < len(paths) or len(kinds) < 2:
+        sets = [tuple(paths)]
+    found = [Path("+".join(map(str, some))) for some in sets]
+    with suppress(InputError):  # two files have one name
+        return tuple(found) if is_log(found[0]) else tuple(paths)
+    return tuple(paths)
 
 
-def _holds(path: Path, mechanism: Mechanism) -> tuple[bool, bool]:
-    """Whether the names of a log's columns say positions, and outputs; the name of the file may say it for them."""
+def _holds(path: Path, mechanism: Mechanism) -> tuple[str, ...]:
+    """The kinds of quantities that the columns of a file are by their names, with that of the file or without."""
     names = opened(path).names
     for tried in ([f"{path.stem}/{name}" for name in names], names):
-        columns = guess(tried, mechanism).columns
-        if columns.positions or columns.outputs:
-            return bool(columns.positions), bool(columns.outputs)
-    return False, False
+        channels = guess(tried, mechanism).columns.channels
+        if found := tuple(kind for kind, some in channels.items() if some):
+            return found
+    return ()

@@ -13,17 +13,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from echelon.errors import InputError
 from echelon.formats.robot_file import RobotFile, open_robot
 from echelon.inputs import dump_flow
+from echelon.logs.columns.by_values import PERIODS
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.files.log_file import LogFile
 from echelon.logs.files.open_log import log_paths
 from echelon.logs.finding import Severity, counted, listed
 from echelon.logs.read_log import first_table, opened, read_log
+from echelon.logs.units import factor
 from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.logs import Understood, joined, understood
 from echelon.setup.setup import load_setup
+from echelon.signals.clock import round_rate
 
 _EFFECTS = """\
 effects:
@@ -40,6 +45,8 @@ effects:                                # no torques are logged: servos follow c
 """
 _UNUSED = "columns that are not used"
 _WIDTH = 112
+_COARSE = 0.2
+"""Share of time stamps that repeat, from which on they say nothing of single samples."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +70,9 @@ def skeleton(robot: str | os.PathLike[str], logs: Sequence[str | os.PathLike[str
     found = understood(log, setup, only=len(paths) == 1, by_values=True)
     if found.columns.references and not found.columns.outputs:
         found = _commanded(understood(log, setup, only=len(paths) == 1, by_values=True, outputs=False))
+    found = _with_rate(found, log)
     problems = found.problems
-    if found.columns.positions and found.columns.time is None and not first_table(log).clocks:
+    if found.columns.positions and not (found.columns.time or found.columns.rate or first_table(log).clocks):
         problems += ("no column is the time: state the rate of the samples",)
     body = _body(file, found, log, folder)
     questions = (*problems, *_questions(found.columns))
@@ -80,6 +88,29 @@ def _commanded(found: Understood) -> Understood:
     columns = replace(found.columns, references={}, inputs=found.columns.references)
     note = "there are no outputs but position commands, so that servos are fitted"
     return replace(found, columns=columns, notes=(*found.notes, note))
+
+
+def _with_rate(found: Understood, log: LogFile) -> Understood:
+    """With a rate where stamps are coarser than samples, or where there are none, by what velocities say."""
+    columns, table = found.columns, first_table(log)
+    time = None if columns.time is None else table.columns[columns.time.column] * factor(columns.time.unit, "s")
+    if time is not None and columns.time is not None and np.mean(np.diff(time) == 0) > _COARSE:
+        rate = float(len(time) - 1) / float(time[-1] - time[0])
+        why = f"the stamps in '{columns.time.column}' repeat and are coarser than the samples, which so take"
+    elif time is None and not table.clocks and columns.positions.keys() <= columns.velocities.keys():
+        q, v = (
+            np.stack([table.columns[c.column] * factor(c.unit, None) for c in some.values()], axis=1)
+            for some in (columns.positions, {name: columns.velocities[name] for name in columns.positions})
+        )
+        moved, speed = np.diff(q, axis=0), 0.5 * (v[1:] + v[:-1])
+        rate = float(np.sum(speed * speed) / np.sum(speed * moved))
+        why = "positions change by what the velocities say if the samples take"
+    else:
+        return found
+    if not PERIODS[0] < 1 / rate < PERIODS[1]:
+        return found
+    note = f"{why} {1000 / rate:.4g} ms: the rate is {round_rate(1 / rate):.4g} Hz"
+    return replace(found, columns=replace(columns, time=None, rate=round_rate(1 / rate)), notes=(*found.notes, note))
 
 
 def _questions(columns: ColumnMap) -> list[str]:
@@ -138,6 +169,8 @@ def _log_section(columns: ColumnMap, mechanism: Mechanism, log: LogFile) -> str:
     lines = ["log:"]
     if columns.time is not None:
         lines.append(f"  {dump_flow({'time': _entry(columns.time)})}")
+    elif columns.rate:
+        lines.append(f"  rate: {columns.rate:<32g}# Hz, as found above")
     elif not first_table(log).clocks:
         lines.append("  rate: 1000                            # Hz; a guess, to be corrected")
     for key, group in columns.channels.items():

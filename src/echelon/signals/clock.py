@@ -80,7 +80,8 @@ def stretches(time: Floats, gap: float = GAP) -> Stretches:
         raise InputError(f"a gap must be at least one period, got {gap:g}", element="gap")
     intervals = np.diff(time)
     if not np.any(intervals > 0):
-        raise InputError("time never advances" if len(time) > 1 else "one sample is too few for a clock")
+        never = "time runs backwards: sort the rows by time" if np.any(intervals < 0) else "time never advances"
+        raise InputError(never if len(time) > 1 else "one sample is too few for a clock")
     duplicates = np.flatnonzero(intervals == 0) + 1
     if len(duplicates) > _REPEATED * len(time):
         raise InputError(

@@ -54,6 +54,7 @@ class Family:
 
 _LETTER = re.compile(r"(?<![A-Za-z0-9])[A-Za-z](?![A-Za-z0-9])")
 _NUMBER = re.compile(r"\d+(?=\D*$)")
+_ENTRY = re.compile(r"^\d+$|\[\d+\]$")
 
 
 def families(names: Sequence[str], count: int, known: Sequence[str] = ()) -> tuple[Family, ...]:
@@ -88,11 +89,38 @@ def families(names: Sequence[str], count: int, known: Sequence[str] = ()) -> tup
     return tuple(found)
 
 
+def are_numbers(names: Sequence[str]) -> bool:
+    """Whether names only count: those of a table without names, or of a matrix, such as ``data[0]`` and ``data[1]``."""
+    return len({_ENTRY.sub("", name) for name in names}) == 1 and all(_ENTRY.search(name) for name in names)
+
+
 def blocks(names: Sequence[str], count: int) -> tuple[Family, ...]:
     """Columns without names as families, one after another; none if their number does not fit."""
     if len(names) % count:
         return ()
     return tuple(Family(tuple(names[start : start + count])) for start in range(0, len(names), count))
+
+
+def in_order(
+    names: Sequence[str], count: int, columns: Mapping[str, Floats], times: Floats | None, fixed: Mapping[str, Family]
+) -> dict[str, Family]:
+    """Families by kind of columns that only their order can tell apart: quantity by quantity, or joint by joint.
+
+    Positions have to be smoother than outputs, all of them, so that no family is a mixture.
+    """
+    moving = [name for name in names if len({*np.diff(columns[name])} - {0.0}) > 1]  # no constants, no counters
+    if len(moving) % count:
+        return {}
+    size = len(moving) // count
+    for found in (blocks(moving, count), tuple(Family(tuple(moving[k::size])) for k in range(size))):
+        kinds = classified(found, columns, times, fixed)
+        every = {**fixed, **kinds}
+        if {"position", "output"} <= every.keys():
+            both = (every["position"].columns, every["output"].columns)
+            smooth, rough = (_roughness(_clean(np.stack([columns[name] for name in some], axis=1))) for some in both)
+            if smooth.max() < rough.min():
+                return kinds
+    return {}
 
 
 def clock(columns: Mapping[str, Floats], names: Sequence[str], *, named: bool = False) -> str:
@@ -117,7 +145,8 @@ def clock(columns: Mapping[str, Floats], names: Sequence[str], *, named: bool = 
 
 def clock_unit(times: Floats) -> str:
     """The unit in which time stamps make a rate at which robots are logged; empty for seconds."""
-    fitting = fitting_units(nominal_period(times[np.isfinite(times)]))
+    stamps = times[np.isfinite(times)]
+    fitting = fitting_units(nominal_period(stamps)) if np.any(np.diff(stamps) > 0) else []
     return "" if not fitting or fitting[0] == "s" else fitting[0]
 
 
@@ -210,14 +239,17 @@ def _bent(values: Floats) -> float:
 
 def _smoothest(values: Sequence[Floats]) -> int | None:
     """The family that is clearly smoother than all others but its like."""
-    rough = []
-    for some in values:
-        spread = some.std(axis=0)
-        steps = np.sqrt(np.mean(np.diff(some, axis=0) ** 2, axis=0))
-        rough.append(float(np.median(steps[spread > 0] / spread[spread > 0])) if (spread > 0).any() else np.inf)
+    rough = [float(np.median(ratios)) if len(ratios := _roughness(some)) else np.inf for some in values]
     first, *others = (int(k) for k in np.argsort(rough))
     rivals = [k for k in others if not _alike(values[first], values[k])]
     return first if rivals and rough[rivals[0]] > _SMOOTHER * rough[first] else None
+
+
+def _roughness(values: Floats) -> Floats:
+    """Differences of the columns that move, in units of their spread."""
+    spread = values.std(axis=0)
+    steps = np.sqrt(np.mean(np.diff(values, axis=0) ** 2, axis=0))
+    return np.asarray(steps[spread > 0] / spread[spread > 0])
 
 
 TURNS = 4 * math.pi  # rad, beyond which hardly any joint goes
@@ -233,7 +265,7 @@ def with_units(columns: ColumnMap, table: Table, mechanism: Mechanism) -> tuple[
     if time is not None and not time.unit and time.column in table.columns:
         unit = clock_unit(table.columns[time.column])
         if unit:
-            text = f"the time '{time.column}' is taken to be in {unit}: in seconds no robot would be logged so slowly"
+            text = f"the time '{time.column}' is taken to be in {unit}: in seconds it would be no rate of a robot's log"
             notes.append(note("units", table.source, text))
         time = replace(time, unit=unit)
     turning = {name: some for name, some in columns.positions.items() if _moves(mechanism, name, MotionKind.ROTATION)}

@@ -11,7 +11,7 @@ from difflib import get_close_matches
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.logs.columns.by_values import Family, blocks, classified, clock, families
+from echelon.logs.columns.by_values import Family, are_numbers, blocks, classified, clock, families, in_order
 from echelon.logs.columns.column_map import Channel, ColumnMap, actuators, coordinates, units
 from echelon.logs.columns.column_names import Meaning, aliases, meaning, words
 from echelon.logs.columns.unlogged import unlogged_joints
@@ -29,8 +29,8 @@ _NEEDED = ("position", "output")
 _PARTLY = ("output", "current")
 """What may be there for some joints only: the others are not measured."""
 _OPTIONAL = ("velocity", "acceleration", "reference")
-_ADVICE = "say under log which they are, or let  echelon setup ROBOT LOG -o setup.yaml  write it"
 _SI: Mapping[str, str] = {}
+_MANY = 8
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def _of_all(
     """The guess if the log has all joints."""
     groups, problems = _by_names(meanings, mechanism, outputs)
     notes: list[str] = []
-    headerless = all(name.isdecimal() for name in names)
+    headerless = are_numbers(names) and not meanings
     needed = _NEEDED[: 1 + outputs]
     absent = [kind for kind in needed if not groups[kind]]
     if absent and look is not None and (by_values or (headerless and not problems)):
@@ -126,7 +126,8 @@ def _filled(groups: dict[str, dict[str, Channel]], seen: Mapping[str, Family], m
     for kind, family in seen.items():
         if not groups.get(kind):
             groups[kind] = {n: Channel(c) for n, c in zip(_valid(mechanism, kind), family.columns, strict=True)}
-            notes.append(f"{family.label} taken for the {_several(kind)} of {listed(groups[kind])} by their values")
+            those = ", ".join(family.columns) if len(family.columns) < _MANY else family.label
+            notes.append(f"{those} taken for the {_several(kind)} of {listed(groups[kind])} by their values")
     return notes
 
 
@@ -204,9 +205,11 @@ def _channels(meanings: Meanings, mechanism: Mechanism, kind: str) -> dict[str, 
     positions = _numbers(said for said in meanings.values() if said.kind in ("position", "joint") and not said.motor)
     keys = keys or _numbered(own, positions if kind in _PARTLY else set(), valid, mechanism, kind)
     found: dict[str, Channel] = {}
+    strange: list[str] = []
     for column, name in keys.items():
         channel = _channel(column, own[column].unit, mechanism, kind, name)
         if (name not in valid and name not in motors) or channel is None:
+            strange += [f"'{column}' is in {own[column].unit}"] if name in valid else []
             continue
         if name in found:
             both = f"'{found[name].column}' and '{column}'"
@@ -214,8 +217,8 @@ def _channels(meanings: Meanings, mechanism: Mechanism, kind: str) -> dict[str, 
         found[name] = channel
     missing = [name for name in valid if name not in found]
     if missing and not (found and kind in _PARTLY) and not any(name in found for name in motors):
-        taken = listed(channel.column for channel in found.values())
-        raise InputError(f"no column is the {kind} of {listed(missing)} (found: {taken}); say under log which they are")
+        taken = "; ".join([f"found: {listed(channel.column for channel in found.values())}", *strange])
+        raise InputError(f"no column is the {kind} of {listed(missing)} ({taken}); say under log which they are")
     return {name: found[name] for name in [*valid, *motors] if name in found}
 
 
@@ -269,13 +272,16 @@ def _by_values(
         return {}
     stamps = clock(columns, names)
     rest = [name for name in names if name not in (stamps, *understood)]
-    if understood or not all(name.isdecimal() for name in names):
+    if understood or not are_numbers(names):
         new = families(rest, len(valid), valid)
     else:
         new = blocks(rest[1:] if len(rest) % len(valid) == 1 and len(valid) > 1 else rest, len(valid))
     known = {kind: Family(tuple(channel.column for channel in some.values())) for kind, some in groups.items()}
     fixed = {kind: family for kind, family in known.items() if len(family.columns) == len(valid)}
-    return classified(new, columns, columns[stamps] if stamps else None, fixed)
+    times = columns[stamps] if stamps else None
+    found = classified(new, columns, times, fixed)
+    complete = {"position", "output"} <= {*found, *fixed}
+    return found if complete else in_order(rest, len(valid), columns, times, fixed) or found
 
 
 def _question(
@@ -299,9 +305,8 @@ def _question(
         f"no columns for {' and '.join(f'{kind}s' for kind in absent)} of {mechanism.name} can be told from their names"
     )
     if groups["reference"] and absent == ["output"]:
-        advice = "let  echelon setup ROBOT LOG -o setup.yaml  write a set-up that fits servos"
-        return f"{what}, but there are commands of positions: {advice}"
-    return f"{what}; not understood: {listed(asked)}; {_ADVICE}"
+        return f"{what}, but there are commands of positions, to which servos can be fitted"
+    return f"{what}; not understood: {listed(asked)}; say under log which they are" if asked else what
 
 
 def _nearest(column: str) -> str:

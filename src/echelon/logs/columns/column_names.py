@@ -21,11 +21,11 @@ _WORDS = {
     "velocity": "v dq qd qdot qp qvel dtheta thetadot omega vel velocity velocities speed speeds geschwindigkeit "
     "drehzahl velocidad vitesse velocita",
     "acceleration": "a ddq qdd ddqot ddqdt qddot qacc acc accel acceleration accelerations beschleunigung aceleracion",
-    "output": "tau taus torque torques trq eff effort efforts force forces moment moments qfrc mt drehmoment kraft par "
-    "couple coppia",
+    "output": "tau taus torque torques trq torq eff effort efforts force forces frc moment moments qfrc mt drehmoment "
+    "kraft par couple coppia",
     "current": "i iq curr current currents cur amp amps ampere strom corriente courant corrente",
-    "time": "t ts time times timestamp timestamps stamp datetime clock elapsed seconds zeit uhrzeit zeitstempel tiempo "
-    "temps tempo",
+    "time": "t ts tout time times timestamp timestamps stamp datetime clock elapsed seconds zeit uhrzeit zeitstempel "
+    "tiempo temps tempo",
 }
 _KINDS = {word: kind for kind, words in _WORDS.items() for word in words.split()}
 _WEAK = frozenset("a v i t d")
@@ -34,11 +34,12 @@ _OTHERS = {
     "reference": "ref refs reference target targets des desired cmd cmds command commanded setpoint sp goal ipo d "
     "action qref qdes qcmd soll sollwert consigne",
     "motor": "motor motors actuator actuators mot mtr m",
-    "joint": "joint joints jnt jnts j axis axes ax a rax robax achse eje axe asse gelenk articulacion giunto link",
+    "joint": "joint joints jnt jnts j dof dofs axis axes ax a rax robax achse eje axe asse gelenk "
+    "articulacion giunto link",
     "state": "observation observations obs state states ist istwert",
     "rate": "dot",
     "neutral": "meas measured msr msrd act actual read present field data feedback fb sensor per log value values msg "
-    "header unix ros output",
+    "header unix ros output est estimated sim robot arm out yout signal signals",
 }
 _ROLES = {word: role for role, words in _OTHERS.items() for word in words.split()}
 _UNITS = {
@@ -166,7 +167,7 @@ def _joined(
     reference = "reference" in roles
     if not kinds and ("state" in roles or reference) and (name or numbers):
         kinds = ["position"]  # the vectors that LeRobot calls observation.state and action
-    bare = not kinds and bool(roles) and roles <= _BARE and (bool(name) or bool(numbers))
+    bare = not kinds and roles <= _BARE and bool(roles - {"neutral"}) and (bool(name) or bool(numbers))
     kind = "joint" if bare else kinds[0] if kinds else ""
     kind = _RATES.get(kind, "") if "rate" in roles else kind
     by_second = _PER_SECOND.get(" ".join(units), "")
@@ -182,4 +183,4 @@ def _joined(
 
 def words() -> dict[str, str]:
     """The words for quantities, with what they stand for."""
-    return dict(_KINDS)
+    return {**_KINDS, "temp": "temperature", "temperature": "temperature"}

@@ -21,7 +21,7 @@ import numpy as np
 
 from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
-from echelon.logs.columns.by_values import DEGREES, LONG, TURNS, fitting_units
+from echelon.logs.columns.by_values import DEGREES, LONG, TURNS, are_numbers, fitting_units
 from echelon.logs.columns.column_map import WRAP, Channel, ColumnMap, Series, motion_of, series
 from echelon.logs.finding import Finding, listed, warning
 from echelon.logs.recording import Recording
@@ -85,9 +85,9 @@ def surplus_columns(columns: ColumnMap, names: Sequence[str], mechanism: Mechani
     locked = sum(body.joint.is_fixed for body in mechanism.bodies)
     used = {channel.column for channel in columns.positions.values()}
     known = {channel.column for group in columns.channels.values() for channel in group.values()}
-    patterns = {re.sub(r"\d+(?=\D*$)", "#", name) for name in used if re.search(r"\d", name)} - {"#"}
+    patterns = {re.sub(r"\d+(?=\D*$)", "#", name) for name in used if re.search(r"\d", name)}
     more = [n for n in names if n not in known and re.search(r"\d", n) and re.sub(r"\d+(?=\D*$)", "#", n) in patterns]
-    if len(more) <= locked or len(patterns) > 1 or len(used) < 2:
+    if len(more) <= locked or len(patterns) > 1 or len(used) < 2 or are_numbers(names):
         return ()
     shown = listed(f"'{name}'" for name in more)
     text = f"the log has {shown} beside the {len(used)} columns that are used: is it a log of another robot?"
