@@ -30,8 +30,8 @@ from anchors.build import UnavailableError
 from anchors.figaroh_search import Search, environment, searched, versions
 from echelon.excite.problem.task import changed, task_of
 from echelon.excite.solve.design import designed
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import open_robot
+from echelon.formats.snapping import ReadingOptions
 from echelon.machine.kernel import processors
 from tabular import table
 

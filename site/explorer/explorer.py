@@ -19,7 +19,7 @@ from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS
 from echelon.errors import EchelonError, InputError, one_line
 from echelon.exact.polynomial import Polynomial
-from echelon.formats.reading_options import ReadingOptions
+from echelon.formats.snapping import ReadingOptions
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.usual_effects import effect_label, slides
 from echelon.mechanism.effect import Effect, Side, ready_made

@@ -9,8 +9,8 @@ from scipy.optimize import brentq
 
 import echelon as ec
 from echelon.base.sensors import sensor_report
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import read_description
+from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from support.selection import slow_unless
 

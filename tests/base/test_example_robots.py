@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.formats.reading_options import ANGLE_TOLERANCE, PRECISION
+from echelon.formats.snapping import ANGLE_TOLERANCE, PRECISION
 from support import ball_rank as truth
 from support import ball_rank_of_urdf as urdf_truth
 from support.robot_files import pinocchio_model, robot_file, robot_files

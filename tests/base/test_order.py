@@ -12,8 +12,8 @@ import sympy
 import echelon as ec
 from echelon.base.matrix import column_order
 from echelon.conventions import PARAMETERS, UNITS
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import read_description
+from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.effect import Side, ready_made
 from echelon.mechanism.mechanism import Mechanism, Parameter
 from support import textbook_arms as arms

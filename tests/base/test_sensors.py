@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 import echelon as ec
 from echelon.base.sensors import sensor_report
 from echelon.exact.polynomial import Polynomial, as_polynomial
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import read_description
+from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
 from echelon.mechanism.joint import Placement, as_matrix
 from echelon.mechanism.mechanism import Cut, plain

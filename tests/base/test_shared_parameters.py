@@ -15,8 +15,8 @@ from hypothesis import given, settings
 import echelon as ec
 from echelon.base.structure import find_structure
 from echelon.dynamics.functions import robot_function
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
+from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.robot_writer import identified_robot
 from echelon.identification.physics.bounds import linear_limits, roles
 from echelon.identification.physics.prior_information import prior_from

@@ -12,9 +12,9 @@ import pytest
 import yaml
 
 import echelon as ec
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile, read_description
 from echelon.formats.schema.robot_schema import json_schema
+from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.joint import GROUND

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from echelon.errors import InputError
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile, read_description
+from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.joint import GROUND

@@ -14,9 +14,9 @@ import yaml
 
 import echelon as ec
 from echelon.excite.files.coefficients import trajectory_schema
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile, read_description
 from echelon.formats.schema.robot_schema import json_schema
+from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
 from echelon.mechanism.mechanism import Mechanism
 from echelon.results.schema import BaseModelRecord, IdentifiedRecord

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import read_description
+from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
 from echelon.mechanism.mechanism import Mechanism
 from support.textbook_poses import X, Y, Z, along, moved, pose_of, quaternion_turn, turned

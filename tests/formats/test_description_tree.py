@@ -10,8 +10,8 @@ import pytest
 
 from echelon.errors import InputError
 from echelon.exact.expressions import parse
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import read_description
+from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from support.textbook_poses import Array, X, moved, pose_of, turned
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
+from echelon.formats.snapping import ReadingOptions
 from support.mjcf_models import model
 from support.mujoco_loops import Array, Equalities, null_space
 

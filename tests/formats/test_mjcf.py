@@ -16,7 +16,7 @@ from echelon.formats.literal import LiteralMotion, LiteralPlacement, rotation_ma
 from echelon.formats.mjcf.mjcf_model import checked_mjcf
 from echelon.formats.mjcf.mjcf_numbers import placements, quaternion_matrix
 from echelon.formats.mjcf.mjcf_reader import read_mjcf
-from echelon.formats.reading_options import ReadingOptions
+from echelon.formats.snapping import ReadingOptions
 from support.mjcf_models import INERTIA, mechanism_of, model, read
 from support.paths import EXAMPLES
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
+from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
 from echelon.regressor.loops.closed_motion import ClosureValues

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import open_robot
+from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.joint import GROUND
 from echelon.mechanism.stated import known_values, placement_matrix
 from support.robot_files import pinocchio_model, robot_file

@@ -10,8 +10,8 @@ import pytest
 
 import echelon as ec
 from echelon.formats import robot_file
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile, open_robot
+from echelon.formats.snapping import ReadingOptions
 from echelon.formats.stated_limits import stated_limits
 
 ARM = """<robot name="arm"><link name="base"/><link name="a"/><link name="b"/>

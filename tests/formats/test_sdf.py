@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
+from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.joint import GROUND
 from echelon.mechanism.mechanism import Mechanism

@@ -10,8 +10,8 @@ import pytest
 
 import echelon as ec
 from echelon.errors import InputError
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile, open_robot
+from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.identified_values import sorted_values
 from echelon.formats.writers.robot_writer import WrittenRobot, identified_robot
 from echelon.formats.writers.urdf_writer import UrdfGenerator

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
+from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.robot_writer import identified_robot
 from echelon.mechanism.mechanism import Mechanism
 from support.float_regressor import float_regressor, random_states

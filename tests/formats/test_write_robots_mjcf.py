@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import open_robot
+from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.robot_writer import WrittenRobot, identified_robot
 from support.float_regressor import float_regressor, random_states
 from support.paths import EXAMPLES

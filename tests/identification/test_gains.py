@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import read_description
+from echelon.formats.snapping import ReadingOptions
 from echelon.identification.gains import drive_gains, gain_names
 from echelon.identification.payload import JoinedRows, Payload, loaded_rows, with_zeros
 from echelon.identification.rows.rows import ModelRows

@@ -10,8 +10,8 @@ import pytest
 import yaml
 
 import echelon as ec
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import read_description
+from echelon.formats.snapping import ReadingOptions
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.virtual_power import inverse_dynamics_regressor
 from support.paths import ROOT

@@ -131,14 +131,14 @@ FAULTS = (
         "formats/test_write_robots.py::test_written_urdf_in_pinocchio_and_read_again",
     ),
     Fault(
-        "formats/axis_relations.py",
+        "formats/bodies.py",
         "difference > max(self._tolerance(",
         "difference > 0 * max(self._tolerance(",
         "relations between axes are not read",
         "formats/test_axis_relations.py::test_one_direction_in_several_spellings",
     ),
     Fault(
-        "formats/axis_relations.py",
+        "formats/bodies.py",
         "before @ turn(2, one) @ turn(0, twist) @ turn(2, two)",
         "before @ turn(2, two) @ turn(0, twist) @ turn(2, one)",
         "frames between related axes",

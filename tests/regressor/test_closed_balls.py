@@ -11,8 +11,8 @@ import pytest
 import echelon as ec
 from echelon.base.ball_rows import ball_rows, stated_ball
 from echelon.errors import InputError
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import read_description
+from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values, value_texts
 from echelon.program.schedule import Schedule

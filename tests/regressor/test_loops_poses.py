@@ -9,8 +9,8 @@ import pytest
 
 import echelon as ec
 from echelon.errors import OtherModeError
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
+from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.loops.assembly import Assembly

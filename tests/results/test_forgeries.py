@@ -14,8 +14,8 @@ import echelon as ec
 from echelon.exact.expressions import parse
 from echelon.exact.polynomial import float_generators
 from echelon.exact.rational import RationalFunction
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import read_description
+from echelon.formats.snapping import ReadingOptions
 from echelon.results.echelon_verify import judge
 from echelon.results.saved import from_json, to_dict, to_json
 from support.forgeries import FORGERIES, Forged, forged

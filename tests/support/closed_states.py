@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.base.structure import find_structure
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
+from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.loops.assembly import Assembly

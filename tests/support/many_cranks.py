@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
+from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 
 CRANKS = """

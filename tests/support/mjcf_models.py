@@ -10,7 +10,7 @@ from echelon.formats.builder import build_mechanism
 from echelon.formats.literal import LiteralTree
 from echelon.formats.mjcf.mjcf_model import checked_mjcf
 from echelon.formats.mjcf.mjcf_reader import read_mjcf
-from echelon.formats.reading_options import ReadingOptions
+from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 
 INERTIA = (

@@ -7,8 +7,8 @@ import pinocchio as pin
 import yaml
 
 import echelon as ec
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
+from echelon.formats.snapping import ReadingOptions
 from support import float_regressor as oracles
 from support.closed_states import states
 from support.float_regressor import FloatArray

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from echelon.conventions import PER_BODY
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
+from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.robot_writer import WrittenRobot
 from echelon.inertia import from_pseudo_inertia
 from echelon.mechanism.joint import ALL

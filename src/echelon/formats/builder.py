@@ -17,8 +17,7 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.exact.expressions import Angle
 from echelon.exact.polynomial import Polynomial
-from echelon.formats.axis_relations import with_relations
-from echelon.formats.bodies import Bodies, Part, placed_before
+from echelon.formats.bodies import Bodies, Part, placed_before, with_relations
 from echelon.formats.closure_frames import second_frame, with_parallelogram
 from echelon.formats.literal import (
     LiteralClosure,
@@ -34,8 +33,7 @@ from echelon.formats.literal import (
     resolved,
     with_joints,
 )
-from echelon.formats.reading_options import ReadingOptions, gravity_vector
-from echelon.formats.snapping import Snapping, symbol_stem
+from echelon.formats.snapping import ReadingOptions, Snapping, gravity_vector, symbol_stem
 from echelon.mechanism.closed_pose import parted
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.joint import ALL, GROUND, Motion, MotionKind, Placement, Step, Symbol, merge

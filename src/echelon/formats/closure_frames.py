@@ -17,8 +17,7 @@ from operator import matmul
 import numpy as np
 
 from echelon.exact.polynomial import Polynomial, as_polynomial, is_trigonometric, symbol_of
-from echelon.formats.reading_options import PRECISION
-from echelon.formats.snapping import Snapping
+from echelon.formats.snapping import PRECISION, Snapping
 from echelon.inertia import rotation_quaternion
 from echelon.mechanism.closed_pose import parted, turned_by
 from echelon.mechanism.closure import Closure, ClosureKind

@@ -21,7 +21,6 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.exact.numbers import Rational
 from echelon.exact.polynomial import Polynomial
-from echelon.formats.reading_options import StatedJoint
 from echelon.hints import nearest_of
 from echelon.inertia import from_tensor, tensor_and_moment
 from echelon.mechanism.closure import ClosureKind
@@ -202,6 +201,17 @@ def substituted(
             offset, constant = offset + value, Polynomial({})
     moving = {name: function for name, function in terms.items() if function.expressions}
     return StatedCoupling(coupling.element, coupling.coordinate, moving, offset)
+
+
+@dataclass(frozen=True)
+class StatedJoint:
+    """What a joint of a robot file really is."""
+
+    name: str  # of the joint in the file
+    kind: str
+    # coordinate axes and signs of a universal joint, in the frame of the joint's origin
+    axes: tuple[tuple[int, int], ...]
+    error: Callable[[str], InputError]  # makes an error about what states it
 
 
 def with_joints(tree: LiteralTree, joints: Sequence[StatedJoint]) -> LiteralTree:

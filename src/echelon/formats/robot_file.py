@@ -17,8 +17,8 @@ from echelon.choices import Measured
 from echelon.errors import InputError, locating
 from echelon.formats.builder import Built, build_mechanism
 from echelon.formats.literal import LiteralTree
-from echelon.formats.reading_options import ANGLE_TOLERANCE, Gravity, ReadingOptions
 from echelon.formats.robot_sources import content_of, described_path, expanded, is_xacro, text_of
+from echelon.formats.snapping import ANGLE_TOLERANCE, Gravity, ReadingOptions
 from echelon.formats.usual_effects import with_usual_effects
 from echelon.inputs import parse_xml
 from echelon.mechanism.lock_joints import lock_joints

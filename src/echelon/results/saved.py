@@ -23,7 +23,7 @@ from echelon.exact.polynomial import float_generators
 from echelon.exact.rational import RationalFunction
 from echelon.files import write_atomically
 from echelon.formats.linear_document import linear_document
-from echelon.formats.reading_options import ReadingOptions
+from echelon.formats.snapping import ReadingOptions
 from echelon.inputs import parse_json, read_content
 from echelon.mechanism.stated import stated_values, value_texts
 from echelon.regressor.virtual_power import virtual_power_form

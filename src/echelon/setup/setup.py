@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 from echelon.exact.expressions import PI, parse
 from echelon.exact.polynomial import symbol_of
 from echelon.formats.description.document import Document
-from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile, open_robot
 from echelon.formats.schema.schema_excite import ExcitationEntry
 from echelon.formats.schema.schema_log import IdentificationEntry, PreparationEntry
+from echelon.formats.snapping import ReadingOptions
 from echelon.formats.usual_effects import with_usual_effects
 from echelon.hints import in_quotes, nearest, nearest_of
 from echelon.logs.columns.column_map import Channel, ColumnMap

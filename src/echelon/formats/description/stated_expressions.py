@@ -21,8 +21,7 @@ from echelon.exact.numbers import Number, Rational, Surd
 from echelon.exact.polynomial import Polynomial, is_trigonometric, symbol_of
 from echelon.formats.description.document import Document
 from echelon.formats.literal import LiteralTree
-from echelon.formats.reading_options import NOT_FINITE, ReadingOptions, checked_size, gravity_vector
-from echelon.formats.snapping import Snapping
+from echelon.formats.snapping import NOT_FINITE, ReadingOptions, Snapping, checked_size, gravity_vector
 from echelon.hints import nearest, nearest_of
 from echelon.mechanism.joint import ORIGIN, Symbol, Vector
 from echelon.mechanism.mechanism import Mechanism, Snap

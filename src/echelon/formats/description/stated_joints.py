@@ -41,7 +41,7 @@ from echelon.mechanism.joint import (
 
 if TYPE_CHECKING:
     from echelon.formats.schema.robot_schema import BodyEntry, ModifiedRow, RobotDescription, StandardRow
-    from echelon.formats.schema.schema_geometry import (
+    from echelon.formats.schema.schema_types import (
         AxisJoint,
         CouplingEntry,
         CouplingTerms,
@@ -142,7 +142,7 @@ class Joints:
         return (mounting, *motions, mounting.inverse())
 
     def _custom(self, joint: CustomJoint, path: str, stem: str) -> tuple[Step, ...]:
-        from echelon.formats.schema.schema_geometry import MotionStep
+        from echelon.formats.schema.schema_types import MotionStep
 
         steps: list[Step] = []
         for index, step in enumerate(joint.steps):

@@ -26,7 +26,6 @@ from echelon.mechanism.mechanism import Actuator, ActuatorForce, Channel, Cut, J
 
 if TYPE_CHECKING:
     from echelon.formats.schema.robot_schema import RobotDescription
-    from echelon.formats.schema.schema_geometry import LoopEntry
     from echelon.formats.schema.schema_setup import (
         LinearTerms,
         OutputEntry,
@@ -35,6 +34,7 @@ if TYPE_CHECKING:
         RotorEntry,
         WrenchOutput,
     )
+    from echelon.formats.schema.schema_types import LoopEntry
 
 
 FindPart = Callable[[str | None, str], tuple[int, Placement]]
@@ -253,7 +253,7 @@ class Additions:
 
     def _closures(self) -> Iterator[Closure]:
         """The joints that close loops."""
-        from echelon.formats.schema.schema_geometry import Frame, LoopEntry
+        from echelon.formats.schema.schema_types import Frame, LoopEntry
 
         taken = {closure.name for closure in self.mechanism.closures}
         for index, entry in enumerate(self.robot.loops):

@@ -13,7 +13,7 @@ from echelon.errors import InputError
 from echelon.exact.expressions import STEPS_PER_HALF_TURN
 from echelon.exact.numbers import Rational, parse_decimal
 from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralStep, Triple, rotation_matrix
-from echelon.formats.reading_options import checked_size
+from echelon.formats.snapping import checked_size
 from echelon.inertia import rotation_of
 
 _NOISE = 1e-14  # what a few roundings of MuJoCo's compiler leave of a zero or of a multiple of 15°

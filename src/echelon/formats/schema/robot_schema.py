@@ -12,7 +12,6 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, ConfigDict, Tag, model_validator
 
 from echelon.formats.schema.schema_excite import ExcitationEntry
-from echelon.formats.schema.schema_geometry import CouplingEntry, Frame, Joint, Loop, Model
 from echelon.formats.schema.schema_log import IdentificationEntry, LogEntry, PreparationEntry
 from echelon.formats.schema.schema_setup import (
     EffectEntry,
@@ -25,8 +24,13 @@ from echelon.formats.schema.schema_setup import (
 from echelon.formats.schema.schema_types import (
     AS_LIST,
     AS_ROWS,
+    CouplingEntry,
     Expression,
     Flag,
+    Frame,
+    Joint,
+    Loop,
+    Model,
     Name,
     Number,
     Ten,

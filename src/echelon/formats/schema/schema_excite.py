@@ -12,12 +12,11 @@ from typing import Annotated, Any, Self
 from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema, model_validator
 
 from echelon.choices import Family, Optimality
-from echelon.formats.reading_options import NOT_FINITE
-from echelon.formats.schema.schema_geometry import Model
 from echelon.formats.schema.schema_types import (
     AS_LIST,
     SCALAR,
     Flag,
+    Model,
     Name,
     Number,
     Whole,
@@ -28,6 +27,7 @@ from echelon.formats.schema.schema_types import (
     refusal,
     required,
 )
+from echelon.formats.snapping import NOT_FINITE
 
 EVERY = "all"
 """Key of mappings by name that stands for every name that is not listed."""

@@ -8,11 +8,11 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BeforeValidator, Field, Tag, WithJsonSchema, model_validator
 
 from echelon.choices import Criterion, Estimator, Values
-from echelon.formats.schema.schema_geometry import Model
 from echelon.formats.schema.schema_types import (
     AS_LIST,
     Expression,
     Flag,
+    Model,
     Name,
     Real,
     by_form,

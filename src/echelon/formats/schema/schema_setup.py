@@ -6,8 +6,17 @@ from typing import Annotated, Literal, Self, get_args
 
 from pydantic import Discriminator, Tag, model_validator
 
-from echelon.formats.schema.schema_geometry import Direction, Frame, Model
-from echelon.formats.schema.schema_types import AS_LIST, Expression, Name, optional, refusal, required
+from echelon.formats.schema.schema_types import (
+    AS_LIST,
+    Direction,
+    Expression,
+    Frame,
+    Model,
+    Name,
+    optional,
+    refusal,
+    required,
+)
 from echelon.mechanism.effect import CONSTANTS
 
 Side = Literal["joint", "actuator"]

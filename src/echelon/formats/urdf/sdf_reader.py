@@ -33,7 +33,7 @@ from echelon.formats.literal import (
     numeric_placements,
 )
 from echelon.formats.mjcf.mjcf_numbers import exact_angle, exact_number, placements, placements_of
-from echelon.formats.reading_options import ANGLE_TOLERANCE
+from echelon.formats.snapping import ANGLE_TOLERANCE
 from echelon.formats.urdf.urdf_reader import ExactXml
 from echelon.hints import nearest_of
 from echelon.mechanism.closure import ClosureKind

@@ -25,7 +25,7 @@ from echelon.formats.literal import (
     central_inertial,
     numeric_placement,
 )
-from echelon.formats.reading_options import checked_size
+from echelon.formats.snapping import checked_size
 from echelon.hints import in_quotes
 from echelon.mechanism.coupling import linear
 from echelon.mechanism.joint import MotionKind

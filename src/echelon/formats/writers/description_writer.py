@@ -291,7 +291,7 @@ def _reader(mechanism: Mechanism) -> Joints:
     from echelon.formats.description.document import Document
     from echelon.formats.description.stated_expressions import Expressions
     from echelon.formats.description.stated_joints import Joints
-    from echelon.formats.reading_options import ReadingOptions
+    from echelon.formats.snapping import ReadingOptions
 
     symbols = {name: Symbol(name) for name in (*_used(mechanism), *mechanism.symbols)}
     return Joints(Expressions(Document({}, mechanism.name), ReadingOptions(), (), symbols))
