@@ -3,13 +3,12 @@
 A part is a link of a URDF, SDF or MJCF file, or a row or body of a description.  Where a fixed part sits is read with
 the joint that follows it, so that the symbols in between are named after that joint.
 
-Intended relations between consecutive joint axes: parallel, at a multiple of 15°, intersecting.
-
-A chain of frames between two joints may bring their axes together although no single number says so: rotations by 0.3,
-0.4 and −0.7 rad, or by 65° and 25° in rounded radians, or two axes that are written with eight digits.  Only the twist
-between the two axes and their distance matter for what can be seen, and neither depends on the pose, so that is where
-rounded numbers are compared.  What is that near to a relation is rewritten so that it holds identically: the frames'
-rotation becomes Rz(θ₁) Rx(twist) Rz(θ₂) about the two axes, the translation a sum of steps along them.
+Consecutive joint axes may be meant to be parallel, at a multiple of 15° or to intersect.  A chain of frames between two
+joints may bring their axes together although no single number says so: rotations by 0.3, 0.4 and −0.7 rad, or by 65°
+and 25° in rounded radians, or two axes that are written with eight digits.  Only the twist between the two axes and
+their distance matter for what can be seen, and neither depends on the pose, so that is where rounded numbers are
+compared.  What is that near to a relation is rewritten so that it holds identically: the frames' rotation becomes
+Rz(θ₁) Rx(twist) Rz(θ₂) about the two axes, the translation a sum of steps along them.
 """
 
 from __future__ import annotations

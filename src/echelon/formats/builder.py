@@ -16,7 +16,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.exact.expressions import Angle
-from echelon.exact.polynomial import Polynomial
+from echelon.exact.polynomial import Polynomial, as_polynomial
 from echelon.formats.bodies import Bodies, Part, placed_before, with_relations
 from echelon.formats.closure_frames import second_frame, with_parallelogram
 from echelon.formats.literal import (
@@ -59,7 +59,8 @@ def build_mechanism(tree: LiteralTree, options: ReadingOptions, literal: Collect
 class _Builder:
     def __init__(self, tree: LiteralTree, options: ReadingOptions, literal: Collection[str]) -> None:
         self.tree, self.options = tree, options
-        self.snapping = Snapping(tree, options, literal)
+        lengths = (abs(float(x)) for k in tree.links for s in k.steps if isinstance(s, LiteralPlacement) for x in s.xyz)
+        self.snapping = Snapping(tree.source, options, literal, scale=max(lengths, default=0.0))
         self.notes = list(tree.notes)
         self.couplings = self._resolved_couplings()
         self.floating_link = self._floating_link() if options.floating else None
@@ -74,7 +75,8 @@ class _Builder:
         for index, link in enumerate(self.tree.links):
             self._add(index, link)
         self._attach_inertials()
-        gravity = gravity_vector(self.options.gravity, self.snapping.gravity())
+        x, y, z = map(as_polynomial, self.tree.gravity)
+        gravity = gravity_vector(self.options.gravity, (x, y, z))
         closures = tuple(self._closure(closure) for closure in self._moving_closures())
         ways = [parted(c.first, c.second, lambda k: self.bodies[k].parent) for c in closures]
         looped = [self.bodies[k] for way in ways for chain in way for k in chain]

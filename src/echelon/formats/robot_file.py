@@ -20,7 +20,7 @@ from echelon.formats.literal import LiteralTree
 from echelon.formats.robot_sources import content_of, described_path, expanded, is_xacro, text_of
 from echelon.formats.snapping import ANGLE_TOLERANCE, Gravity, ReadingOptions
 from echelon.formats.usual_effects import with_usual_effects
-from echelon.inputs import parse_xml
+from echelon.inputs import parse_xml, read_content
 from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism, Reading
 from echelon.mechanism.stated import in_numbers
@@ -66,27 +66,22 @@ class RobotFile:
 
     @cached_property
     def document(self) -> Document:
-        """The plain data of a YAML or JSON file."""
+        """The plain data of a YAML or JSON file; of a list of frame pairs, the description that says the same."""
         from echelon.formats.description.document import read_text
 
-        return read_text(self.data, self.source)
+        document = read_text(self.data, self.source)
+        if not document.lists_pairs:
+            return document
+        from echelon.formats.description.frame_pairs import as_description
+
+        return as_description(document)
 
     @cached_property
-    def _checked(self) -> tuple[Document, RobotDescription]:
-        from echelon.formats.description.document import as_description, check_document, lists_pairs
-
-        document = as_description(self.document) if lists_pairs(self.document) else self.document
-        return document, check_document(document)
-
-    @property
     def description(self) -> RobotDescription:
         """A description, checked against the published schema."""
-        return self._checked[1]
+        from echelon.formats.description.document import check_document
 
-    @property
-    def checked_document(self) -> Document:
-        """The data that :attr:`description` was made of, for errors that name the element."""
-        return self._checked[0]
+        return check_document(self.document)
 
     @property
     def is_linear_model(self) -> bool:
@@ -104,7 +99,7 @@ class RobotFile:
             return None
         if self.directory is None:
             problem = "a description given as text cannot refer to another file"
-            raise self.checked_document.error("robot", problem)
+            raise self.document.error("robot", problem)
         file = open_robot(self.directory / self.description.robot.file)
         if file.is_description:
             problem = "only URDF, SDF and MJCF files can be added to; include the description"
@@ -159,18 +154,15 @@ class RobotFile:
         options = ReadingOptions() if options is None else options
         built = self.built(options, literal)
         mechanism = built.mechanism if options.symbolic else in_numbers(built.mechanism)
-        mechanism = self._locked(mechanism, options)
+        locked = {**(self.description.locked if self.is_description else {}), **options.locked}
+        if locked:
+            with locating(self.source):
+                mechanism = lock_joints(mechanism, locked)
         stated = self.description.effects if self.is_description else None
         if options.usual_effects if stated is None else "usual" in stated:
             robot = self.robot
             mechanism = with_usual_effects(mechanism, {} if robot is None else robot.tree().drives)
         return mechanism.as_read(Reading(built.snaps, built.notes, self, options))
-
-    def _locked(self, mechanism: Mechanism, options: ReadingOptions) -> Mechanism:
-        with locating(self.source):
-            return lock_joints(
-                mechanism, {**(self.description.locked if self.is_description else {}), **options.locked}
-            )
 
     def built(self, options: ReadingOptions, literal: Collection[str] = ()) -> Built:
         """The robot with symbols, and what was read as exact."""
@@ -180,7 +172,7 @@ class RobotFile:
             from echelon.formats.description.description_builder import build_description
 
             base = None if self.robot is None else partial(self.robot.built, literal=literal)
-            return build_description(*self._checked, options, literal, base)
+            return build_description(self.document, self.description, options, literal, base)
         except InputError as error:
             raise error.located(self.source) from None
 
@@ -204,7 +196,10 @@ def open_robot(robot: Any) -> RobotFile:
         return RobotFile.of(expanded(content, "text", None) if is_xacro(content) else content, "text")
     if isinstance(text, str) and "\n" in text.strip():
         return RobotFile(text.encode(), "text.yaml", is_description=True)
-    file = described_path(str(text)) or Path(text)
+    file = Path(text)
+    if file.suffix.lower() in _DESCRIPTIONS:  # neither a name nor xacro
+        return RobotFile.of(read_content(file), str(file), file.parent)
+    file = described_path(str(text)) or file
     return RobotFile.of(content_of(file), str(file), file.parent)
 
 

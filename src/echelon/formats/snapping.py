@@ -1,14 +1,12 @@
-"""How a file is to be read, and how large and how small its numbers may be.
-
-The limits of size keep all that is computed from a file within the range of doubles.  No robot comes near to them;
-damaged files and other units than SI do.
-
-Intended geometry: from the numbers of a file to exact placements.
+"""How a file is to be read, and its intended geometry: from the numbers of a file to exact placements.
 
 Files round: π/2 stands as 1.5708, an axis as (0, −1, 4e-8), a zero as 1e-17.  Taken literally such numbers destroy the
 dependences between parameters and the count comes out wrong.  So angles near multiples of 15° and axes near coordinate
 directions become exact, tiny translations become zero, and every such decision is recorded as a :class:`Snap`.  Other
 numbers become symbols named by joint, with equal magnitudes sharing one symbol, and keep their values.
+
+Limits of size keep all that is computed from a file within the range of doubles.  No robot comes near to them; damaged
+files and other units than SI do.
 """
 
 from __future__ import annotations
@@ -29,7 +27,7 @@ from echelon.errors import InputError
 from echelon.exact.expressions import PI, STEPS_PER_HALF_TURN, Angle, parse
 from echelon.exact.numbers import Number, Rational, decimal_text, inverse, parts_of, square_root
 from echelon.exact.polynomial import Polynomial, as_polynomial, format_polynomial
-from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralTree, StatedJoint, Triple
+from echelon.formats.literal import LiteralMotion, LiteralPlacement, StatedJoint, Triple
 from echelon.mechanism.joint import (
     Motion,
     MotionKind,
@@ -153,15 +151,14 @@ _DIGITS, _DOUBLE = 12, 1e-15  # digits of a short decimal, and how far a double 
 class Snapping:
     """Reads literal numbers as exact ones while keeping account."""
 
-    tree: LiteralTree
+    source: str  # name of the file, for messages
     options: ReadingOptions
     literal: Collection[str] = ()  # elements to take literally; None means that none is
     symbols: dict[str, Symbol] = field(default_factory=dict)
+    scale: float = 0.0  # the largest translation of the file, m
     snaps: list[Snap] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        placements = [s for link in self.tree.links for s in link.steps if isinstance(s, LiteralPlacement)]
-        self._scale = max((abs(float(x)) for p in placements for x in p.xyz), default=0.0)
         self._angles: list[tuple[float, str]] = []
         self._lengths: dict[Polynomial, str] = {}
         self.exact: set[str] = set()
@@ -185,11 +182,11 @@ class Snapping:
 
     def _without_digits(self, value: Rational, element: str) -> Rational:
         """A length without the last digits of a double, if without them it is a short decimal: 0.175 for 0.1749…933."""
-        if not self._scale or not self.options.snap_tolerance or element in self.literal:
+        if not self.scale or not self.options.snap_tolerance or element in self.literal:
             return value
-        digits = _DIGITS - ceil(log10(self._scale))
+        digits = _DIGITS - ceil(log10(self.scale))
         short = round(Fraction(value), digits)
-        return short if abs(float(short - value)) <= _DOUBLE * self._scale else value
+        return short if abs(float(short - value)) <= _DOUBLE * self.scale else value
 
     def name_lengths(self, steps: tuple[Step, ...], label: str, element: str) -> tuple[Step, ...]:
         """The steps with tiny translations dropped and the others, if so wished, given symbols."""
@@ -252,7 +249,7 @@ class Snapping:
         """How far an element's length may be from zero, m."""
         if not self.options.snap_tolerance:
             return 0.0
-        return (PRECISION if element in self.literal else LENGTH_TOLERANCE) * self._scale
+        return (PRECISION if element in self.literal else LENGTH_TOLERANCE) * self.scale
 
     # -- angles ----------------------------------------------------------------------------------------------------
 
@@ -287,7 +284,7 @@ class Snapping:
         number = float(value)
         if abs(number) > LARGEST_ANGLE:
             problem = f"{number:.3g} rad is too large for an angle: robots have angles up to {LARGEST_ANGLE:.0e}"
-            raise InputError(problem, source=self.tree.source, element=element)
+            raise InputError(problem, source=self.source, element=element)
         return number
 
     def angle_tolerance(self, element: str) -> float:
@@ -340,12 +337,7 @@ class Snapping:
         elevation = self.angle(angles[1], f"{element} inclination", f"inclination{label}")
         return turn(2, azimuth) @ turn(1, elevation), 2, 1
 
-    # -- gravity and symbols ---------------------------------------------------------------------------------------
-
-    def gravity(self) -> Vector:
-        """Gravity as the file states it."""
-        x, y, z = (as_polynomial(v) for v in self.tree.gravity)
-        return (x, y, z)
+    # -- symbols -------------------------------------------------------------------------------------------------------
 
     def numeric(self, value: Polynomial) -> float:
         """Numeric value of an expression in angle symbols."""

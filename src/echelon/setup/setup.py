@@ -155,7 +155,7 @@ def _assumed(mechanism: Mechanism) -> tuple[str, ...]:
 
 
 def _described(file: RobotFile, options: ReadingOptions) -> Setup:
-    mechanism, robot, document = file.mechanism(options), file.description, file.checked_document
+    mechanism, robot, document = file.mechanism(options), file.description, file.document
     entry = robot.identification
     many = isinstance(robot.log, tuple)
     logs = robot.log if isinstance(robot.log, tuple) else (robot.log,)

@@ -1,6 +1,6 @@
-"""The three forms of a description as one: parts, each with a parent and a joint, parents first.
+"""From a description to a mechanism: floating base, lumping of fixed parts, labels, couplings.
 
-From the parts of a description to a mechanism: floating base, lumping of fixed parts, labels, couplings.
+Its three forms are read as one: parts, each with a parent and a joint, parents first.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from echelon.errors import InputError
 from echelon.exact.numbers import is_whole
 from echelon.formats.bodies import BASE, Bodies, Part, with_relations
 from echelon.formats.builder import Built, Rider
-from echelon.formats.description.document import Document
-from echelon.formats.description.stated_expressions import (
+from echelon.formats.description.document import (
+    Document,
     Expressions,
     check_use,
     declared_symbols,
@@ -33,7 +33,7 @@ from echelon.formats.description.stated_joints import (
     offset_placement,
     read_couplings,
 )
-from echelon.formats.description.stated_setup import Additions, cut_off
+from echelon.formats.description.stated_setup import ADDITIONS, Additions, cut_off
 from echelon.formats.literal import StatedCoupling, StatedJoint, central_inertial, move_inertial
 from echelon.formats.snapping import ReadingOptions, gravity_vector, symbol_stem
 from echelon.hints import nearest, nearest_of, unused
@@ -208,7 +208,7 @@ def build_description(
     expressions = Expressions(document, options, literal, symbols)
     floating = robot.floating_base or options.floating
     tree = _Tree(read_parts(robot, expressions), floating, cut_off(robot), options, expressions)
-    couplings = tree.couple(robot)
+    couplings = tree.couple(robot) if robot.couplings else []
     stated = stated_gravity(robot, expressions)
     chosen = stated if options.gravity == "file" else gravity_vector(options.gravity, stated or ORIGIN)
     chosen = chosen if chosen is not None and any(chosen) else None
@@ -222,7 +222,8 @@ def build_description(
         tuple(c.coupling for c in couplings),
         {name: s for name, s in expressions.snapping.symbols.items() if name not in bare},
     )
-    mechanism = Additions(mechanism, robot, expressions, tree.find).added()
+    if not robot.model_fields_set.isdisjoint(ADDITIONS):
+        mechanism = Additions(mechanism, robot, expressions, tree.find).added()
     mechanism = with_intended_angles(mechanism, expressions.snapping)
     notes = (*tree.notes, *check_use(mechanism, robot, document))
     return Built(mechanism, tuple(expressions.snapping.snaps), notes)

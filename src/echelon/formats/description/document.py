@@ -1,24 +1,33 @@
 """Descriptions as plain data: parsed scalar by scalar as written, with the line of every element, and checked.
 
-A list of frame pairs beside a URDF, as collections of parallel robots publish them, is read as the description that
-says the same.  ``closed_loop`` lists pairs of links that are held together, ``type`` whether in 6 or in 3 directions,
-``name_mot`` the joints with motors.  ``joint_name`` and ``joint_type`` say which joints of the URDF stand for others: a
-ball, or turns about x and then y of the joint's frame (CARDAN), or about other axes of it (UJOINT_ZY).  The URDF has
-the name of the list.
+Their symbols and expressions are read with errors that name the place.  Angles may be given as decimals, which round:
+1.5708 is read as π/2 by the same rules as in other robot files (see :mod:`echelon.formats.snapping`).  An angle that is
+stated exactly, with ``pi`` or symbols, is never moved.
 """
 
 from __future__ import annotations
 
+import keyword
+import math
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from pathlib import PurePath
+import unicodedata
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any, get_args
 
 from echelon.errors import InputError
+from echelon.exact.expressions import PI, RESERVED, STEPS_PER_HALF_TURN, Angle, as_angle, parse, parse_angle
+from echelon.exact.numbers import Number, Rational, Surd
+from echelon.exact.polynomial import Polynomial, is_trigonometric, symbol_of
 from echelon.formats.schema.schema_types import kind_of
-from echelon.hints import nearest_of, nearest_word
+from echelon.formats.snapping import NOT_FINITE, ReadingOptions, Snapping, checked_size, gravity_vector
+from echelon.hints import nearest, nearest_of, nearest_word
 from echelon.inputs import DESCRIPTION_NODES, decoded, dump_flow, parse_json, parse_yaml, step_into
+from echelon.mechanism.joint import ORIGIN, Symbol, Vector
+from echelon.mechanism.mechanism import Mechanism, Snap
+from echelon.mechanism.stated import geometry as geometry_of
+from echelon.mechanism.stated import symbol_roles
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
@@ -39,6 +48,11 @@ class Document:
     lines: Mapping[str, int] = field(default_factory=dict)
     # what the file calls elements, by the beginnings of their paths, where it is of another layout
     names: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def lists_pairs(self) -> bool:
+        """Whether it is a list of frame pairs (see :mod:`echelon.formats.description.frame_pairs`)."""
+        return isinstance(self.data, dict) and "closed_loop" in self.data and "echelon" not in self.data
 
     def error(self, path: str, problem: str) -> InputError:
         """An error about the element at a path such as ``modified_dh[3].alpha``."""
@@ -172,71 +186,222 @@ def _message(problem: ErrorDetails, value: Any) -> str:
     return problem["msg"]
 
 
-_PAIRS = "closed_loop"
-_KINDS = {"6D": "weld", "3D": "spherical"}
-_UNIVERSAL = re.compile(r"UJOINT_([XYZ])([XYZ])")
+_MOST_TERMS = 5000
+_LEADING_ZERO = re.compile(r"[+-]?0\d+")
 
 
-def lists_pairs(document: Document) -> bool:
-    """Whether a document is a list of frame pairs."""
-    return isinstance(document.data, dict) and _PAIRS in document.data and "echelon" not in document.data
+class Expressions:
+    """Reads the expressions of one description."""
+
+    def __init__(
+        self, document: Document, options: ReadingOptions, literal: Collection[str], symbols: Mapping[str, Symbol]
+    ) -> None:
+        self.document = document
+        self.declared = frozenset(symbols)
+        self.snapping = Snapping(document.source, options, literal, dict(symbols))
+
+    @property
+    def named(self) -> dict[str, Symbol]:
+        """Symbols that were given to angles without an exact sine."""
+        return {name: symbol for name, symbol in self.snapping.symbols.items() if name not in self.declared}
+
+    def error(self, path: str, problem: str) -> InputError:
+        """An error about the element at a path."""
+        return self.document.error(path, problem)
+
+    def check(self, name: str, valid: Collection[str], path: str, what: str = "coordinate") -> None:
+        """Refuse a name that nothing has; the error suggests the nearest one."""
+        if name not in valid:
+            raise self.error(path, f"there is no {what} '{name}'{nearest_of(name, valid)}")
+
+    def polynomial(self, text: str, path: str, coordinates: Collection[str] = ()) -> Polynomial:
+        """Any expression in declared symbols, pi, and coordinates where they may stand."""
+        value = self.parsed(text, path)
+        for name in value.symbols():
+            if name not in self.declared and name not in coordinates and name != PI:
+                problem = f"the symbol '{name}' in '{text}' is not declared: list it in symbols"
+                if coordinates:
+                    problem = f"'{name}' in '{text}' is neither a coordinate nor a declared symbol"
+                raise self.error(path, problem + nearest(name, [*self.declared, *coordinates]))
+        return value
+
+    def parsed(self, text: str, path: str) -> Polynomial:
+        """An expression in any names."""
+        self._check_spelling(text, path)
+        try:
+            value = parse(text)
+            if len(value.terms) > _MOST_TERMS:
+                raise ValueError(f"the expression expands to {len(value.terms)} terms (at most {_MOST_TERMS})")
+            for coefficient in value.terms.values():
+                checked_size(coefficient, text)
+        except ValueError as error:
+            raise self.error(path, str(error)) from None
+        return value
+
+    def _check_spelling(self, text: str, path: str) -> None:
+        if NOT_FINITE.fullmatch(text) and text not in self.declared:
+            raise self.error(path, f"'{text}' is not a finite number")
+        if _LEADING_ZERO.fullmatch(text) and int(text):
+            raise self.error(path, f"'{text}' could be decimal or octal: write it without the leading zero")
+        if "°" in text or text.endswith("deg"):
+            raise self.error(path, f"'{text}' is in degrees: angles are in radians, such as 30*pi/180")
+
+    def length(self, text: str, path: str) -> Polynomial:
+        """An expression that is not an angle, so without pi."""
+        value = self.polynomial(text, path)
+        if PI in value.generators():
+            raise self.error(path, f"pi can occur in angles only, not in '{text}': use a symbol or a number")
+        return value
+
+    def vector(self, texts: Sequence[str], path: str) -> Vector:
+        """Three lengths, or three components of gravity."""
+        x, y, z = (self.length(text, f"{path}[{i}]") for i, text in enumerate(texts))
+        return (x, y, z)
+
+    def number(self, text: str, path: str) -> Number:
+        """A number without symbols."""
+        value = self.length(text, path).number
+        if value is None:
+            raise self.error(path, f"'{text}' must be a number here, without symbols")
+        return value
+
+    def real(self, text: str, path: str) -> float:
+        """A number as a float."""
+        return float(self.number(text, path))
+
+    def direction(self, axis: str | Sequence[str], path: str) -> tuple[Rational, Rational, Rational]:
+        """A direction: a coordinate axis such as ``-x``, or three numbers that are not all zero."""
+        if isinstance(axis, str):
+            sign = -1 if axis.startswith("-") else 1
+            x, y, z = (sign if letter == axis[-1] else 0 for letter in "xyz")
+            return (x, y, z)
+        numbers = [self.number(text, f"{path}[{i}]") for i, text in enumerate(axis)]
+        if not any(numbers):
+            raise self.error(path, "the axis is zero; it needs a direction such as z or [0, 0, 1]")
+        # only directions are taken from these numbers, as floats, so a square root may be rounded like one
+        a, b, c = (Fraction(float(n)) if isinstance(n, Surd) else n for n in numbers)
+        return (a, b, c)
+
+    def angle(self, text: str, path: str, name: str) -> Angle:
+        """An angle in radians."""
+        return self.exact_angle(self.polynomial(text, path), path, name)
+
+    def exact_angle(self, value: Polynomial, path: str, name: str) -> Angle:
+        """An expression as an angle with exact sine and cosine."""
+        try:
+            stated = as_angle(value)
+        except ValueError as error:
+            raise self.error(path, str(error)) from None
+        for symbol, count in stated.parts:
+            if count.denominator != 1:
+                problem = f"'{value}' holds a fraction of the angle {symbol}: make the smaller angle the symbol"
+                raise self.error(path, problem)
+        has_steps = (stated.half_turns * STEPS_PER_HALF_TURN).denominator == 1
+        turns = stated.half_turns if has_steps else Fraction(0)
+        if not has_steps:
+            # stated exactly as a part of pi, so it must not be mistaken for a rounded multiple of 15°
+            read = self.snapping.named_angle(Angle(stated.half_turns, radians=stated.radians), path, name)
+        elif stated.radians:
+            read = self.snapping.angle(stated.radians, path, name)
+        else:
+            read = Angle()
+        return Angle(turns + read.half_turns, (*stated.parts, *read.parts))
 
 
-def as_description(document: Document) -> Document:
-    """The description that says the same."""
-    pairs, joints, motors = _items(document, _PAIRS), _items(document, "joint_name"), _items(document, "name_mot")
-    kinds = _of_each(document, "type", _PAIRS, pairs, "6d")
-    types = _of_each(document, "joint_type", "joint_name", joints, None)
-    path = PurePath(document.source)
-    data = {
-        "echelon": 1,
-        "robot": {
-            "file": path.with_suffix(".urdf").name,
-            "joints": {str(name): _joint(document, k, types[k]) for k, name in enumerate(joints)},
-            "driven": motors,
-        },
-        "loops": [_loop(document, k, pair, kinds[k]) for k, pair in enumerate(pairs)],
-    }
-    names = {"robot.driven": "name_mot"}
-    for k, name in enumerate(joints):
-        names[f"robot.joints.{name}"] = f"joint_name[{k}]"
-    for k in range(len(pairs)):
-        names |= {f"loops[{k}].connects": f"{_PAIRS}[{k}]", f"loops[{k}]": f"{_PAIRS}[{k}]"}
-    return Document(data, document.source, document.lines, names)
+GENERIC = gravity_vector("generic", ORIGIN)
+"""Gravity of unknown direction; its symbols need no declaration."""
 
 
-def _items(document: Document, key: str) -> list[Any]:
-    found = document.data.get(key)
-    if found is not None and not isinstance(found, list):
-        raise document.error(key, f"needs a list, found {kind_of(found)}")
-    return found or []
+def declared_symbols(robot: RobotDescription, document: Document) -> tuple[dict[str, Symbol], frozenset[str]]:
+    """The declared symbols."""
+    expressions = Expressions(document, ReadingOptions(), (), {})
+    symbols, bare = {}, set()
+    for name, entry in robot.symbols.items():
+        path = f"symbols.{name}"
+        problem = _unusable(name)
+        if problem:
+            raise document.error(path, f"'{name}' {problem}")
+        stated = entry if entry is None or isinstance(entry, str) else entry.value
+        value = None if stated is None else _constant(expressions, stated, path)
+        meaning = ""
+        if entry is not None and not isinstance(entry, str):
+            meaning = entry.meaning
+            if entry.approximate is not None:
+                value = expressions.real(entry.approximate, f"{path}.approximate")
+            if value is None and not meaning:
+                bare.add(name)
+        symbols[name] = Symbol(name, value, stated, meaning)
+    return symbols, frozenset(bare)
 
 
-def _of_each(document: Document, key: str, of: str, items: list[Any], usual: str | None) -> list[Any]:
-    """One entry for every item; for all of them the usual one, if there are none."""
-    found = _items(document, key)
-    if not found and usual is not None:
-        return [usual] * len(items)
-    if len(found) != len(items):
-        raise document.error(key, f"has {len(found)} entries, and {of} has {len(items)}: each needs one of the other")
-    return found
+def _unusable(name: str) -> str:
+    """Why a name cannot be a symbol, or nothing."""
+    if name in RESERVED:
+        return f"has a fixed meaning in expressions and cannot be a symbol ({', '.join(sorted(RESERVED))} have)"
+    if keyword.iskeyword(name):
+        return f"is a word of the expression language (a Python keyword): use another name, such as {name}_ or {name}1"
+    if not name.isidentifier():
+        return "is not a possible symbol: letters, digits and _ only, not beginning with a digit, such as l1 or d_4"
+    if unicodedata.normalize("NFKC", name) != name:
+        return f"is written with compatibility characters: write {unicodedata.normalize('NFKC', name)}"
+    if any(c.isdigit() and not c.isascii() for c in name):
+        return "is written with other digits than 0 to 9"
+    return ""
 
 
-def _loop(document: Document, index: int, pair: Any, kind: Any) -> dict[str, Any]:
-    joint = _KINDS.get(str(kind).upper())
-    if joint is None:
-        raise document.error(f"type[{index}]", f"{kind_of(kind)} is not a type of contact (valid: 6d, 3d)")
-    if not isinstance(pair, list) or len(pair) != 2:
-        raise document.error(f"{_PAIRS}[{index}]", f"needs two names of links, found {kind_of(pair)}")
-    return {"name": "-".join(str(name) for name in pair), "joint": joint, "connects": pair, "on_second": {}}
+def _constant(expressions: Expressions, text: str, path: str) -> float:
+    value = expressions.parsed(text, path)
+    if not set(value.generators()) <= {PI}:
+        problem = f"'{text}' is not a number: a relation between symbols belongs where the length or angle is used"
+        raise expressions.error(path, problem)
+    return value.evaluate({PI: math.pi}, float)
 
 
-def _joint(document: Document, index: int, kind: Any) -> dict[str, str]:
-    named = str(kind).upper()
-    if named in ("SPHERICAL", "FIXED"):
-        return {"type": named.lower()}
-    universal = _UNIVERSAL.fullmatch("UJOINT_XY" if named == "CARDAN" else named)
-    if universal is None:
-        problem = f"{kind_of(kind)} is not a type of joint (valid: SPHERICAL, CARDAN, UJOINT_ZY and such, FIXED)"
-        raise document.error(f"joint_type[{index}]", problem)
-    return {"type": "universal", "axis": universal[1].lower(), "axis2": universal[2].lower()}
+def with_intended_angles(mechanism: Mechanism, snapping: Snapping) -> Mechanism:
+    """Decimal values of angle symbols that are near a multiple of 15° are that multiple; near zero they are meant."""
+    found = dict(mechanism.symbols)
+    for name in sorted(symbol_roles(mechanism).angles & found.keys()):
+        symbol, element = found[name], f"symbols.{name}"
+        if symbol.exact is None or symbol.value is None or parse_angle(symbol.exact).half_turns:
+            continue
+        steps = round(snapping.angle_value(symbol.value, element) * STEPS_PER_HALF_TURN / math.pi)
+        exact = steps * math.pi / STEPS_PER_HALF_TURN
+        difference = abs(symbol.value - exact)
+        if steps and difference <= snapping.angle_tolerance(element):
+            snapping.snaps.append(Snap(element, symbol.exact, f"{15 * steps}°", difference))
+            found[name] = replace(symbol, value=exact, exact=f"{steps}*pi/{STEPS_PER_HALF_TURN}")
+    return replace(mechanism, symbols=found)
+
+
+def check_use(mechanism: Mechanism, robot: RobotDescription, document: Document) -> list[str]:
+    """Check that every symbol has one role."""
+    lengths, others = geometry_of(mechanism)
+    geometry = {generator for entry in (*lengths, *others) for generator in entry.generators()}
+    gravity = {generator for entry in mechanism.gravity or () for generator in entry.generators()}
+    plain = {g for g in geometry | gravity if not is_trigonometric(g)}
+    for generator in geometry | gravity:
+        if is_trigonometric(generator) and symbol_of(generator) in plain:
+            name = symbol_of(generator)
+            raise document.error(f"symbols.{name}", f"'{name}' is used as an angle and as another quantity")
+    if mechanism.gravity is not None and mechanism.gravity == GENERIC:
+        for name in sorted(gravity & geometry):
+            raise document.error(
+                f"symbols.{name}", f"'{name}' is a component of the generic gravity: rename the symbol"
+            )
+    terms = " ".join(action.term for effect in mechanism.effects for action in effect.actions)
+    used = {symbol_of(g) for g in geometry | gravity} | set(re.findall(r"\w+", terms))
+    unused = [name for name in robot.symbols if name not in used]
+    put_in = [name for name in unused if name not in mechanism.symbols and robot.symbols[name] is not None]
+    return [
+        f"the symbol '{name}' is taken at its value everywhere, as loops need ratios that are numbers"
+        if name in put_in
+        else f"the symbol '{name}' is not used"
+        for name in unused
+    ]
+
+
+def stated_gravity(robot: RobotDescription, expressions: Expressions) -> Vector | None:
+    """Gravity as the description states it; None for none."""
+    if isinstance(robot.gravity, str):
+        return gravity_vector(robot.gravity, ORIGIN)
+    return expressions.vector(robot.gravity, "gravity")

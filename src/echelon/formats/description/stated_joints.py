@@ -13,7 +13,7 @@ from echelon.exact.expressions import Angle
 from echelon.exact.numbers import Number, Rational
 from echelon.exact.polynomial import Monomial, Polynomial, is_trigonometric, symbol_of
 from echelon.formats.bodies import placed_before
-from echelon.formats.description.stated_expressions import Expressions
+from echelon.formats.description.document import Expressions
 from echelon.formats.literal import LiteralMotion, StatedCoupling, resolved
 from echelon.inputs import step_into
 from echelon.mechanism.coupling import Spline, linear, natural_spline

@@ -13,7 +13,7 @@ from echelon.exact.expressions import PI, Angle
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.bodies import BASE
 from echelon.formats.closure_frames import at_zero, second_frame
-from echelon.formats.description.stated_expressions import Expressions
+from echelon.formats.description.document import Expressions
 from echelon.formats.description.stated_joints import CouplingReader, Joints
 from echelon.formats.snapping import symbol_stem
 from echelon.formats.usual_effects import effect_label, floating_velocities, slides
@@ -39,6 +39,9 @@ if TYPE_CHECKING:
 
 FindPart = Callable[[str | None, str], tuple[int, Placement]]
 """The body that carries a part and where the part sits on it, by the part's name and the element that names it."""
+
+ADDITIONS = ("loops", "independent", "assembly", "closed_at", "actuators", "rotors", "effects", "outputs")
+"""Keys of a description that add to its bodies and joints."""
 
 EVERY = "all"
 _SPIN = (PARAMETERS.index("XX"), PARAMETERS.index("YY"), PARAMETERS.index("ZZ"))

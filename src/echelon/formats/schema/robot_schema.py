@@ -7,9 +7,9 @@ checked by :mod:`echelon.formats.robot_file`.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Tag, model_validator
+from pydantic import BeforeValidator, ConfigDict, Tag
 
 from echelon.formats.schema.schema_excite import ExcitationEntry
 from echelon.formats.schema.schema_log import IdentificationEntry, LogEntry, PreparationEntry
@@ -38,8 +38,8 @@ from echelon.formats.schema.schema_types import (
     Version,
     by_form,
     by_key,
+    exactly_one,
     optional,
-    refusal,
     required,
 )
 from echelon.inputs import published_schema
@@ -288,12 +288,7 @@ class RobotDescription(Model):
         [{"name": "cart", "joint": {"type": "prismatic", "axis": "x"}}],
     )
 
-    @model_validator(mode="after")
-    def _check_form(self) -> Self:
-        stated = [form for form in FORMS if getattr(self, form) is not None]
-        if len(stated) != 1:
-            raise refusal(f"give exactly one of {', '.join(FORMS)}; found {' and '.join(stated) or 'none of them'}")
-        return self
+    _one_form = exactly_one(*FORMS)
 
 
 def json_schema() -> dict[str, Any]:

@@ -13,6 +13,7 @@ from echelon.formats.schema.schema_types import (
     Frame,
     Model,
     Name,
+    exactly_one,
     optional,
     refusal,
     required,
@@ -213,11 +214,7 @@ class WeightedForce(Model):
     actuator: Name | None = optional(None, "Actuator.", "m5")
     weight: Expression = optional("1", "Its weight.", "1/2")
 
-    @model_validator(mode="after")
-    def _check_one(self) -> Self:
-        if (self.joint is None) == (self.actuator is None):
-            raise refusal("give joint or actuator")
-        return self
+    _one_place = exactly_one("joint", "actuator")
 
 
 class JointOutput(Model):

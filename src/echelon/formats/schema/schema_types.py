@@ -1,12 +1,11 @@
-"""Scalars and lists of the description format, and what is said about unsuitable ones.
+"""Types of the description format, from scalars to joints and loops, and what is said about unsuitable ones.
 
 YAML would turn ``0.0825`` into a float, ``1e-3`` into a string, ``010`` into eight and ``y`` into a truth value.  So
 scalars are read as text, and the types here say what each text may be; numbers and booleans are accepted as well, for
 documents that come from JSON or from Python.
 
-Frames, joints, couplings and loops in the description format.
-
-A loop may be as short as the names of two frames that are held together, as other programs list them.
+Of these are made frames, joints, couplings and loops.  A loop may be as short as the names of two frames that are held
+together, as other programs list them.
 """
 
 from __future__ import annotations
@@ -224,6 +223,18 @@ class Model(BaseModel):
     def _check_keys(cls, data: Any) -> Any:
         check_keys(data, list(cls.model_fields))
         return data
+
+
+def exactly_one(*keys: str) -> Any:
+    """A check that a mapping states exactly one of some keys."""
+
+    def check(model: Model) -> Model:
+        stated = [key for key in keys if getattr(model, key) is not None]
+        if len(stated) != 1:
+            raise refusal(f"give exactly one of {', '.join(keys)}; found {' and '.join(stated) or 'none of them'}")
+        return model
+
+    return model_validator(mode="after")(check)
 
 
 class Frame(Model):

@@ -13,7 +13,7 @@ from echelon.errors import InputError
 from echelon.exact.numbers import decimal_text
 from echelon.exact.polynomial import Polynomial, format_polynomial
 from echelon.formats.bodies import BASE
-from echelon.formats.description.stated_expressions import GENERIC
+from echelon.formats.description.document import GENERIC
 from echelon.formats.schema.schema_setup import COMPONENTS
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.coupling import Spline
@@ -288,8 +288,7 @@ def _guess(joint: Joint) -> dict[str, Any]:
 
 def _reader(mechanism: Mechanism) -> Joints:
     """A reader of joints that knows the mechanism's symbols."""
-    from echelon.formats.description.document import Document
-    from echelon.formats.description.stated_expressions import Expressions
+    from echelon.formats.description.document import Document, Expressions
     from echelon.formats.description.stated_joints import Joints
     from echelon.formats.snapping import ReadingOptions
 
