@@ -16,9 +16,9 @@ from echelon.base.certificate import certify
 from echelon.base.derive import base_matrix
 from echelon.base.matrix import BaseMatrix
 from echelon.base.structure import Structure, find_structure
+from echelon.exact.field import DEFAULT_SEED
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.virtual_power import virtual_power_form
-from echelon.seeds import DEFAULT_SEED
 from robots import Robot, binary_tree, chain, serial_model
 from timing import Times, interleaved
 

@@ -34,7 +34,7 @@ class InputError(EchelonError):
 
     def __init__(self, problem: str, *, source: str | None = None, element: str | None = None) -> None:
         self.problem, self.source, self.element = problem, source, element
-        super().__init__(": ".join(part for part in (source, element, problem) if part))
+        super().__init__(one_line(": ".join(part for part in (source, element, problem) if part)))
 
     def located(self, source: str) -> InputError:
         """The same error with its file named, for readers that learn the file's name last."""

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from echelon.errors import InputError, one_line
+from echelon.errors import InputError
 
 if TYPE_CHECKING:
     import yaml
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 def read_content(path: str | os.PathLike[str]) -> bytes:
     """All bytes of a document."""
-    source = one_line(os.fspath(path))
+    source = os.fspath(path)
     try:
         with Path(path).open("rb") as stream:
             content = stream.read(DOCUMENT.most + 1)
@@ -194,7 +194,7 @@ def parse_yaml(
     except yaml.MarkedYAMLError as error:
         raise InputError(_syntax_problem(error, text), source=source) from None
     except (yaml.YAMLError, ValueError) as error:
-        problem = one_line((str(error).splitlines() or [""])[0])
+        problem = (str(error).splitlines() or [""])[0]
         raise InputError(f"not readable as YAML: {problem}", source=source) from None
     return reader.documents
 
@@ -300,13 +300,11 @@ class _Reader:
         self._count += 1
         self._nodes.check(self._count, self._source)
         if event.tag not in _PLAIN:
-            shown = one_line(event.tag.removeprefix(_TAG))
+            shown = event.tag.removeprefix(_TAG)
             raise self._error(self._place(), event, f"tags such as !!{shown} are not accepted")
 
     def _error(self, path: str, event: Any, problem: str) -> InputError:
-        return InputError(
-            f"{one_line(problem)} (line {_line(event)})", source=self._source, element=one_line(path) or None
-        )
+        return InputError(f"{problem} (line {_line(event)})", source=self._source, element=path or None)
 
 
 def _line(event: Any) -> int:
@@ -332,7 +330,7 @@ def parse_json(content: str | bytes, source: str, nodes: Limit = DATA_NODES, *, 
         found = dict(pairs)
         if len(found) < len(pairs):
             twice = Counter(key for key, _ in pairs).most_common(1)[0][0]
-            raise InputError(f"the key '{one_line(twice)}' occurs twice in one object", source=source)
+            raise InputError(f"the key '{twice}' occurs twice in one object", source=source)
         return found
 
     written: dict[str, Any] = dict.fromkeys(("parse_float", "parse_int", "parse_constant"), str) if as_text else {}
@@ -341,7 +339,7 @@ def parse_json(content: str | bytes, source: str, nodes: Limit = DATA_NODES, *, 
     except json.JSONDecodeError as error:
         raise InputError(f"not well-formed JSON: {error.msg} (line {error.lineno})", source=source) from None
     except ValueError as error:  # Python's limit for the digits of integers
-        raise InputError(f"not readable as JSON: {one_line(str(error))}", source=source) from None
+        raise InputError(f"not readable as JSON: {error}", source=source) from None
 
 
 def _check_size(text: str, source: str, nodes: Limit) -> None:

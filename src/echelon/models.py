@@ -21,9 +21,8 @@ import numpy.typing as npt
 from echelon.arrays import Floats
 from echelon.errors import DegenerateSampleError, InputError
 from echelon.exact.expressions import parse
-from echelon.exact.field import CERTIFICATE_BITS, PrimeField
-from echelon.exact.numbers import Rational, Surd
-from echelon.exact.polynomial import Polynomial
+from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator
+from echelon.exact.polynomial import Polynomial, Rational, Surd
 from echelon.program.rewriting import with_values
 from echelon.program.sampling import FieldSampler
 from echelon.program.schedule import FloatArithmetic, Schedule
@@ -31,7 +30,6 @@ from echelon.program.sympy_bridge import from_sympy
 from echelon.program.tape import Op, Program, Scalar, exact
 from echelon.program.text import FUNCTION_NAMES, record_expression
 from echelon.regressor.linear import LinearForms
-from echelon.seeds import DEFAULT_SEED, random_generator
 
 
 def names_of(items: Iterable[Any], kind: str) -> tuple[str, ...]:

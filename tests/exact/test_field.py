@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from echelon.errors import DegenerateSampleError
 from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField, Residues, random_prime
-from echelon.exact.numbers import Number, surd
+from echelon.exact.polynomial import Number, surd
 from support.strategies import FIELDS, LARGE_FIELD, SMALL_FIELD, numbers
 
 both_fields = pytest.mark.parametrize("field", FIELDS, ids=["small", "large"])

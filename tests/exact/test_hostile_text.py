@@ -19,8 +19,7 @@ from echelon.cli.generate import read_values
 from echelon.cli.screen import visible
 from echelon.errors import InputError
 from echelon.exact.expressions import parse
-from echelon.exact.numbers import in_double_range, is_whole, surd
-from echelon.exact.polynomial import Polynomial, multiple_of
+from echelon.exact.polynomial import Polynomial, in_double_range, is_whole, multiple_of, surd
 from echelon.formats.snapping import symbol_stem
 from echelon.mechanism.joint import Symbol
 from echelon.models import constant_values

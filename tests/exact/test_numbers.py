@@ -13,7 +13,7 @@ import sympy
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from echelon.exact.numbers import (
+from echelon.exact.polynomial import (
     Number,
     Surd,
     cosine_of_turn,

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from echelon.exact.expressions import parse
 from echelon.exact.field import PrimeField
-from echelon.exact.numbers import Number, surd
-from echelon.exact.polynomial import Polynomial, as_polynomial, float_generators
+from echelon.exact.polynomial import Number, Polynomial, as_polynomial, float_generators, surd
 from support.strategies import FIELDS, in_sympy, numbers, polynomials, rationals
 
 LENGTHS = polynomials("d3", "r4")

@@ -2,7 +2,7 @@
 
 from mutation.fault import Fault
 
-FIELD, NUMBERS, SERIES = "exact/field.py", "exact/numbers.py", "exact/series.py"
+FIELD, NUMBERS, SERIES = "exact/field.py", "exact/polynomial.py", "exact/series.py"
 RATIONAL, EXPRESSIONS = "exact/rational.py", "exact/expressions.py"
 LOOPS = "regressor/test_loops_truths.py::test_four_bar regressor/test_loops_truths.py::test_gough_stewart"
 

@@ -148,14 +148,14 @@ FAULTS = (
         "program/test_schedule.py::test_residues_are_those_of_the_exact_value",
     ),
     Fault(
-        "program/bounds.py",
+        "program/schedule.py",
         "max(a.degree + b.below, b.degree + a.below)",
         "max(a.degree, b.degree)",
         "degree that the certificate's bound rests on",
         "program/test_bounds.py",
     ),
     Fault(
-        "program/bounds.py",
+        "program/schedule.py",
         "+ (power - b.power) * scale",
         "",
         "size of coefficients that the certificate's bound rests on",

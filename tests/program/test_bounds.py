@@ -10,8 +10,8 @@ import pytest
 import sympy
 from hypothesis import assume, given
 
-from echelon.exact.numbers import surd
-from echelon.program.bounds import norm_bits, size_bound
+from echelon.exact.polynomial import surd
+from echelon.program.schedule import norm_bits, size_bound
 from echelon.program.tape import Program, Scalar
 from support.strategies import calculate, formulas
 

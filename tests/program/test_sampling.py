@@ -10,7 +10,7 @@ import pytest
 
 from echelon.errors import DegenerateSampleError
 from echelon.exact.field import PrimeField, Residues, rank
-from echelon.exact.numbers import surd
+from echelon.exact.polynomial import surd
 from echelon.program.sampling import FieldSampler
 from echelon.program.tape import Program, Scalar
 from support.strategies import FIELDS, SMALL_FIELD

@@ -12,7 +12,7 @@ from hypothesis import assume, given
 
 from echelon.errors import DegenerateSampleError, EchelonError
 from echelon.exact.field import PrimeField
-from echelon.exact.numbers import Number, surd
+from echelon.exact.polynomial import Number, surd
 from echelon.program.schedule import FloatArithmetic, ModularArithmetic, Schedule
 from echelon.program.tape import FUNCTIONS, Op, Program
 from support.strategies import FIELDS, SMALL_FIELD, calculate, formulas, numbers

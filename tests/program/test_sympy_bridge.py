@@ -14,7 +14,7 @@ from sympy import Abs, Rational, cos, exp, log, pi, sign, sin, sqrt, tan, tanh
 
 from echelon.errors import InputError
 from echelon.exact.field import rank
-from echelon.exact.numbers import Number
+from echelon.exact.polynomial import Number
 from echelon.program.sampling import FieldSampler
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.sympy_bridge import SUPPORTED, from_sympy, to_sympy

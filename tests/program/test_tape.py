@@ -11,7 +11,7 @@ from hypothesis import assume, given
 
 from echelon.errors import InputError
 from echelon.exact.expressions import parse
-from echelon.exact.numbers import Number, surd
+from echelon.exact.polynomial import Number, surd
 from echelon.program.tape import FUNCTIONS, Input, Op, Program, Scalar
 from support.strategies import calculate, formulas, numbers
 

@@ -12,8 +12,7 @@ import sympy
 from hypothesis import strategies as st
 
 from echelon.exact.field import PrimeField
-from echelon.exact.numbers import Number, parts_of, surd
-from echelon.exact.polynomial import Polynomial
+from echelon.exact.polynomial import Number, Polynomial, parts_of, surd
 
 # the largest primes of their sizes, where products come closest to overflow
 SMALL_FIELD = PrimeField.of(2**31 - 105)

@@ -31,15 +31,12 @@ import numpy as np
 from echelon.base.ball_rows import ball_rows
 from echelon.base.matrix import BaseMatrix, StatedNumbers
 from echelon.errors import CertificateError, DegenerateSampleError
-from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField, Residues, rank, substituted
-from echelon.exact.numbers import Number
-from echelon.exact.polynomial import is_trigonometric, multiple_of
+from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField, Residues, random_generator, rank, substituted
+from echelon.exact.polynomial import Number, is_trigonometric, multiple_of
 from echelon.mechanism.stated import GENERAL, StatedValues
-from echelon.program.bounds import Size, polynomial_size, size_bound
 from echelon.program.sampling import FieldSampler
-from echelon.program.schedule import ball
+from echelon.program.schedule import Size, ball, polynomial_size, size_bound
 from echelon.regressor.linear import LinearForms
-from echelon.seeds import random_generator
 
 _ATTEMPTS = 64
 _MOST_STATES = 4096

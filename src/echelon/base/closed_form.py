@@ -25,8 +25,7 @@ from echelon.conventions import PER_BODY
 from echelon.errors import ClosedFormError, DegenerateSampleError
 from echelon.exact.field import PrimeField, Residues, T, solve_batched, substituted
 from echelon.exact.interpolation import interpolate
-from echelon.exact.numbers import Surd, parts_of
-from echelon.exact.polynomial import Polynomial, as_polynomial
+from echelon.exact.polynomial import Polynomial, Surd, as_polynomial, parts_of
 from echelon.exact.rational import ONE, RationalFunction, cost_of_products, sum_of_products
 from echelon.exact.unknown import Geometry, UnknownFunctions, Work, persistent
 from echelon.inertia import move

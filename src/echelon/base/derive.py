@@ -18,12 +18,12 @@ from echelon.base.reading_report import firm_first, report_reading
 from echelon.base.stated_columns import StatedColumns
 from echelon.base.structure import Structure
 from echelon.errors import InputError
+from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.exact.unknown import Work
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import stated_values
 from echelon.models import LinearModel
 from echelon.regressor.virtual_power import virtual_power_form
-from echelon.seeds import DEFAULT_SEED, random_generator
 
 
 def _silent(_: str) -> None:

@@ -11,8 +11,7 @@ from typing import Protocol
 from echelon.conventions import PARAMETERS
 from echelon.errors import one_line
 from echelon.exact.expressions import PI
-from echelon.exact.numbers import Number, Surd, is_negative
-from echelon.exact.polynomial import Monomial, Polynomial, is_trigonometric, multiple_of
+from echelon.exact.polynomial import Monomial, Number, Polynomial, Surd, is_negative, is_trigonometric, multiple_of
 from echelon.exact.rational import RationalFunction
 
 _DECIMAL_DIGITS = 9

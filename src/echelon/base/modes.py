@@ -17,15 +17,14 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import DegenerateSampleError, EchelonError, InputError, SingularPoseError
-from echelon.exact.field import PrimeField, Residues, by_pivots
+from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, by_pivots, random_generator
 from echelon.exact.interpolation import rational
-from echelon.exact.numbers import Rational
+from echelon.exact.polynomial import Rational
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.linear import LinearForms, Rows
 from echelon.regressor.loops.curves import CurveSampler
 from echelon.regressor.loops.moving import Pose
 from echelon.regressor.virtual_power import rows_of
-from echelon.seeds import DEFAULT_SEED, random_generator
 
 Dependence = dict[int, tuple[int, ...]]
 """Dependent columns, with the columns that each depends on."""

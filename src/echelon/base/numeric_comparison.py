@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from echelon.base.own import stated_structure
 from echelon.base.reading_report import TOLERANCES, NumericRanks, numeric_ranks
+from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.mechanism.mechanism import Mechanism
-from echelon.seeds import DEFAULT_SEED, random_generator
 
 
 @dataclass(frozen=True)

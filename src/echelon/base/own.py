@@ -29,9 +29,8 @@ from echelon.errors import (
     SingularPoseError,
 )
 from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle
-from echelon.exact.field import CERTIFICATE_BITS, PrimeField
-from echelon.exact.numbers import Surd, decimal_text
-from echelon.exact.polynomial import Polynomial, format_polynomial
+from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator
+from echelon.exact.polynomial import Polynomial, Surd, decimal_text, format_polynomial
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import StatedValues, all_symbols, angle_generators, stated_values
 from echelon.mechanism.substitute import substituted
@@ -39,7 +38,6 @@ from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.exact_pose import closed_exactly
 from echelon.regressor.virtual_power import rows_of, virtual_power_form
-from echelon.seeds import DEFAULT_SEED, random_generator
 
 _MOST_TRIALS = 400
 """Structures that the search may cost; after that, values stand for relations that were not found."""

@@ -19,7 +19,7 @@ from echelon.arrays import Floats, pivoted_qr
 from echelon.base.ball_rows import ball_rows
 from echelon.base.modes import Mode
 from echelon.errors import InputError
-from echelon.exact.field import ball_rank
+from echelon.exact.field import DEFAULT_SEED, ball_rank, random_generator
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, known_values, value_texts
 from echelon.regressor.evaluate import evaluate_floats
@@ -27,7 +27,6 @@ from echelon.regressor.linear import Rows
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.recorded_loops import state_inputs
 from echelon.regressor.virtual_power import virtual_power_form
-from echelon.seeds import DEFAULT_SEED, random_generator
 
 _STATES, _NEAR = 20, 0.2
 _DETERMINED, _MORE = (

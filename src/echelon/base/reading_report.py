@@ -24,7 +24,7 @@ from echelon.arrays import Floats, independent_columns, pivoted_qr
 from echelon.base.matrix import BaseMatrix
 from echelon.base.own import stated_structure
 from echelon.errors import DegenerateSampleError, InputError
-from echelon.exact.field import ARRAY_BITS, PrimeField
+from echelon.exact.field import ARRAY_BITS, DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.field import rank as rank_modulo
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism, Reading, Snap
@@ -43,7 +43,6 @@ from echelon.regressor.loops.assembly import Assembled, Assembly
 from echelon.regressor.loops.closing import assembled, closing_notes
 from echelon.regressor.loops.coordinates import split_balls
 from echelon.regressor.virtual_power import virtual_power_form
-from echelon.seeds import DEFAULT_SEED, random_generator
 
 ROUNDING = 1e-9
 """Snaps up to this size are what decimals of a file cannot help, and part of the literal reading too."""

@@ -21,13 +21,12 @@ from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseModel
 from echelon.base.structure import find_structure
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
-from echelon.exact.field import PrimeField, Residues, rank, reduced_echelon
+from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank, reduced_echelon
 from echelon.exact.interpolation import combine, rational
 from echelon.mechanism.mechanism import Mechanism
 from echelon.models import LinearModel
 from echelon.regressor.linear import LinearForms, energy_form
 from echelon.regressor.virtual_power import power_form, virtual_power_form
-from echelon.seeds import DEFAULT_SEED, random_generator
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,12 @@ import numpy as np
 from echelon.base.own import at_stated_values
 from echelon.base.structure import find_structure
 from echelon.errors import ClosedFormError, DegenerateSampleError, EchelonError, InputError
-from echelon.exact.field import PrimeField, Residues, rank
+from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank
 from echelon.exact.unknown import SOLVING, Work
 from echelon.mechanism.joint import GROUND, Placement
 from echelon.mechanism.mechanism import Cut, Mechanism, Output, plain
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.virtual_power import virtual_power_form
-from echelon.seeds import DEFAULT_SEED, random_generator
 
 _FIELDS = 2
 _ATTEMPTS = 8

@@ -15,8 +15,7 @@ from functools import cached_property, reduce
 from typing import Any
 
 from echelon.errors import ClosedFormError
-from echelon.exact.numbers import Number
-from echelon.exact.polynomial import Monomial, Polynomial, cosine, is_trigonometric, sine, symbol_of
+from echelon.exact.polynomial import Monomial, Number, Polynomial, cosine, is_trigonometric, sine, symbol_of
 from echelon.extras import extra
 from echelon.mechanism.joint import GROUND, MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 from echelon.base.structure import find_structure
+from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.exact.polynomial import Polynomial, cosine, is_trigonometric, sine, symbol_of
 from echelon.mechanism.joint import Placement, Vector
 from echelon.mechanism.mechanism import Mechanism, setup_expressions
 from echelon.mechanism.substitute import substituted
-from echelon.seeds import DEFAULT_SEED, random_generator
 
 _ZERO, _ONE = Polynomial({}), Polynomial.constant(1)
 _TURNS = (("0", _ONE, _ZERO), ("90°", _ZERO, _ONE), ("180°", -_ONE, _ZERO), ("-90°", _ZERO, -_ONE))

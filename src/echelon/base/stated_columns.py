@@ -22,8 +22,7 @@ from echelon.base.matrix import StatedNumbers
 from echelon.errors import ClosedFormError
 from echelon.exact.field import PrimeField, Residues, by_pivots, substituted
 from echelon.exact.interpolation import interpolate
-from echelon.exact.numbers import Number
-from echelon.exact.polynomial import Polynomial
+from echelon.exact.polynomial import Number, Polynomial
 from echelon.exact.rational import RationalFunction, residues_at
 from echelon.exact.unknown import UnknownFunctions, Work, persistent
 from echelon.mechanism.mechanism import Mechanism

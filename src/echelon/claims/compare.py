@@ -29,8 +29,7 @@ from echelon.claims.reading import Precision
 from echelon.claims.result import Agreement, TermDifference
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
 from echelon.exact.field import PrimeField, reduced_echelon, substituted
-from echelon.exact.numbers import Number, Surd
-from echelon.exact.polynomial import float_generators, is_trigonometric, symbol_of
+from echelon.exact.polynomial import Number, Surd, float_generators, is_trigonometric, symbol_of
 from echelon.exact.rational import RationalFunction, residues_at
 from echelon.exact.unknown import Work
 

@@ -23,8 +23,7 @@ from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS
 from echelon.errors import InputError
 from echelon.exact.expressions import expression_tree, parse
-from echelon.exact.numbers import parse_decimal
-from echelon.exact.polynomial import Polynomial
+from echelon.exact.polynomial import Polynomial, parse_decimal
 from echelon.exact.rational import RationalFunction
 
 Terms = dict[str, RationalFunction]

@@ -21,6 +21,7 @@ from echelon.base.special import SpecialGeometry, special_geometry
 from echelon.cli.destination import Destination, deliver
 from echelon.cli.screen import json_text, say_time, steps
 from echelon.errors import InputError, one_line
+from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.formats.robot_file import load, load_model
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols
@@ -28,7 +29,6 @@ from echelon.models import LinearModel
 from echelon.regressor.loops.assembly import Assembled
 from echelon.regressor.loops.closing import assembled
 from echelon.results.saved import to_json
-from echelon.seeds import DEFAULT_SEED, random_generator
 
 
 def run_derive(

@@ -15,7 +15,7 @@ import numpy as np
 from echelon.base.model import BaseModel
 from echelon.dynamics.arguments import parameter_input
 from echelon.errors import InputError, one_line
-from echelon.exact.numbers import Number, Surd, parts_of
+from echelon.exact.polynomial import Number, Surd, parts_of
 from echelon.hints import in_quotes
 from echelon.mechanism.joint import Symbol
 from echelon.mechanism.mechanism import Mechanism

@@ -15,7 +15,7 @@ from math import isfinite
 import numpy as np
 
 from echelon.errors import InputError, one_line
-from echelon.exact.numbers import Number
+from echelon.exact.polynomial import Number
 from echelon.program.tape import Op
 
 # words that a language reserves, or that name a library which the generated code itself uses

@@ -24,8 +24,7 @@ from echelon.codegen.language import (
 from echelon.codegen.views import LANES, FunctionView, view
 from echelon.dynamics.functions import ALL_FUNCTIONS
 from echelon.errors import InputError, one_line
-from echelon.exact.numbers import Number
-from echelon.exact.polynomial import is_trigonometric
+from echelon.exact.polynomial import Number, is_trigonometric
 from echelon.program.function import Argument, Function
 from echelon.program.tape import Op
 from echelon.version import __version__

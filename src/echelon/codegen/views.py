@@ -14,7 +14,7 @@ from sys import maxsize
 
 from echelon.codegen.language import Language, Precision
 from echelon.codegen.plan import LONGEST_PART, Plan, Statement, coordinates, homes, plan, used_names
-from echelon.exact.numbers import Number, is_negative
+from echelon.exact.polynomial import Number, is_negative
 from echelon.program.function import Argument, Function
 from echelon.program.tape import Op, Program
 

@@ -15,6 +15,7 @@ import numpy as np
 from echelon.dynamics.arguments import Arguments, coordinate_units, row_names
 from echelon.dynamics.outputs import RecordedOutputs
 from echelon.errors import InputError
+from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Function
 from echelon.program.schedule import FloatArithmetic, Schedule
@@ -22,7 +23,6 @@ from echelon.program.tape import Op, Program, Scalar
 from echelon.regressor.loops.dependent_motion import DependentMotion
 from echelon.regressor.loops.recorded_loops import real_inputs
 from echelon.regressor.virtual_power import inverse_dynamics_regressor
-from echelon.seeds import DEFAULT_SEED, random_generator
 
 Index = tuple[int, ...]
 

@@ -20,20 +20,22 @@ from fractions import Fraction
 from math import comb, pi
 
 from echelon.errors import shortened
-from echelon.exact.numbers import (
+from echelon.exact.polynomial import (
     BEYOND_DOUBLES,
+    Polynomial,
     Rational,
     Surd,
+    cosine,
     cosine_of_turn,
     in_double_range,
     inverse,
     parse_decimal,
     parts_of,
     repeated,
+    sine,
     sine_of_turn,
     square_root,
 )
-from echelon.exact.polynomial import Polynomial, cosine, sine
 
 STEPS_PER_HALF_TURN = 12
 """π is twelve steps of 15°, the angles with a sine and cosine in Q(√2, √3)."""

@@ -25,8 +25,8 @@ import flint
 import numpy as np
 import numpy.typing as npt
 
-from echelon.errors import DegenerateSampleError
-from echelon.exact.numbers import Number, Surd, repeated
+from echelon.errors import DegenerateSampleError, InputError
+from echelon.exact.polynomial import Number, Surd, repeated
 
 Residues = npt.NDArray[Any]
 """Array of residues in [0, p): int64 for primes below 2^31, Python integers above."""
@@ -34,6 +34,17 @@ Residues = npt.NDArray[Any]
 ARRAY_BITS, CERTIFICATE_BITS = 31, 81
 _SMALL_PRIMES = int(flint.fmpz.primorial_ui(flint.fmpz(400)))  # their product
 _FEW = 16  # below this many elements, inverting one by one is faster than a tree of products
+
+
+DEFAULT_SEED = 2015
+"""Seeds are recorded in results, so that the same input gives the same output."""
+
+
+def random_generator(seed: int) -> np.random.Generator:
+    """A random generator."""
+    if seed < 0:
+        raise InputError(f"the seed {seed} is negative; give a whole number from 0 on")
+    return np.random.default_rng(seed)
 
 
 def random_prime(rng: np.random.Generator, bits: int) -> int:

@@ -18,8 +18,7 @@ import numpy as np
 
 from echelon.errors import DegenerateSampleError
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.numbers import Number, Rational, simplest, surd
-from echelon.exact.polynomial import Polynomial
+from echelon.exact.polynomial import Number, Polynomial, Rational, simplest, surd
 from echelon.exact.rational import RationalFunction, residues_at
 from echelon.exact.unknown import (
     SOLVING,

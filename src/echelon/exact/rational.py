@@ -18,13 +18,18 @@ import numpy as np
 
 from echelon.errors import DegenerateSampleError
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.numbers import Number, Surd, inverse, parts_of, simplest, surd
 from echelon.exact.polynomial import (
     Monomial,
+    Number,
     Polynomial,
+    Surd,
     as_polynomial,
     format_polynomial,
     generator_values,
+    inverse,
+    parts_of,
+    simplest,
+    surd,
 )
 
 T = TypeVar("T")

@@ -24,8 +24,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle
-from echelon.exact.numbers import cosine_of_turn
-from echelon.exact.polynomial import Polynomial
+from echelon.exact.polynomial import Polynomial, cosine_of_turn
 from echelon.formats.snapping import LENGTH_TOLERANCE, PRECISION, Snapping
 from echelon.mechanism.joint import (
     ALL,

@@ -19,8 +19,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.exact.numbers import Rational
-from echelon.exact.polynomial import Polynomial
+from echelon.exact.polynomial import Polynomial, Rational
 from echelon.hints import nearest_of
 from echelon.inertia import from_tensor, tensor_and_moment
 from echelon.mechanism.closure import ClosureKind

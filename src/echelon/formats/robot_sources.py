@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
 
-from echelon.errors import InputError, one_line
+from echelon.errors import InputError
 from echelon.extras import extra
 from echelon.formats.literal import roll_pitch_yaw
 from echelon.hints import nearest
@@ -56,7 +56,7 @@ def described_path(name: str) -> Path | None:
         with redirect_stdout(sys.stderr):  # it says what it fetches
             module = import_module(f"robot_descriptions.{name}")
     except Exception as error:  # whatever git and the network raise
-        raise InputError(f"robot_descriptions cannot fetch it: {one_line(str(error))}", source=name) from None
+        raise InputError(f"robot_descriptions cannot fetch it: {error}", source=name) from None
     paths = (getattr(module, attribute, None) for attribute in ("URDF_PATH", "MJCF_PATH", "XACRO_PATH"))
     return Path(next(path for path in paths if path))
 
@@ -83,7 +83,7 @@ def expanded(content: bytes, source: str, directory: Path | None) -> bytes:
             document = xacro.process_file(source)
         return bytes(document.toxml().encode())
     except (Exception, SystemExit) as error:  # whatever the expressions of a file stumble over
-        reason = one_line(str(error)) or type(error).__name__
+        reason = str(error) or type(error).__name__
         problem = f"xacro cannot expand it: {reason}; expand it where its packages are: xacro robot.xacro > robot.urdf"
         raise InputError(problem, source=source) from None
 

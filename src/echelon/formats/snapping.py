@@ -25,8 +25,17 @@ from typing import TypeVar
 from echelon.choices import Measured
 from echelon.errors import InputError
 from echelon.exact.expressions import PI, STEPS_PER_HALF_TURN, Angle, parse
-from echelon.exact.numbers import Number, Rational, decimal_text, inverse, parts_of, square_root
-from echelon.exact.polynomial import Polynomial, as_polynomial, format_polynomial
+from echelon.exact.polynomial import (
+    Number,
+    Polynomial,
+    Rational,
+    as_polynomial,
+    decimal_text,
+    format_polynomial,
+    inverse,
+    parts_of,
+    square_root,
+)
 from echelon.formats.literal import LiteralMotion, LiteralPlacement, StatedJoint, Triple
 from echelon.mechanism.joint import (
     Motion,

@@ -20,13 +20,13 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
+from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.identification.estimators.estimate import sparse_basis
 from echelon.identification.verdict import enumerated
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.stated import characteristic_length
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import Triangle
-from echelon.seeds import DEFAULT_SEED, random_generator
 
 if TYPE_CHECKING:
     from echelon.base.model import BaseModel

@@ -12,8 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.exact.numbers import Rational
-from echelon.exact.polynomial import Polynomial
+from echelon.exact.polynomial import Polynomial, Rational
 
 T = TypeVar("T")
 _ZERO = Polynomial({})

@@ -12,10 +12,9 @@ from enum import Enum
 from functools import cached_property
 
 from echelon.conventions import PER_BODY
-from echelon.errors import InputError, one_line
+from echelon.errors import InputError
 from echelon.exact.expressions import Angle, parse
-from echelon.exact.numbers import Number
-from echelon.exact.polynomial import Polynomial, as_polynomial
+from echelon.exact.polynomial import Number, Polynomial, as_polynomial
 
 Vector = tuple[Polynomial, Polynomial, Polynomial]
 Matrix = tuple[Vector, Vector, Vector]
@@ -262,4 +261,4 @@ class Symbol:
         try:
             return parse(self.exact)
         except ValueError as error:
-            raise InputError(str(error), element=f"symbol '{one_line(self.name)}'") from None
+            raise InputError(str(error), element=f"symbol '{self.name}'") from None

@@ -21,22 +21,24 @@ import numpy.typing as npt
 
 from echelon.errors import InputError
 from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle, parse, parse_angle
-from echelon.exact.field import CERTIFICATE_BITS, PrimeField, Residues
-from echelon.exact.numbers import Number, cosine_of_turn, decimal_text, sine_of_turn
+from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, Residues, random_generator
 from echelon.exact.polynomial import (
+    Number,
     Polynomial,
     as_polynomial,
     cosine,
+    cosine_of_turn,
+    decimal_text,
     is_trigonometric,
     multiple_of,
     sine,
+    sine_of_turn,
     symbol_of,
 )
 from echelon.mechanism.joint import MotionKind, Placement, Symbol
 from echelon.mechanism.mechanism import Mechanism, setup_placements, setup_ratios
 from echelon.mechanism.substitute import substituted
 from echelon.program.text import phase_symbols
-from echelon.seeds import DEFAULT_SEED, random_generator
 
 
 def symbol_values(

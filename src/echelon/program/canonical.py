@@ -29,8 +29,7 @@ from math import lcm
 import flint
 
 from echelon.errors import InputError, UnknownRelationsError
-from echelon.exact.numbers import Number, Surd, parts_of
-from echelon.exact.polynomial import Monomial, Polynomial
+from echelon.exact.polynomial import Monomial, Number, Polynomial, Surd, parts_of
 from echelon.exact.rational import RationalFunction, divided, factors, is_rational
 from echelon.program.tape import Op, Program
 

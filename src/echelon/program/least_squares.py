@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from echelon.exact.numbers import Number
+from echelon.exact.polynomial import Number
 from echelon.program.tape import Program, Scalar
 
 Column = Mapping[int, Scalar]

@@ -35,11 +35,11 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats, SignArray
 from echelon.errors import InputError
-from echelon.exact.numbers import Rational
+from echelon.exact.field import DEFAULT_SEED, random_generator
+from echelon.exact.polynomial import Rational
 from echelon.program.region_moves import along_axes, descended, random_points, solved
 from echelon.program.surfaces import RealValues, Surfaces, find_surfaces, impossible, monomials, relations
 from echelon.program.tape import Op, Program
-from echelon.seeds import DEFAULT_SEED, random_generator
 
 _PRIME = 1_048_573
 """The largest prime below 2^20: then products of matrices of a thousand columns are exact in double precision."""

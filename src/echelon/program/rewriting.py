@@ -11,7 +11,7 @@ Functions that jump are smoothed for optimisation: sign(x) becomes tanh(x/w), an
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
@@ -21,12 +21,13 @@ from echelon.exact.polynomial import Polynomial
 from echelon.program.function import Function
 from echelon.program.tape import Op, Program, Scalar, square_root
 
-_WRITTEN_OUT = (Op.ABS, Op.TAN, Op.TANH, Op.ATAN)
+WRITTEN_OUT = frozenset({Op.ABS, Op.TAN, Op.TANH, Op.ATAN})
+"""Functions that :func:`written_out` does without, and sines of the last."""
 
 
 def written_out(program: Program, outputs: Sequence[int]) -> tuple[Program, list[int]]:
     """The same outputs without ABS, TAN, TANH and sines of arc tangents; the program itself if it has none."""
-    return _rewritten(program, outputs, _WRITTEN_OUT, _in_rational_terms)
+    return _rewritten(program, outputs, WRITTEN_OUT, _in_rational_terms)
 
 
 def smoothed(program: Program, outputs: Sequence[int], width: float) -> tuple[Program, list[int]]:
@@ -47,7 +48,7 @@ Rule = Callable[[Program, Op, Scalar], Scalar]
 """What stands for a function of a scalar."""
 
 
-def _rewritten(program: Program, outputs: Sequence[int], ops: Sequence[Op], rule: Rule) -> tuple[Program, list[int]]:
+def _rewritten(program: Program, outputs: Sequence[int], ops: Collection[Op], rule: Rule) -> tuple[Program, list[int]]:
     if set(ops).isdisjoint(program.ops) or not any(program.ops[n] in ops for n in program.needed(outputs)):
         return program, list(outputs)
 

@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats, SignArray
 from echelon.exact.field import PrimeField, rank
-from echelon.exact.numbers import Rational
+from echelon.exact.polynomial import Rational
 from echelon.program.intervals import interval_values
 from echelon.program.schedule import BallArithmetic, FloatArithmetic, Schedule, ball
 from echelon.program.tape import Op, Program

@@ -17,7 +17,7 @@ from typing import Any
 
 from echelon.errors import InputError
 from echelon.exact.expressions import STEPS_PER_HALF_TURN
-from echelon.exact.numbers import Number, Rational, Surd, cosine_of_turn, parse_decimal, sine_of_turn
+from echelon.exact.polynomial import Number, Rational, Surd, cosine_of_turn, parse_decimal, sine_of_turn
 from echelon.extras import extra
 from echelon.program.tape import FUNCTIONS, Op, Program, Scalar, power, square_root
 from echelon.program.text import COMPOUND, turned

@@ -22,9 +22,20 @@ from typing import Any, NoReturn
 import numpy as np
 
 from echelon.errors import InputError
-from echelon.exact import numbers
-from echelon.exact.numbers import Number, Rational, Surd, inverse, is_negative, parse_decimal, repeated
-from echelon.exact.polynomial import Polynomial, is_trigonometric, multiple_of, symbol_of
+from echelon.exact import polynomial
+from echelon.exact.polynomial import (
+    Number,
+    Polynomial,
+    Rational,
+    Surd,
+    inverse,
+    is_negative,
+    is_trigonometric,
+    multiple_of,
+    parse_decimal,
+    repeated,
+    symbol_of,
+)
 
 
 class Op(IntEnum):
@@ -278,7 +289,7 @@ def square_root(x: Scalar) -> Scalar:
         if value < 0:
             raise InputError(f"the square root of {value} is not real")
         with suppress(ValueError):
-            return x.program.constant(numbers.square_root(value))
+            return x.program.constant(polynomial.square_root(value))
     return x.program.function(Op.SQRT, x)
 
 

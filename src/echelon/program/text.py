@@ -22,7 +22,7 @@ from math import tan
 
 from echelon.errors import InputError, shortened
 from echelon.exact.expressions import PI, STEPS_PER_HALF_TURN, Angle, expression_tree, parse_angle
-from echelon.exact.numbers import Number, cosine_of_turn, parse_decimal, sine_of_turn
+from echelon.exact.polynomial import Number, cosine_of_turn, parse_decimal, sine_of_turn
 from echelon.program.tape import FUNCTIONS, Op, Program, Scalar, maximum, minimum, power, square_root
 
 

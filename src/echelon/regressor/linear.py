@@ -22,20 +22,22 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial, reduce
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from echelon.exact.field import PrimeField, Residues, rank, reduced_echelon
-from echelon.exact.numbers import Rational
+from echelon.exact.polynomial import Rational
 from echelon.mechanism.effect import Side
 from echelon.mechanism.joint import ALL, GROUND
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import GENERAL, StatedValues
 from echelon.program.sampling import FieldSampler
 from echelon.program.tape import Program, Scalar
-from echelon.regressor.loops.closures import Loops
-from echelon.regressor.loops.recorded_loops import loops_of
 from echelon.regressor.steps import Recorder, Step, Vec, add, cross, dot, forward, into_frame, scale
+
+if TYPE_CHECKING:
+    from echelon.regressor.loops.closures import Loops
 
 FEW_COLUMNS = 120
 """So many columns are eliminated at once in less time than block by block."""
@@ -295,7 +297,11 @@ def energy_form(mechanism: Mechanism) -> LinearForms:
     for column, energy in column_sums(mechanism, energies, partial(_entry, energies)).items():
         if not energy.is_zero:
             entries[0, 1 + column] = energy.node
-    loops = loops_of(mechanism, recorder) if mechanism.closures else None
+    loops = None
+    if mechanism.closures:
+        from echelon.regressor.loops.recorded_loops import loops_of  # robots without loops do without it
+
+        loops = loops_of(mechanism, recorder)
     return LinearForms(program, entries, (1, 1 + len(mechanism.parameters)), loops)
 
 

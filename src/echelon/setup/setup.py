@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from echelon.exact.expressions import PI, parse
+from echelon.exact.field import DEFAULT_SEED
 from echelon.exact.polynomial import symbol_of
 from echelon.formats.description.document import Document
 from echelon.formats.robot_file import RobotFile, open_robot
@@ -25,7 +26,6 @@ from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.mechanism.effect import KINDS
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
-from echelon.seeds import DEFAULT_SEED
 
 if TYPE_CHECKING:
     from echelon.formats.schema.schema_log import Column, ColumnEntry, Columns, LogEntry

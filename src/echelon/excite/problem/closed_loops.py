@@ -25,6 +25,7 @@ from echelon.dynamics.arguments import geometry_values
 from echelon.dynamics.evaluator import Builder, CompiledAssembly
 from echelon.dynamics.functions import closed_accelerations, closed_velocities, motion_function
 from echelon.errors import InputError
+from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.excite.problem.information import ADJOINT, StateRegressor, pullback
 from echelon.excite.problem.state_limits import Slopes, StateConstraint
 from echelon.machine.kernel import Kernel
@@ -35,7 +36,6 @@ from echelon.program.tape import Program
 from echelon.regressor.loops.assembly import LARGEST_CORRECTION, STRIDE
 from echelon.regressor.loops.closed_motion import largest, normalised, position_rates
 from echelon.regressor.loops.dependent_motion import DependentMotion
-from echelon.seeds import DEFAULT_SEED, random_generator
 
 _SHORTEST = 2e-3  # of a step on the way to a configuration, rad or characteristic lengths
 _REMEMBERED = 4  # sets of samples: those of the criterion and of the constraints

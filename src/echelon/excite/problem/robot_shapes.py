@@ -27,7 +27,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.exact.numbers import Rational
+from echelon.exact.polynomial import Rational
 from echelon.excite.problem.shapes import SIZES, WORLD, Kind, Shape, placed, z_along
 from echelon.extras import extra
 from echelon.formats.literal import LiteralPlacement, LiteralTree, numeric_placement, rotation_matrix

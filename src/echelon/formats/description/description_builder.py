@@ -15,7 +15,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.conventions import PARAMETERS
 from echelon.errors import InputError
-from echelon.exact.numbers import is_whole
+from echelon.exact.polynomial import is_whole
 from echelon.formats.bodies import BASE, Bodies, Part, with_relations
 from echelon.formats.builder import Built, Rider
 from echelon.formats.description.document import (
@@ -33,7 +33,7 @@ from echelon.formats.description.stated_joints import (
     offset_placement,
     read_couplings,
 )
-from echelon.formats.description.stated_setup import ADDITIONS, Additions, cut_off
+from echelon.formats.description.stated_setup import ADDITIONS, Additions
 from echelon.formats.literal import StatedCoupling, StatedJoint, central_inertial, move_inertial
 from echelon.formats.snapping import ReadingOptions, gravity_vector, symbol_stem
 from echelon.hints import nearest, nearest_of, unused
@@ -207,7 +207,7 @@ def build_description(
     symbols, bare = declared_symbols(robot, document)
     expressions = Expressions(document, options, literal, symbols)
     floating = robot.floating_base or options.floating
-    tree = _Tree(read_parts(robot, expressions), floating, cut_off(robot), options, expressions)
+    tree = _Tree(read_parts(robot, expressions), floating, _cut_off(robot), options, expressions)
     couplings = tree.couple(robot) if robot.couplings else []
     stated = stated_gravity(robot, expressions)
     chosen = stated if options.gravity == "file" else gravity_vector(options.gravity, stated or ORIGIN)
@@ -241,7 +241,7 @@ def _added_to_file(
     for name, entry in robot.robot.joints.items():
         axes = tuple(coordinate_axis(axis) for axis in (entry.axis, entry.axis2) if axis is not None)
         joints.append(StatedJoint(name, entry.type, axes, partial(document.error, f"robot.joints.{name}")))
-    options = replace(options, separate=cut_off(robot), joints=tuple(joints))
+    options = replace(options, separate=_cut_off(robot), joints=tuple(joints))
     # the loops of a geometry in numbers close at these numbers only
     stated = base(replace(options, symbolic=False) if robot.loops else options)
     mechanism = stated.mechanism
@@ -253,6 +253,11 @@ def _added_to_file(
     mechanism = Additions(mechanism, robot, expressions, find).added()
     snaps = tuple(dict.fromkeys((*stated.snaps, *find.snaps)))
     return Built(mechanism, snaps, (*stated.notes, *notes))
+
+
+def _cut_off(robot: RobotDescription) -> tuple[str, ...]:
+    """Names of what force/torque sensors carry: sensors see fixed parts apart from what they are fixed to."""
+    return tuple(w for w in (getattr(output, "wrench", BASE) for output in robot.outputs or ()) if w != BASE)
 
 
 def _labelled(mechanism: Mechanism, robot: RobotDescription, document: Document) -> tuple[Mechanism, list[str]]:

@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from echelon.errors import InputError
 from echelon.exact.expressions import PI, RESERVED, STEPS_PER_HALF_TURN, Angle, as_angle, parse, parse_angle
-from echelon.exact.numbers import Number, Rational, Surd
-from echelon.exact.polynomial import Polynomial, is_trigonometric, symbol_of
+from echelon.exact.polynomial import Number, Polynomial, Rational, Surd, is_trigonometric, symbol_of
 from echelon.formats.schema.schema_types import kind_of
 from echelon.formats.snapping import NOT_FINITE, ReadingOptions, Snapping, checked_size, gravity_vector
 from echelon.hints import nearest, nearest_of, nearest_word

@@ -10,8 +10,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, cast
 
 from echelon.exact.expressions import Angle
-from echelon.exact.numbers import Number, Rational
-from echelon.exact.polynomial import Monomial, Polynomial, is_trigonometric, symbol_of
+from echelon.exact.polynomial import Monomial, Number, Polynomial, Rational, is_trigonometric, symbol_of
 from echelon.formats.bodies import placed_before
 from echelon.formats.description.document import Expressions
 from echelon.formats.literal import LiteralMotion, StatedCoupling, resolved

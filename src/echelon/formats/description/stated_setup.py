@@ -59,11 +59,6 @@ _Z_ALONG = {
 """Frames whose z axis lies along a coordinate axis, by axis and sign."""
 
 
-def cut_off(robot: RobotDescription) -> tuple[str, ...]:
-    """Names of what force/torque sensors carry: sensors see fixed parts apart from what they are fixed to."""
-    return tuple(w for w in (getattr(output, "wrench", BASE) for output in robot.outputs or ()) if w != BASE)
-
-
 class Additions:
     """What a description adds to a mechanism: loops, drives, rotors, effects and outputs."""
 

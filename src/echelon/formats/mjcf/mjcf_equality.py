@@ -12,8 +12,7 @@ from fractions import Fraction
 from typing import Any
 
 from echelon.errors import InputError
-from echelon.exact.numbers import Rational, inverse, parse_decimal
-from echelon.exact.polynomial import Polynomial
+from echelon.exact.polynomial import Polynomial, Rational, inverse, parse_decimal
 from echelon.formats.literal import StatedCoupling, substituted
 from echelon.mechanism.coupling import Spline
 

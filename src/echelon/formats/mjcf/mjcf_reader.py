@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from echelon.errors import InputError
-from echelon.exact.numbers import Rational, parse_decimal
+from echelon.exact.polynomial import Rational, parse_decimal
 from echelon.formats.literal import (
     LiteralClosure,
     LiteralEffort,

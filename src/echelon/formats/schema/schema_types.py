@@ -20,7 +20,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Fiel
 from pydantic_core import PydanticCustomError
 
 from echelon.exact.expressions import PI, parse
-from echelon.exact.numbers import is_whole
+from echelon.exact.polynomial import is_whole
 from echelon.formats.snapping import NOT_FINITE
 from echelon.hints import nearest
 

@@ -12,8 +12,7 @@ from pathlib import PurePath
 from typing import Any
 
 from echelon.errors import InputError
-from echelon.exact.numbers import Rational, decimal_text, parse_decimal
-from echelon.exact.polynomial import as_polynomial
+from echelon.exact.polynomial import Rational, as_polynomial, decimal_text, parse_decimal
 from echelon.formats.literal import (
     LiteralLink,
     LiteralMotion,

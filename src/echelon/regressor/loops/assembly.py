@@ -16,6 +16,7 @@ import numpy as np
 
 from echelon.arrays import Flags, Floats
 from echelon.errors import AssemblyWarning, InputError
+from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.mechanism.closed_pose import loop_motions
 from echelon.mechanism.joint import MotionKind
 from echelon.regressor.loops.closed_motion import (
@@ -26,7 +27,6 @@ from echelon.regressor.loops.closed_motion import (
     places,
     position_rates,
 )
-from echelon.seeds import DEFAULT_SEED, random_generator
 
 _RESIDUAL = 1e-12  # of the characteristic length
 _ITERATIONS = 100

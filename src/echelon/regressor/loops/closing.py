@@ -11,7 +11,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import DegenerateSampleError, InputError, ShakyPoseError, SingularPoseError
-from echelon.exact.field import PrimeField, Residues, null_vectors, rank
+from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, null_vectors, random_generator, rank
 from echelon.mechanism.closed_pose import as_stated, shown_loops
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import has_values, in_numbers, inexact_symbols
@@ -24,7 +24,6 @@ from echelon.regressor.loops.curves import CurveSampler
 from echelon.regressor.loops.exact_pose import closed_exactly
 from echelon.regressor.loops.recorded_loops import loops_of
 from echelon.regressor.steps import Recorder
-from echelon.seeds import DEFAULT_SEED, random_generator
 
 _ATTEMPTS = 2
 _ORDER = 16  # of the coefficients of a curve that show whether the loops really move

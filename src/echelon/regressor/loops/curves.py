@@ -20,11 +20,10 @@ import numpy.typing as npt
 from echelon.arrays import Floats
 from echelon.errors import ShakyPoseError, SingularPoseError, UnknownRelationsError
 from echelon.exact import series
-from echelon.exact.field import PrimeField, Residues, rank
+from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank
 from echelon.program.canonical import Turn
-from echelon.program.generator_values import GeneratorValues
 from echelon.program.region import COMPLETE, SAMPLED, IndependentRegions, RegionReport, one_sided
-from echelon.program.sampling import FieldSampler, generators_of
+from echelon.program.sampling import FieldSampler, GeneratorValues, generators_of
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.surfaces import find_surfaces, monomials
 from echelon.program.tape import Op, Program
@@ -33,7 +32,6 @@ from echelon.regressor.loops.closures import Loops
 from echelon.regressor.loops.moving import Layout, Pose
 from echelon.regressor.loops.poses import PoseFinder
 from echelon.regressor.loops.positions import Positions, Recorded
-from echelon.seeds import DEFAULT_SEED, random_generator
 
 _LOST = 2  # coefficients that are not known of accelerations
 _PRODUCT, _LIFTS = 0.25, 3  # what a product of series costs, of order², and how often closures are evaluated

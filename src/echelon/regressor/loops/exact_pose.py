@@ -17,13 +17,12 @@ from math import pi
 
 from echelon.arrays import Floats
 from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle
-from echelon.exact.field import CERTIFICATE_BITS, PrimeField
+from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.polynomial import Polynomial, as_polynomial
 from echelon.mechanism.closed_pose import angle_parts, follow, loop_motions
 from echelon.mechanism.joint import Motion, MotionKind, Symbol
 from echelon.mechanism.mechanism import ClosedAt, Mechanism
 from echelon.mechanism.stated import stated_values
-from echelon.seeds import DEFAULT_SEED, random_generator
 
 _SAME = 1e-9  # angles that differ by less are the same, rad
 _STEP = pi / STEPS_PER_HALF_TURN
