@@ -7,7 +7,7 @@ URDF, INERTIA, MJCF = (
     "formats/literal.py",
     "formats/mjcf/mjcf_reader.py",
 )
-BUILD, JOINTS = "formats/builder.py", "formats/description/stated_joints.py"
+BUILD, JOINTS = "formats/builder.py", "formats/description/description_builder.py"
 
 FAULTS = (
     Fault(

@@ -282,13 +282,13 @@ def check_characters(text: str) -> None:
     Traceback (most recent call last):
     ValueError: '0.3 # in metres' holds a comment: an expression ends where its last term ends
     """
-    shown = f"'{shortened(text)}'"
-    hidden = next((c for c in text if not c.isprintable()), None)
-    if hidden is not None:
-        raise ValueError(f"{shown} holds the control character U+{ord(hidden):04X}: an expression is one line of text")
     bare = _QUOTED.sub("", text)
-    if "#" in bare:
-        raise ValueError(f"{shown} holds a comment: an expression ends where its last term ends")
-    foreign = next((c for c in bare if c.isdigit() and not c.isascii()), None)
-    if foreign is not None:
-        raise ValueError(f"{shown} holds the digit U+{ord(foreign):04X}: digits are 0 to 9")
+    problem = ""
+    if (hidden := next((c for c in text if not c.isprintable()), None)) is not None:
+        problem = f"the control character U+{ord(hidden):04X}: an expression is one line of text"
+    elif "#" in bare:
+        problem = "a comment: an expression ends where its last term ends"
+    elif (foreign := next((c for c in bare if c.isdigit() and not c.isascii()), None)) is not None:
+        problem = f"the digit U+{ord(foreign):04X}: digits are 0 to 9"
+    if problem:
+        raise ValueError(f"'{shortened(text)}' holds {problem}")

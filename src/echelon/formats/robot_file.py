@@ -169,10 +169,13 @@ class RobotFile:
         try:
             if not self.is_description:
                 return build_mechanism(self.tree(mimics=not options.independent_mimics), options, literal)
-            from echelon.formats.description.description_builder import build_description
+            if self.robot is None:
+                from echelon.formats.description.description_builder import build_description
 
-            base = None if self.robot is None else partial(self.robot.built, literal=literal)
-            return build_description(self.document, self.description, options, literal, base)
+                return build_description(self.document, self.description, options, literal)
+            from echelon.formats.description.file_additions import add_to_file
+
+            return add_to_file(self.document, self.description, options, partial(self.robot.built, literal=literal))
         except InputError as error:
             raise error.located(self.source) from None
 

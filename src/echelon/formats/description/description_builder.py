@@ -5,10 +5,10 @@ Its three forms are read as one: parts, each with a parent and a joint, parents 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -17,33 +17,158 @@ from echelon.conventions import PARAMETERS
 from echelon.errors import InputError
 from echelon.exact.polynomial import is_whole
 from echelon.formats.bodies import BASE, Bodies, Part, with_relations
-from echelon.formats.builder import Built, Rider
+from echelon.formats.builder import Built
+from echelon.formats.description.couplings import offset_placement, read_couplings
 from echelon.formats.description.document import (
     Document,
     Expressions,
     check_use,
+    coordinate_axis,
     declared_symbols,
     stated_gravity,
     with_intended_angles,
 )
-from echelon.formats.description.stated_joints import (
-    Joints,
-    coordinate_axis,
-    joint_name,
-    offset_placement,
-    read_couplings,
-)
 from echelon.formats.description.stated_setup import ADDITIONS, Additions
-from echelon.formats.literal import StatedCoupling, StatedJoint, central_inertial, move_inertial
+from echelon.formats.literal import (
+    LiteralMotion,
+    StatedCoupling,
+    central_inertial,
+    move_inertial,
+)
 from echelon.formats.snapping import ReadingOptions, gravity_vector, symbol_stem
 from echelon.hints import nearest, nearest_of, unused
-from echelon.inputs import step_into
-from echelon.mechanism.joint import ALL, GROUND, ORIGIN, Body, Joint, Motion, Placement, Step, floating_motions, merge
-from echelon.mechanism.mechanism import Mechanism, Snap
+from echelon.mechanism.joint import (
+    ALL,
+    GROUND,
+    ORIGIN,
+    Body,
+    Joint,
+    Motion,
+    MotionKind,
+    Placement,
+    Step,
+    X,
+    Z,
+    ball,
+    floating_motions,
+    merge,
+    rotation,
+    screw,
+    shift,
+    translation,
+)
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import placement_matrix
 
 if TYPE_CHECKING:
     from echelon.formats.schema.robot_schema import BodyEntry, Inertial, ModifiedRow, RobotDescription, StandardRow
+    from echelon.formats.schema.schema_types import AxisJoint, CustomJoint, HelicalJoint
+    from echelon.formats.schema.schema_types import Joint as Entry
+
+
+_LITERAL_KINDS: dict[str, MotionKind | str] = {
+    "revolute": MotionKind.ROTATION,
+    "continuous": MotionKind.ROTATION,
+    "prismatic": MotionKind.TRANSLATION,
+    "planar": "planar",
+}
+
+
+class Joints:
+    """Reads joints with the expressions of one description.
+
+    Every method takes the element's path, for messages, and a stem: the ending of symbols that stand for angles
+    without an exact sine (``roll3`` for the stem 3).
+    """
+
+    def __init__(self, expressions: Expressions) -> None:
+        self.expressions = expressions
+
+    # -- tables ----------------------------------------------------------------------------------------------------
+
+    def row(self, row: ModifiedRow | StandardRow, name: str, path: str, stem: str) -> tuple[Step, ...]:
+        """A row of a table."""
+        from echelon.formats.schema.robot_schema import ModifiedRow
+
+        motion: tuple[Motion, ...] = ()
+        if row.joint != "fixed":
+            motion = (rotation(name) if row.joint == "revolute" else translation(name),)
+        modified = isinstance(row, ModifiedRow)
+        first = self._along(row, Z, "gamma", "b", path, stem) if modified else Placement()
+        along_z, along_x = self._along(row, Z, "theta", "d", path, stem), self._along(row, X, "alpha", "a", path, stem)
+        # turns about an axis and shifts along it commute, and so does the motion with those about and along z
+        return merge((first @ along_x @ along_z, *motion) if modified else (*motion, along_z @ along_x))
+
+    def _along(
+        self, row: ModifiedRow | StandardRow, axis: int, angle: str, length: str, path: str, stem: str
+    ) -> Placement:
+        """Rot and Trans about and along one axis, by the keys of the angle and the length."""
+        turned = self.expressions.turned(axis, getattr(row, angle), f"{path}.{angle}", f"{angle}{stem}")
+        value = self.expressions.length(getattr(row, length), f"{path}.{length}")
+        return turned @ shift(value if axis == X else 0, 0, value if axis == Z else 0)
+
+    # -- bodies ----------------------------------------------------------------------------------------------------
+
+    def body(self, body: BodyEntry, path: str, stem: str) -> tuple[Step, ...]:
+        """From the parent's frame to the body's."""
+        place = self.expressions.frame(body.frame, f"{path}.frame", stem)
+        if body.joint is None:
+            return merge((place,))
+        if body.joint.type == "custom":
+            steps = self._custom(body.joint, f"{path}.joint", stem)
+            # left as stated, so that a saved mechanism is read back as it was
+            return steps if place.is_identity else merge((*steps, place))
+        origin = self.expressions.frame(body.joint.origin, f"{path}.joint.origin", stem)
+        name = joint_name(body)
+        return merge((origin, *self._motions(body.joint, name, f"{path}.joint", stem), place))
+
+    def _motions(self, joint: Entry, name: str, path: str, stem: str) -> tuple[Step, ...]:
+        match joint.type:
+            case "fixed":
+                return ()
+            case "spherical":
+                return (ball(name),)
+            case "floating":
+                return floating_motions(name)
+            case "universal":
+                pairs = enumerate((joint.axis, joint.axis2), 1)
+                return tuple(rotation(f"{name}.{i}", *coordinate_axis(axis)) for i, axis in pairs)
+            case "helical" | "cylindrical":
+                return self._along_axis(joint, name, path, stem)
+        axis_joint = cast("AxisJoint", joint)
+        axis = self.expressions.direction(axis_joint.axis, f"{path}.axis")
+        return self.expressions.snapping.motion(LiteralMotion(path, name, _LITERAL_KINDS[joint.type], axis), stem)
+
+    def _along_axis(self, joint: HelicalJoint | AxisJoint, name: str, path: str, stem: str) -> tuple[Step, ...]:
+        direction = self.expressions.direction(joint.axis, f"{path}.axis")
+        mounting, axis, sign = self.expressions.snapping.direction(direction, f"{path} axis", stem)
+        motions: tuple[Motion, ...]
+        if joint.type == "helical":
+            motions = (screw(name, self.expressions.length(joint.pitch, f"{path}.pitch"), axis, sign),)
+        else:
+            motions = (translation(f"{name}.slide", axis, sign), rotation(f"{name}.turn", axis, sign))
+        return (mounting, *motions, mounting.inverse())
+
+    def _custom(self, joint: CustomJoint, path: str, stem: str) -> tuple[Step, ...]:
+        from echelon.formats.schema.schema_types import MotionStep
+
+        steps: list[Step] = []
+        for index, step in enumerate(joint.steps):
+            here = f"{path}.steps[{index}]"
+            if isinstance(step, MotionStep):
+                (axis, sign), pitch = coordinate_axis(step.axis), self.expressions.length(step.pitch, f"{here}.pitch")
+                if pitch and step.motion != "screw":
+                    raise self.expressions.error(f"{here}.pitch", f"only a screw has a pitch, not a {step.motion}")
+                steps.append(Motion(MotionKind(step.motion), step.name, axis, sign, pitch))
+            else:
+                steps.append(self.expressions.frame(step, here, stem))
+        return tuple(steps)
+
+
+def joint_name(body: BodyEntry) -> str:
+    """Name of a body's joint."""
+    stated = body.joint.name if body.joint is not None else None
+    return body.name if stated is None else stated
 
 
 def read_parts(robot: RobotDescription, expressions: Expressions) -> list[Part]:
@@ -196,18 +321,14 @@ def build_description(
     robot: RobotDescription,
     options: ReadingOptions,
     literal: Collection[str] = (),
-    base: Callable[[ReadingOptions], Built] | None = None,
 ) -> Built:
     """Interpret a description."""
-    if robot.robot is not None:
-        assert base is not None
-        return _added_to_file(document, robot, options, base)
     if robot.labels:
         raise document.error("labels", "is for bodies of a robot file; here a label is stated with each body")
     symbols, bare = declared_symbols(robot, document)
     expressions = Expressions(document, options, literal, symbols)
     floating = robot.floating_base or options.floating
-    tree = _Tree(read_parts(robot, expressions), floating, _cut_off(robot), options, expressions)
+    tree = _Tree(read_parts(robot, expressions), floating, cut_off(robot), options, expressions)
     couplings = tree.couple(robot) if robot.couplings else []
     stated = stated_gravity(robot, expressions)
     chosen = stated if options.gravity == "file" else gravity_vector(options.gravity, stated or ORIGIN)
@@ -229,82 +350,9 @@ def build_description(
     return Built(mechanism, tuple(expressions.snapping.snaps), notes)
 
 
-def _added_to_file(
-    document: Document, robot: RobotDescription, options: ReadingOptions, base: Callable[[ReadingOptions], Built]
-) -> Built:
-    """A robot file with what a description adds to it."""
-    assert robot.robot is not None
-    for key in ("gravity", "floating_base", "couplings"):
-        if key in robot.model_fields_set:
-            raise document.error(key, "belongs to the geometry, which is that of the robot file")
-    joints = []
-    for name, entry in robot.robot.joints.items():
-        axes = tuple(coordinate_axis(axis) for axis in (entry.axis, entry.axis2) if axis is not None)
-        joints.append(StatedJoint(name, entry.type, axes, partial(document.error, f"robot.joints.{name}")))
-    options = replace(options, separate=_cut_off(robot), joints=tuple(joints))
-    # the loops of a geometry in numbers close at these numbers only
-    stated = base(replace(options, symbolic=False) if robot.loops else options)
-    mechanism = stated.mechanism
-    symbols, bare = declared_symbols(robot, document)
-    known = {n: s for n, s in symbols.items() if n not in bare}
-    expressions = Expressions(document, options, (), {**mechanism.symbols, **symbols})
-    mechanism, notes = _labelled(replace(mechanism, symbols={**mechanism.symbols, **known}), robot, document)
-    find = _FileParts(mechanism, stated.riders, expressions)
-    mechanism = Additions(mechanism, robot, expressions, find).added()
-    snaps = tuple(dict.fromkeys((*stated.snaps, *find.snaps)))
-    return Built(mechanism, snaps, (*stated.notes, *notes))
-
-
-def _cut_off(robot: RobotDescription) -> tuple[str, ...]:
+def cut_off(robot: RobotDescription) -> tuple[str, ...]:
     """Names of what force/torque sensors carry: sensors see fixed parts apart from what they are fixed to."""
     return tuple(w for w in (getattr(output, "wrench", BASE) for output in robot.outputs or ()) if w != BASE)
-
-
-def _labelled(mechanism: Mechanism, robot: RobotDescription, document: Document) -> tuple[Mechanism, list[str]]:
-    """A robot file's mechanism with the labels that a description gives to its bodies, and remarks."""
-    names = [body.name for body in mechanism.bodies]
-    for name in robot.labels:
-        if name not in names:
-            raise document.error(step_into("labels", name), f"there is no body '{name}'{nearest_of(name, names)}")
-    bodies = [replace(body, label=robot.labels.get(body.name, body.label)) for body in mechanism.bodies]
-    notes = []
-    for label in dict.fromkeys(robot.labels.values()):
-        sharing = [k for k, body in enumerate(bodies) if body.label == label]
-        stated = [values for k in sharing if (values := bodies[k].inertial) is not None]
-        if len(set(stated)) > 1:  # files round; the mean of bodies is one that can exist
-            mean = tuple(float(value) for value in np.mean(stated, axis=0))
-            for k in sharing:
-                bodies[k] = replace(bodies[k], inertial=mean)
-            notes.append(f"bodies of label '{label}' get the mean of their stated inertial values")
-    return replace(mechanism, bodies=tuple(bodies)), notes
-
-
-class _FileParts:
-    """Finds bodies of a robot file, and what is fixed to them."""
-
-    def __init__(
-        self, mechanism: Mechanism, riders: Mapping[str, Callable[[], Rider]], expressions: Expressions
-    ) -> None:
-        self.names = {body.name: k for k, body in enumerate(mechanism.bodies)}
-        self._joints = {body.joint.name: k for k, body in enumerate(mechanism.bodies)}
-        self.riders, self.expressions, self.snaps = riders, expressions, list[Snap]()
-
-    def __call__(self, name: str | None, path: str) -> tuple[int, Placement]:
-        if name in self.names:
-            return self.names[name], Placement()
-        if name is not None and name in self.riders:
-            rider, known = self.riders[name](), self.expressions.snapping.symbols
-            for symbol in rider.symbols:
-                if known.setdefault(symbol.name, symbol) != symbol:
-                    problem = f"the robot file has an angle '{symbol.name}': rename the symbol"
-                    raise self.expressions.error(path, problem)
-            self.snaps += rider.snaps
-            return rider.body, rider.placement
-        if name != BASE and name in self._joints:  # a joint marks the frame that it moves
-            return self._joints[name], Placement()
-        if name is not None:
-            self.expressions.check(name, [BASE, *self.names, *self.riders], path, "body or frame")
-        return GROUND, Placement()
 
 
 class _Tree:

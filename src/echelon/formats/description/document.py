@@ -23,7 +23,20 @@ from echelon.formats.schema.schema_types import kind_of
 from echelon.formats.snapping import NOT_FINITE, ReadingOptions, Snapping, checked_size, gravity_vector
 from echelon.hints import nearest, nearest_of, nearest_word
 from echelon.inputs import DESCRIPTION_NODES, decoded, dump_flow, parse_json, parse_yaml, step_into
-from echelon.mechanism.joint import ORIGIN, Symbol, Vector
+from echelon.mechanism.joint import (
+    IDENTITY,
+    ORIGIN,
+    Matrix,
+    Placement,
+    Symbol,
+    Vector,
+    X,
+    Y,
+    Z,
+    multiply,
+    transpose,
+    turn,
+)
 from echelon.mechanism.mechanism import Mechanism, Snap
 from echelon.mechanism.stated import geometry as geometry_of
 from echelon.mechanism.stated import symbol_roles
@@ -32,6 +45,7 @@ if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
     from echelon.formats.schema.robot_schema import RobotDescription
+    from echelon.formats.schema.schema_types import Frame
 
 
 _LONGEST_MESSAGE = 600
@@ -305,6 +319,38 @@ class Expressions:
         else:
             read = Angle()
         return Angle(turns + read.half_turns, (*stated.parts, *read.parts))
+
+    # -- frames ----------------------------------------------------------------------------------------------------
+
+    def frame(self, frame: Frame, path: str, stem: str) -> Placement:
+        """Where a frame sits in another."""
+        placed = Placement(IDENTITY, self.vector(frame.xyz, f"{path}.xyz"))
+        if frame.rotation is not None:
+            return placed @ Placement(self._rotation(frame.rotation, f"{path}.rotation"))
+        if frame.rpy is not None:
+            for axis, word in ((Z, "yaw"), (Y, "pitch"), (X, "roll")):
+                placed = placed @ self.turned(axis, frame.rpy[axis], f"{path}.rpy[{axis}]", f"{word}{stem}")
+        return placed
+
+    def _rotation(self, rows: tuple[tuple[str, str, str], ...], path: str) -> Matrix:
+        a, b, c = (self.vector(row, f"{path}[{i}]") for i, row in enumerate(rows))
+        matrix: Matrix = (a, b, c)
+        # the third row of a rotation is the cross product of the first two
+        third = tuple(a[i] * b[j] - a[j] * b[i] for i, j in ((1, 2), (2, 0), (0, 1)))
+        if multiply(matrix, transpose(matrix)) != IDENTITY or c != third:
+            problem = "this is not exactly a rotation matrix: use entries such as sqrt(3)/2, cos(beta), or rpy angles"
+            raise self.error(path, problem)
+        return matrix
+
+    def turned(self, axis: int, text: str, path: str, name: str) -> Placement:
+        """A turn about a coordinate axis."""
+        angle = self.angle(text, path, name)
+        return turn(axis, angle) if angle != Angle() else Placement()
+
+
+def coordinate_axis(direction: str) -> tuple[int, int]:
+    """Axis and sign of a direction such as ``-x``."""
+    return "xyz".index(direction[-1]), -1 if direction.startswith("-") else 1
 
 
 GENERIC = gravity_vector("generic", ORIGIN)

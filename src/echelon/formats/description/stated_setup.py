@@ -13,8 +13,8 @@ from echelon.exact.expressions import PI, Angle
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.bodies import BASE
 from echelon.formats.closure_frames import at_zero, second_frame
+from echelon.formats.description.couplings import CouplingReader
 from echelon.formats.description.document import Expressions
-from echelon.formats.description.stated_joints import CouplingReader, Joints
 from echelon.formats.snapping import symbol_stem
 from echelon.formats.usual_effects import effect_label, floating_velocities, slides
 from echelon.mechanism.closed_pose import follow
@@ -64,7 +64,6 @@ class Additions:
 
     def __init__(self, mechanism: Mechanism, robot: RobotDescription, expressions: Expressions, find: FindPart) -> None:
         self.mechanism, self.robot, self.expressions, self.find = mechanism, robot, expressions, find
-        self.joints = Joints(expressions)
 
     def added(self) -> Mechanism:
         """The mechanism with all of them."""
@@ -115,7 +114,7 @@ class Additions:
         kind = "xyz".index(rotor.axis[-1])
         motion = Motion(MotionKind.ROTATION, spin, kind, -1 if rotor.axis.startswith("-") else 1)
         label = rotor.label or f"_{rotor.name}"
-        placed = self.joints.frame(rotor.frame, f"{path}.frame", label)
+        placed = self.expressions.frame(rotor.frame, f"{path}.frame", label)
         parent, rides = self.find(rotor.on, f"{path}.on")
         joint = Joint(rotor.name, "rotor", merge((rides @ placed, motion)))
         # of a rotor that is symmetric about its axis all but the spin inertia counts to its carrier
@@ -216,7 +215,7 @@ class Additions:
 
     def _wrench(self, entry: WrenchOutput, path: str) -> list[Output]:
         body, rides = self.find(entry.wrench, f"{path}.wrench")
-        frame = rides @ self.joints.frame(entry.frame, f"{path}.frame", f"_{entry.name or entry.wrench}")
+        frame = rides @ self.expressions.frame(entry.frame, f"{path}.frame", f"_{entry.name or entry.wrench}")
         name = entry.name or entry.wrench
         return [
             plain(
@@ -276,7 +275,7 @@ class Additions:
         stem = symbol_stem(name)
         aim = self._aim(entry, path, stem)
         kind = _ALIASES.get(entry.joint) or ClosureKind(entry.joint)
-        frame = offset @ self.joints.frame(entry.at, f"{path}.at", stem) @ aim
+        frame = offset @ self.expressions.frame(entry.at, f"{path}.at", stem) @ aim
         # what is only fixed to something that moves can have no other use than to mark a place
         moving = {BASE, None, *(body.name for body in self.mechanism.bodies if not body.joint.is_fixed)}
         meets = "at" not in entry.model_fields_set and moving.isdisjoint(entry.connects)
@@ -284,7 +283,7 @@ class Additions:
             met = self._met(kind, first, second, frame, path)
         else:
             stated = entry.at if entry.on_second is None else entry.on_second
-            met = other @ self.joints.frame(stated, f"{path}.on_second", stem) @ aim
+            met = other @ self.expressions.frame(stated, f"{path}.on_second", stem) @ aim
         return Closure(name, kind, first, second, frame, met)
 
     def _aim(self, entry: LoopEntry, path: str, stem: str) -> Placement:

@@ -34,7 +34,7 @@ from echelon.mechanism.joint import (
 from echelon.mechanism.mechanism import ActuatorForce, Cut, JointForce, Mechanism, Output, setup_expressions
 
 if TYPE_CHECKING:
-    from echelon.formats.description.stated_joints import Joints
+    from echelon.formats.description.description_builder import Joints
 
 
 def expression_text(value: Polynomial) -> str:
@@ -249,7 +249,7 @@ def _motion(motion: Motion) -> dict[str, Any]:
 
 def _short_form(body: Body, joints: Joints) -> dict[str, Any] | None:
     """Joint and frame by the joint's type, or None if that would not be the same joint."""
-    from echelon.formats.description.stated_joints import joint_name
+    from echelon.formats.description.description_builder import joint_name
     from echelon.formats.schema.robot_schema import BodyEntry
 
     if body.joint.kind not in _TYPES:
@@ -287,8 +287,8 @@ def _guess(joint: Joint) -> dict[str, Any]:
 
 def _reader(mechanism: Mechanism) -> Joints:
     """A reader of joints that knows the mechanism's symbols."""
+    from echelon.formats.description.description_builder import Joints
     from echelon.formats.description.document import Document, Expressions
-    from echelon.formats.description.stated_joints import Joints
     from echelon.formats.snapping import ReadingOptions
 
     symbols = {name: Symbol(name) for name in (*_used(mechanism), *mechanism.symbols)}
