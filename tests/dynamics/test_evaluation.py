@@ -201,6 +201,8 @@ def test_symbols_without_values() -> None:
     assert base.regressor(*state, symbols={"d2": 0.15}).shape == (3, 6, base.rank)
     with pytest.raises(InputError, match="'D2' is not a symbol of this mechanism"):
         base.regressor(*state, symbols={"D2": 0.15})
+    with pytest.raises(InputError, match="symbols are no mapping of names to numbers"):
+        base.regressor(*state, np.array([0.15]))  # type: ignore[arg-type]
 
 
 def test_wrong_arguments(panda: Case) -> None:

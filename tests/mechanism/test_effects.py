@@ -114,6 +114,19 @@ def test_an_effect_with_several_places_and_terms() -> None:
     np.testing.assert_allclose(found[:, 1], QD[:, 0] * np.sin(Q[:, 1]) - Q[:, 0] ** 2 / 3, rtol=1e-12)
 
 
+def test_friction_of_a_ball() -> None:
+    """Each of its three velocities has a parameter, its own power, and no position that a term could use."""
+    joint = {"type": "spherical", "name": "b"}
+    data = {"echelon": 1, "name": "ball", "bodies": [{"name": "b", "joint": joint}], "effects": {"viscous": "all"}}
+    robot = read_description(json.dumps(data), "ball", ReadingOptions())
+    found = columns(robot, [[0.5, 0.5, -0.5, 0.5]], [[1.0, 2.0, 3.0]], [[0.0, 0.0, 0.0]])
+    assert [found[f"Fv1_{k}"][0].tolist() for k in (1, 2, 3)] == [[1, 0, 0], [0, 2, 0], [0, 0, 3]]
+    assert ec.base_parameters(robot).rank == 9 + 3
+    data["effects"] = {"spring": ["b.x"]}
+    with pytest.raises(ec.InputError, match="'q' is unknown"):
+        ec.base_parameters(read_description(json.dumps(data), "ball", ReadingOptions()))
+
+
 @pytest.mark.parametrize(
     ("kinds", "added"),
     [

@@ -228,6 +228,7 @@ OBJECTS: Mapping[str, Example] = {
     "ranks": Example(lambda: ec.compare_numeric(base().mechanism), lambda found: (repr(found), found.verdict)),
     "special": Example(lambda: ec.special_geometry(base().mechanism)),
     "energy": Example(lambda: ec.energy_regressor(base().mechanism)),
+    "match": Example(lambda: ec.match(base(), base())),
     "row spaces": Example(lambda: ec.same_row_space(base(), ec.energy_regressor(base().mechanism))),
     "sensors": Example(lambda: ec.sensor_report(base().mechanism)),
     "audit": Example(lambda: ec.audit(base(), file("wrong.txt")), str),

@@ -45,7 +45,9 @@ def symbol_values(
     mechanism: Mechanism, names: Iterable[str], overrides: Mapping[str, float] | None = None
 ) -> dict[str, float]:
     """Values of symbols, SI units."""
-    given = dict(overrides or {})
+    given = {} if overrides is None else overrides
+    if not isinstance(given, Mapping):
+        raise InputError("symbols are no mapping of names to numbers, such as {'l1': 0.3}")
     if given:
         known = all_symbols(mechanism)
         strange = next((name for name in given if name not in known), None)

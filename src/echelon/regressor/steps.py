@@ -391,24 +391,19 @@ class EffectRecorder:
         """Positions, velocities and accelerations of all coordinates and actuators, by the names used in terms."""
         names: dict[str, Scalar] = {}
         recorder = self.recorder
-        for name, coordinates in recorder.coordinates.items():
-            if len(coordinates.position) != 1:
-                continue  # a free rotation has no coordinate that a term could use
-            names |= _named(name, coordinates.position[0], coordinates.rate[0], coordinates.acceleration[0])
+        for motion in self.mechanism.motions:
+            at = recorder.coordinates[motion.name]
+            for name, rate, acceleration in zip(motion.velocities, at.rate, at.acceleration, strict=True):
+                names |= {f"qd[{name}]": rate, f"qdd[{name}]": acceleration}
+            if len(at.position) == 1:  # a free rotation has no coordinate that a term could use
+                names[f"q[{motion.name}]"] = at.position[0]
         for actuator in self.mechanism.transmission.actuators:
             terms = [(recorder.coordinates.get(n), recorder.program.polynomial(r)) for n, r in actuator.terms]
             if any(c is None or len(c.position) != 1 for c, _ in terms):
                 continue
             zero = recorder.program.zero
             known = [(c, r) for c, r in terms if c is not None]
-            names |= _named(
-                actuator.name,
-                sum((c.position[0] * r for c, r in known), zero),
-                sum((c.rate[0] * r for c, r in known), zero),
-                sum((c.acceleration[0] * r for c, r in known), zero),
-            )
+            names[f"q[{actuator.name}]"] = sum((c.position[0] * r for c, r in known), zero)
+            names[f"qd[{actuator.name}]"] = sum((c.rate[0] * r for c, r in known), zero)
+            names[f"qdd[{actuator.name}]"] = sum((c.acceleration[0] * r for c, r in known), zero)
         return names
-
-
-def _named(name: str, position: Scalar, rate: Scalar, acceleration: Scalar) -> Mapping[str, Scalar]:
-    return {f"q[{name}]": position, f"qd[{name}]": rate, f"qdd[{name}]": acceleration}

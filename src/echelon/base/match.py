@@ -1,0 +1,340 @@
+"""Two descriptions of one robot, such as a DH table and a URDF: the parameters of one by those of the other.
+
+Frames, zero poses and directions of joints differ between descriptions; joint axes do not.  So the second description
+is posed, joint by joint from the base, until its axes coincide with those of the first.  By the product of exponentials
+its frames and axes at zero are all that this needs.  Then ζ' = T ζ holds body by body, and both sets of base parameters
+see the same if B' T = M B.  What the axes leave open (along and about the last one) is settled by the zero poses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from echelon.arrays import Floats
+from echelon.base.derive import base_parameters
+from echelon.base.model import BaseModel
+from echelon.conventions import PER_BODY
+from echelon.dynamics.kinematics import Kinematics
+from echelon.errors import InputError
+from echelon.inertia.spatial import frame_change
+from echelon.mechanism.body import GROUND
+from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.stated import symbol_values
+
+_ATTEMPTS = 256
+_PARALLEL = 1e-6
+Wanted = dict[int, tuple[Floats, "_Axis"]]  # by body of the second: the first's frame and axis, in the second's base
+
+
+@dataclass(frozen=True, repr=False)
+class Match:
+    """One robot in two descriptions.
+
+    Made by :func:`echelon.match`.
+
+    Attributes
+    ----------
+    first, second : BaseModel
+    order : tuple of int
+        The first's coordinate for every one of the second.
+    sign, offset : array of shape (coordinates,)
+        Coordinates of the second are sign · those of the first, in this order, + offset, rad or m.
+    standard_map : array of shape (n, n)
+        T: standard parameters of the second are T · those of the first.
+    base_map : array of shape (r, r)
+        M: base parameters of the second are M · those of the first.
+    """
+
+    first: BaseModel
+    second: BaseModel
+    order: tuple[int, ...]
+    sign: Floats
+    offset: Floats
+    standard_map: Floats
+    base_map: Floats
+
+    def __str__(self) -> str:
+        one, two, names = self.first.mechanism.name, self.second.mechanism.name, self.first.pivots
+        lines = [f"{one} and {two}: the same {self.first.rank} base parameters"]
+        for k, (name, row) in enumerate(zip(self.second.pivots, self.base_map, strict=True), 1):
+            terms = [f"{x:+.9g}·[{names[i]}]" for i, x in enumerate(row) if abs(x) > 1e-12]
+            plain = " ".join(terms).replace("+", "+ ").replace("-", "− ").replace(" 1·[", " [")
+            lines.append(f"{k:>3}  [{name}]' = {plain.removeprefix('+ ')}")
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return f"Match({self.first.mechanism.name} = {self.second.mechanism.name}: {self.first.rank} base parameters)"
+
+
+def match(first: BaseModel | Mechanism, second: BaseModel | Mechanism, *, tolerance: float = 1e-6) -> Match:
+    """Match two descriptions of the same robot, such as a DH table and a URDF.
+
+    Parameters
+    ----------
+    first, second : BaseModel or Mechanism
+        Trees of revolute and prismatic joints without effects; all symbols need values.
+    tolerance : float
+        How far apart joint axes may be, m and rad.
+
+    Returns
+    -------
+    Match
+
+    Raises
+    ------
+    InputError
+        If the geometry differs (names the first joints that do), or one description sees what the other does not.
+
+    Examples
+    --------
+    >>> import echelon as ec
+    >>> robot = ec.load("examples/rx90.yaml")
+    >>> ec.match(robot, robot)
+    Match(rx90 = rx90: 36 base parameters)
+    """
+    one, two = (m if isinstance(m, BaseModel) else base_parameters(m) for m in (first, second))
+    ours, theirs = _Zero(one.mechanism), _Zero(two.mechanism)
+    pairs = list(_paired(one.mechanism, two.mechanism))
+    base = _base(ours, theirs, *pairs[0], tolerance) if pairs else np.eye(4)
+    wanted = {j: (base @ ours.frames[i], ours.axes[i].moved(base)) for i, j in pairs}
+    pose = _pose(theirs, ours, wanted, pairs, tolerance)
+    standard = np.zeros((len(two.parameters), len(one.parameters)))
+    to, start = two.mechanism.first_column, one.mechanism.first_column
+    for i, j in pairs:
+        if (i in start) != (j in to):
+            raise InputError("it has parameters in one description only", element=f"body '{theirs.bodies[j].name}'")
+        if i in start:
+            change = np.linalg.solve(pose.moves[j] @ theirs.frames[j], wanted[j][0])
+            standard[to[j] : to[j] + PER_BODY, start[i] : start[i] + PER_BODY] = frame_change(change)
+    found = sorted((two.mechanism.positions.index(theirs.coordinate(j)), i, j) for i, j in pairs)
+    order = tuple(one.mechanism.positions.index(ours.coordinate(i)) for _, i, _ in found)
+    sign = [np.sign(wanted[j][1].direction @ pose.axis(theirs, j).direction) for _, _, j in found]
+    offset = [pose.offsets.get(j, 0.0) for _, _, j in found]
+    return Match(one, two, order, np.array(sign), np.array(offset), standard, _base_map(one, two, standard, tolerance))
+
+
+def _base_map(one: BaseModel, two: BaseModel, standard: Floats, tolerance: float) -> Floats:
+    """M of B' T = M B: the pivot columns of the left side, since those of B are unit vectors."""
+    if one.rank != two.rank:
+        raise InputError(f"the first description has {one.rank} base parameters, the second {two.rank}")
+    moved = two.B_float() @ standard
+    found: Floats = moved[:, [one.parameters.index(name) for name in one.pivots]]
+    rest = np.abs(moved - found @ one.B_float()).max(axis=1, initial=0.0)
+    worst = int(np.argmax(rest)) if len(rest) else 0
+    if len(rest) and rest[worst] > 10 * tolerance * max(1.0, float(np.abs(moved).max())):
+        raise InputError(f"the base parameter {two.pivots[worst]} of the second description is none of the first")
+    return found
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """A joint axis; a prismatic joint's is nowhere in particular."""
+
+    turns: bool
+    point: Floats
+    direction: Floats
+
+    def moved(self, frame: Floats) -> _Axis:
+        """The axis carried along with a frame."""
+        return _Axis(self.turns, frame[:3, :3] @ self.point + frame[:3, 3], frame[:3, :3] @ self.direction)
+
+    def motion(self, amount: float) -> Floats:
+        """What the joint does, shape (4, 4)."""
+        moved = np.eye(4)
+        moved[:3, 3] = amount * self.direction
+        if self.turns:
+            moved[:3, :3] = _rotation(self.direction, amount)
+            moved[:3, 3] = self.point - moved[:3, :3] @ self.point
+        return moved
+
+    def amounts(self, child: _Axis, wanted: _Axis) -> list[float]:
+        """How far this joint has to move to bring another axis into place: one or two ways, none where it cannot."""
+        normal, apart = np.cross(child.direction, self.direction), wanted.point - child.point
+        if not self.turns:
+            free = not child.turns or normal @ normal < _PARALLEL**2
+            return [] if free else [float(normal @ np.cross(child.direction, apart) / (normal @ normal))]
+        if np.linalg.norm(normal) > _PARALLEL:
+            slopes = [self.direction @ child.direction - sign * (self.direction @ wanted.direction) for sign in (1, -1)]
+            signs = [s for s, slope in zip((1, -1), slopes, strict=True) if abs(slope) <= min(map(abs, slopes)) + 1e-3]
+            return [_angle(self.direction, child.direction, sign * wanted.direction) for sign in signs]
+        radius = np.cross(self.direction, child.point - self.point)
+        if not child.turns or np.linalg.norm(radius) < _PARALLEL:
+            return []
+        return [_angle(self.direction, child.point - self.point, wanted.point - self.point)]
+
+
+class _Zero:
+    """The frames of a mechanism's bodies (4, 4) and its joint axes, in its base frame at its zero pose."""
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism, self.bodies = mechanism, mechanism.bodies
+        _check(mechanism)
+        zero, kinematics = np.zeros((1, len(mechanism.positions))), Kinematics(mechanism)
+        self.frames = [np.vstack([frame, [0, 0, 0, 1]]) for frame in kinematics.frames(zero)[0]]
+        slopes = kinematics.slopes(zero)[0]
+        self.axes = [self._axis(k, slopes[k]) for k in range(len(slopes))]
+
+    def coordinate(self, body: int) -> str:
+        """The name of a body's only coordinate."""
+        return self.bodies[body].joint.motions[0].name
+
+    def _axis(self, body: int, slopes: Floats) -> _Axis:
+        slope = slopes[..., self.mechanism.positions.index(self.coordinate(body))]
+        if self.bodies[body].joint.motions[0].kind is MotionKind.TRANSLATION:
+            return _Axis(False, np.zeros(3), slope[:, 3])
+        spin = slope[:, :3] @ self.frames[body][:3, :3].T
+        direction = np.array([spin[2, 1], spin[0, 2], spin[1, 0]])
+        return _Axis(True, self.frames[body][:3, 3] + np.cross(direction, slope[:, 3]), direction)
+
+
+@dataclass
+class _Pose:
+    """How the bodies of a mechanism are moved from its zero pose, and by which coordinates; 0 where none is fixed."""
+
+    moves: dict[int, Floats] = field(default_factory=lambda: {GROUND: np.eye(4)})
+    offsets: dict[int, float] = field(default_factory=dict)
+
+    def axis(self, zero: _Zero, body: int) -> _Axis:
+        """Where a joint's axis is."""
+        return zero.axes[body].moved(self.moves[zero.bodies[body].parent])
+
+    def move(self, zero: _Zero, body: int) -> None:
+        """Carry a body along with its parent and its coordinate."""
+        own = zero.axes[body].motion(self.offsets.get(body, 0.0))
+        self.moves[body] = self.moves[zero.bodies[body].parent] @ own
+
+
+def _pose(theirs: _Zero, ours: _Zero, wanted: Wanted, pairs: list[tuple[int, int]], tolerance: float) -> _Pose:
+    """The pose of the second whose axes are those of the first.
+
+    Two perpendicular axes allow two positions of a joint, half a turn apart; which is meant shows further on.
+    """
+    waiting: list[list[int]] = [[]]
+    errors: list[tuple[int, InputError]] = []
+    while waiting and len(errors) < _ATTEMPTS:
+        choices, pose, free = waiting.pop(), _Pose(), 0
+        try:
+            for i, j in pairs:
+                parent = theirs.bodies[j].parent
+                if parent not in pose.offsets and parent != GROUND:
+                    ways = pose.axis(theirs, parent).amounts(pose.axis(theirs, j), wanted[j][1])
+                    if ways:
+                        choices += [0] * (free == len(choices))
+                        pose.offsets[parent] = ways[choices[free] % len(ways)]
+                        waiting += [[*choices[:free], 1]] * (len(ways) > 1 and choices[free] == 0)
+                        pose.move(theirs, parent)
+                        free += 1
+                pose.move(theirs, j)
+                where = f"joints '{ours.bodies[i].joint.name}' and '{theirs.bodies[j].joint.name}'"
+                _compare(wanted[j][1], pose.axis(theirs, j), where, tolerance)
+        except InputError as error:
+            errors.append((len(pose.moves), error))
+        else:
+            return pose
+    raise max(errors, key=lambda entry: entry[0])[1]
+
+
+def _compare(wanted: _Axis, actual: _Axis, where: str, tolerance: float) -> None:
+    if wanted.turns != actual.turns:
+        raise InputError("one is a rotation, the other a translation", element=where)
+    normal = np.cross(wanted.direction, actual.direction)
+    angle = float(np.arcsin(min(1.0, float(np.linalg.norm(normal)))))
+    if angle > tolerance:
+        raise InputError(f"the geometry differs: their axes are {np.degrees(angle):.4g}° apart", element=where)
+    gap = np.linalg.norm(np.cross(wanted.direction, actual.point - wanted.point)) if wanted.turns else 0.0
+    if gap > tolerance:
+        raise InputError(f"the geometry differs: their axes are {gap:.4g} m apart", element=where)
+
+
+def _base(ours: _Zero, theirs: _Zero, i: int, j: int, tolerance: float) -> Floats:
+    """The first's base in the second's: first axes and gravity coincide, with the least movement."""
+    axis, other = ours.axes[i], theirs.axes[j]
+    rotation = _shortest_turn(axis.direction, other.direction)
+    down, their_down = _down(ours.mechanism), _down(theirs.mechanism)
+    if (down is None) != (their_down is None):
+        raise InputError("one description has gravity, the other has none")
+    if down is not None and their_down is not None:
+        rotation = _rotation(other.direction, _angle(other.direction, rotation @ down, their_down)) @ rotation
+        apart = float(np.linalg.norm(rotation @ down - their_down))
+        if apart > tolerance:
+            problem = f"the geometry differs: gravity has another direction against the first axis, by {apart:.4g}"
+            raise InputError(problem)
+    gap = other.point - rotation @ axis.point
+    base = np.eye(4)
+    base[:3, :3] = rotation
+    base[:3, 3] = gap - (gap @ other.direction) * other.direction
+    return base
+
+
+def _paired(first: Mechanism, second: Mechanism) -> Iterator[tuple[int, int]]:
+    """Bodies that correspond, parents first: children by joint name where the names agree, else in order."""
+    waiting = [(GROUND, GROUND)]
+    while waiting:
+        i, j = waiting.pop(0)
+        ours, theirs = (
+            [k for k, body in enumerate(m.bodies) if body.parent == at] for m, at in ((first, i), (second, j))
+        )
+        if len(ours) != len(theirs):
+            name, other = (m.bodies[k].name if k != GROUND else "base" for m, k in ((first, i), (second, j)))
+            raise InputError(
+                f"'{name}' carries {len(ours)} moving bodies, its counterpart '{other}' {len(theirs)}: "
+                "the descriptions do not have the same joints"
+            )
+        names = {second.bodies[k].joint.name: k for k in theirs}
+        if all(first.bodies[k].joint.name in names for k in ours):
+            theirs = [names[first.bodies[k].joint.name] for k in ours]
+        yield from (pairs := list(zip(ours, theirs, strict=True)))
+        waiting += pairs
+
+
+def _check(mechanism: Mechanism) -> None:
+    if mechanism.couplings or mechanism.closures or mechanism.effects:
+        raise InputError("couplings, loops and effects cannot be matched", element=mechanism.name)
+    for body in mechanism.bodies:
+        kinds = [motion.kind for motion in body.joint.motions]
+        if kinds not in ([MotionKind.ROTATION], [MotionKind.TRANSLATION]):
+            raise InputError(
+                f"it is {body.joint.kind}; only revolute and prismatic joints can be matched",
+                element=f"{mechanism.name}: joint '{body.joint.name}'",
+            )
+        if len(body.carried) not in (0, PER_BODY):
+            raise InputError("it carries some inertial parameters only", element=f"body '{body.name}'")
+    shared = next((k for k in mechanism.carriers if len(mechanism.sharing[k]) > 1), None)
+    if shared is not None:
+        problem = "share their parameters, which cannot be matched: give each a label of its own"
+        raise InputError(problem, element=f"bodies {mechanism.carrier_name(shared)}")
+
+
+def _down(mechanism: Mechanism) -> Floats | None:
+    """Direction of gravity."""
+    if mechanism.gravity is None:
+        return None
+    values = symbol_values(mechanism, sorted({s for part in mechanism.gravity for s in part.symbols()}))
+    vector = np.array([part.evaluate(values, float) for part in mechanism.gravity])
+    down: Floats = vector / np.linalg.norm(vector)
+    return down
+
+
+def _angle(axis: Floats, start: Floats, end: Floats) -> float:
+    """How far to turn about an axis to bring one vector next to another."""
+    sine, cosine = axis @ np.cross(start, end), start @ end - (axis @ start) * (axis @ end)
+    return float(np.arctan2(sine, cosine)) if np.hypot(sine, cosine) > _PARALLEL else 0.0
+
+
+def _rotation(axis: Floats, angle: float) -> Floats:
+    """The matrix of a turn, by Rodrigues' formula."""
+    cross = np.cross(np.eye(3), axis).T
+    turned: Floats = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return turned
+
+
+def _shortest_turn(start: Floats, end: Floats) -> Floats:
+    """The least rotation that brings one line of a direction onto another: never more than a quarter turn."""
+    end = end * (1 if start @ end >= 0 else -1)
+    normal = np.cross(start, end)
+    size = np.linalg.norm(normal)
+    return _rotation(normal / size, float(np.arctan2(size, start @ end))) if size > 1e-15 else np.eye(3)
