@@ -19,9 +19,8 @@ from echelon.base.model import BaseModel
 from echelon.conventions import PER_BODY
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import InputError
-from echelon.inertia.spatial import frame_change
-from echelon.mechanism.body import GROUND
-from echelon.mechanism.joint import MotionKind
+from echelon.inertia import frame_change
+from echelon.mechanism.joint import GROUND, MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import symbol_values
 
