@@ -140,7 +140,7 @@ def motion(base: ec.BaseModel, fundamental: float, t: np.ndarray, rng: np.random
 
 def turned(q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A floating base whose three angles about x, y and z are the coordinates 3 to 5: a quaternion and its rates."""
-    from echelon.signals.derivatives import body_rates
+    from echelon.signals.filters import body_rates
 
     # each factor is (cos a/2, sin a/2 · axis); products and their derivatives by Leibniz's rule
     factors = []
@@ -168,7 +168,7 @@ def turned(q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, 
 
 def times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Products of quaternions, shape (N, 4)."""
-    from echelon.signals.derivatives import multiply
+    from echelon.signals.filters import multiply
 
     return multiply(a, b)
 

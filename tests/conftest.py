@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from echelon.machine import batch, kernel
+from echelon.machine import kernel
 from echelon.machine.target import Target, host
 from support.small_kernels import LANES, Fences
 
@@ -25,7 +25,6 @@ def any_size(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
     """
     monkeypatch.setattr(kernel, "_CACHED_BYTES", 0 if request.param == "big" else 1 << 60)
     fences = Fences()
-    for module in (kernel, batch):
-        monkeypatch.setattr(module, "aligned", fences.aligned)
+    monkeypatch.setattr(kernel, "aligned", fences.aligned)
     yield request.param
     fences.check()

@@ -19,8 +19,8 @@ from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS
 from echelon.errors import EchelonError, InputError, one_line
 from echelon.exact.polynomial import Polynomial
-from echelon.formats.snapping import ReadingOptions
 from echelon.formats.robot_file import RobotFile
+from echelon.formats.snapping import ReadingOptions
 from echelon.formats.usual_effects import effect_label, slides
 from echelon.mechanism.effect import Effect, Side, ready_made
 from echelon.mechanism.joint import GROUND, Body, Joint, MotionKind, Placement

@@ -102,7 +102,7 @@ def workers(folder: Path) -> list[str]:
     found = []
     for entry in Path("/proc").iterdir():
         try:
-            if b"echelon.excite.solve.starts" in (entry / "cmdline").read_bytes() and (entry / "cwd").samefile(folder):
+            if b"echelon.excite.solve.solver" in (entry / "cmdline").read_bytes() and (entry / "cwd").samefile(folder):
                 found.append(entry.name)
         except OSError:
             continue

@@ -79,7 +79,7 @@ def commands(group: typer.Typer) -> Iterator[str]:
 def test_every_command_is_among_them() -> None:
     from typing import get_args
 
-    from echelon.cli.checks import Schema
+    from echelon.cli.commands import Schema
     from echelon.codegen import TARGETS
 
     assert {line.split()[0] for line in COMMANDS.values()} == set(commands(app))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -10,18 +11,15 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.cli.logs import _fit
+from echelon.cli.identify import _fit
 from echelon.errors import InputError
-from echelon.excite.files.coefficients import trajectory_to_json
-from echelon.excite.files.trajectory_file import read_trajectory
+from echelon.excite.files.trajectory_file import read_trajectory, trajectory_to_json
 from echelon.identification.conditioning import without_rounding
 from echelon.identification.validation import Score, fit
-from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.files.bag_file import nanoseconds
 from echelon.logs.preparation.states import Preparation
 from echelon.regressor.loops import poses
 from echelon.results.identified import load_identified
-from echelon.results.schema import ColumnMapRecord, PreparationRecord, made
 from echelon.signals.clock import stretches
 from support.paths import ROOT
 from support.trajectory_motions import NAMES, UNITS, smooth
@@ -101,7 +99,7 @@ def test_a_constant_output_has_no_r_squared(level: float) -> None:
         (("preparation", "band"), -1),
         (("preparation", "band"), [1]),
         (("preparation", "trim"), "x"),
-        (("preparation", "measured"), "qd"),
+        (("preparation", "measured"), "qx"),
         (("preparation", "delays"), 3),
         (("preparation", "unknown"), 3),
         (("columns", 0, "positions"), ["q_1"]),
@@ -134,9 +132,8 @@ def test_values_of_other_parameters_are_refused(folder: Path, tmp_path: Path) ->
 def test_records_keep_what_they_say(folder: Path) -> None:
     document = json.loads((folder / "model.json").read_text())
     loaded = load_identified(folder / "model.json")
-    assert loaded.columns == tuple(made(ColumnMap, ColumnMapRecord.model_validate(c)) for c in document["columns"])
-    record = PreparationRecord.model_validate(document["preparation"] | {"band": "inf", "measured": ["qd"]})
-    prepared = made(Preparation, record)
+    assert [asdict(columns) for columns in loaded.columns] == document["columns"]
+    prepared = Preparation.model_validate(document["preparation"] | {"band": "inf", "measured": ["qd"]})
     assert (prepared.band, prepared.measured) == (float("inf"), ("qd",))
 
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import echelon as ec
 from echelon.base.display import to_latex, to_markdown
-from echelon.claims.naming import LinearReader
+from echelon.claims.reading import LinearReader
 from echelon.cli.commands import app
 from echelon.cli.generate import read_values
 from echelon.cli.screen import visible

@@ -363,7 +363,7 @@ def test_a_missing_mesh_matters_only_where_collisions_are_asked_for(tmp_path: Pa
 
 @pytest.mark.slow
 def test_a_start_that_fails_in_a_process_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("echelon.excite.solve.starts.pickle.dumps", lambda _: b"nonsense")
+    monkeypatch.setattr("echelon.excite.solve.solver.pickle.dumps", lambda _: b"nonsense")
     with pytest.raises(ec.EchelonError, match="a start of the solver ended early"):
         design(PENDULUM, starts=2, **SWING)
 

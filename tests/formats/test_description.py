@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 import echelon as ec
-from echelon.excite.files.coefficients import trajectory_schema
+from echelon.excite.files.trajectory_file import trajectory_schema
 from echelon.formats.robot_file import RobotFile, read_description
 from echelon.formats.schema.robot_schema import json_schema
 from echelon.formats.snapping import ReadingOptions

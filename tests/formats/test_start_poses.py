@@ -8,9 +8,16 @@ import numpy as np
 import pytest
 
 from echelon.errors import InputError
-from echelon.excite.problem.effort_limits import EffortLimit, EffortModel, effort_limits
-from echelon.excite.problem.resolved_limits import ResolvedLimits
-from echelon.excite.problem.state_limits import MotionLimit, PointLimit, StateConstraint, point_limits
+from echelon.excite.problem.state_limits import (
+    EffortLimit,
+    EffortModel,
+    MotionLimit,
+    PointLimit,
+    StateConstraint,
+    effort_limits,
+    point_limits,
+)
+from echelon.excite.problem.task import ResolvedLimits
 from echelon.excite.solve.design import broken, start_pose
 from echelon.mechanism.joint import rotation, translation
 from echelon.mechanism.mechanism import Mechanism

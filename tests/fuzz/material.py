@@ -93,8 +93,8 @@ class Material:
 
 def make(folder: Path) -> Material:
     """Everything, written into a folder where a command needs it as a file."""
-    from echelon.excite.files.coefficients import trajectory_to_json
     from echelon.excite.files.samples import sampled, yaml_text
+    from echelon.excite.files.trajectory_file import trajectory_to_json
     from echelon.excite.problem.trajectory import Fourier, Trajectory
     from echelon.results.identified import identification_to_json
     from echelon.results.saved import to_json

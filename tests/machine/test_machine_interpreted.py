@@ -7,8 +7,7 @@ import pytest
 
 from echelon.errors import SlowWarning
 from echelon.machine import kernel
-from echelon.machine.batch import batch
-from echelon.machine.kernel import Columns, Kernel
+from echelon.machine.kernel import Columns, Kernel, batch
 from echelon.program.tape import Scalar
 from support.small_kernels import function
 

@@ -125,9 +125,9 @@ FAULTS = (
         "a filter without delay",
         FILTERS,
     ),
-    Fault("signals/derivatives.py", "-205 / 72", "-206 / 72", "second derivatives", SIGNALS),
+    Fault("signals/filters.py", "-205 / 72", "-206 / 72", "second derivatives", SIGNALS),
     Fault(
-        "signals/derivatives.py",
+        "signals/filters.py",
         "2 * second[:, 1:] - growth * omega",
         "2 * second[:, 1:]",
         "angular accelerations of quaternions",

@@ -7,8 +7,8 @@ PRIOR, VALIDATION = "identification/test_estimators_prior.py", "identification/t
 FIT, PSEUDO = "identification/test_physics_fit.py", "inertia/test_spatial.py"
 GAINS, WEIGHT = "identification/test_gains.py", "identification/test_physics_weight.py"
 CRITERIA, GRADIENTS = "excite/test_criteria.py", "excite/test_excite_gradients.py"
-FAMILIES, MARGINS = "excite/test_families.py", "excite/test_margins.py"
-EFFORTS, AUDIT = "excite/test_effort_model.py", "claims/test_audit.py claims/test_audit_reading.py"
+FAMILIES, MARGINS = "excite/test_families.py", "excite/test_verify.py"
+EFFORTS, AUDIT = "excite/test_state_limits.py", "claims/test_audit.py claims/test_audit_reading.py"
 
 FAULTS = (
     Fault(
@@ -137,23 +137,23 @@ FAULTS = (
         "bounds of Fourier series",
         FAMILIES,
     ),
-    Fault("excite/verify/margins.py", "h**2 / 2 *", "h**2 / 9 *", "Taylor's remainder", MARGINS),
+    Fault("excite/verify.py", "h**2 / 2 *", "h**2 / 9 *", "Taylor's remainder", MARGINS),
     Fault(
-        "excite/verify/margins.py",
+        "excite/verify.py",
         "(trajectory.duration / count) ** 2 / 8",
         "(trajectory.duration / count) ** 2 / 80",
         "between samples",
         MARGINS,
     ),
     Fault(
-        "excite/problem/effort_limits.py",
+        "excite/problem/state_limits.py",
         "mean - wide - most]",
         "mean - wide - least]",
         "lower ends of uncertain efforts",
         EFFORTS,
     ),
     Fault(
-        "excite/problem/effort_limits.py",
+        "excite/problem/state_limits.py",
         "* (1 - margin)",
         "* (1 + margin)",
         "what is kept free of efforts",
@@ -164,18 +164,18 @@ FAULTS = (
         "[0.0, 0.0, -half], [0.0, 0.0, half]",
         "[0.0, 0.0, half], [0.0, 0.0, half]",
         "lower half of a capsule",
-        "excite/test_collisions_room.py excite/test_collisions_certificate.py excite/test_collisions_distances.py",
+        "excite/test_clearance.py excite/test_verify.py excite/test_clearance.py",
     ),
     Fault("claims/compare.py", "max(_NOISE, 4 * tolerance)", "1.0", "rows that are independent", AUDIT),
     Fault(
-        "claims/naming.py",
+        "claims/reading.py",
         "signed = value if sign > 0 else -value",
         "signed = value",
         "differences in claims",
         AUDIT,
     ),
     Fault(
-        "claims/naming.py",
+        "claims/reading.py",
         "for _ in range(int(number))",
         "for _ in range(int(number) - 1)",
         "powers in claims",
@@ -205,7 +205,7 @@ FAULTS = (
         "exact/test_hostile_numbers.py",
     ),
     Fault(
-        "report/digits.py",
+        "report/page.py",
         "place = 1 - _exponent(std, 2)",
         "place = 0 - _exponent(std, 2)",
         "digits beside an uncertainty",
@@ -219,7 +219,7 @@ FAULTS = (
         "report/test_report_figures.py",
     ),
     Fault(
-        "cli/checks.py",
+        "cli/commands.py",
         "VALID if found.equal else REFUTED",
         "VALID",
         "exit code of an audit",

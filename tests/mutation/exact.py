@@ -185,7 +185,7 @@ FAULTS = (
         "exact/test_rational.py",
     ),
     Fault(
-        "program/recorded_forms.py",
+        "program/zero_dimensional.py",
         "self._zeros.append(node)",
         "pass",
         "samples at which other numbers vanish",

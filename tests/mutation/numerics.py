@@ -54,7 +54,7 @@ FAULTS = (
         BATCHES,
     ),
     Fault(
-        "machine/batch.py",
+        "machine/kernel.py",
         "strides[1] == _DOUBLE or",
         "strides[1] >= _DOUBLE or",
         "columns with gaps",

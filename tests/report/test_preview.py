@@ -18,12 +18,10 @@ from echelon.errors import MissingExtraError
 from echelon.excite.excite import Conditioning, ExcitingTrajectory
 from echelon.excite.problem.task import changed, task_of
 from echelon.excite.problem.trajectory import Fourier, Trajectory
-from echelon.excite.verify.margins import Margin
-from echelon.report.digits import significant
+from echelon.excite.verify import Margin
 from echelon.report.drawing import pose_at
-from echelon.report.page import plotly_source
-from echelon.report.preview import TITLES, preview_html
-from echelon.report.scene import scene
+from echelon.report.page import plotly_source, significant
+from echelon.report.preview import TITLES, preview_html, scene
 from support.paths import EXAMPLES
 from support.preview_pages import broken, hostile, trajectory
 from support.report_data import Page

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from echelon.errors import InputError
 from echelon.signals.clock import shifted
-from echelon.signals.derivatives import REACH, body_rates, continuous, derivatives
+from echelon.signals.filters import REACH, body_rates, continuous, derivatives
 from echelon.signals.spectrum import best_cutoff, noise_deviation, spectrum
 
 RATE = 1000.0

@@ -12,8 +12,14 @@ import numpy as np
 import numpy.typing as npt
 
 import echelon as ec
-from echelon.excite.problem.effort_limits import EffortLimit, EffortModel, effort_limits
-from echelon.excite.problem.state_limits import PointLimit, StateLimits, point_limits
+from echelon.excite.problem.state_limits import (
+    EffortLimit,
+    EffortModel,
+    PointLimit,
+    StateLimits,
+    effort_limits,
+    point_limits,
+)
 from echelon.excite.problem.trajectory import (
     Basis,
     Combined,

@@ -17,8 +17,7 @@ from echelon.excite.problem.closed_loops import (
     loop_limits,
     state_regressor,
 )
-from echelon.excite.problem.effort_limits import EffortLimit, EffortModel, effort_limits
-from echelon.excite.problem.state_limits import PointLimit, point_limits
+from echelon.excite.problem.state_limits import EffortLimit, EffortModel, PointLimit, effort_limits, point_limits
 from echelon.excite.problem.trajectory import Fourier, Trajectory, resting_ends
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.mechanism import Mechanism

@@ -13,8 +13,7 @@ import echelon as ec
 from echelon.excite.excite import ExcitingTrajectory, Start, conditioning_of
 from echelon.excite.problem.task import changed, task_of
 from echelon.excite.solve.design import designed
-from echelon.excite.verify import margins_of
-from echelon.excite.verify.margins import Margin
+from echelon.excite.verify import Margin, margins_of
 from echelon.logs.finding import Finding, Severity
 from support.paths import EXAMPLES
 from support.report_data import HOSTILE

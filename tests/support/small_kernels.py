@@ -103,7 +103,7 @@ class Fences:
         return around[within].reshape(shape)
 
     def aligned(self, shape: tuple[int, ...], *, zero: bool = False, boundary: int = 64) -> FloatArray:
-        """In place of :func:`echelon.machine.batch.aligned`; kernels only rely on whole cache lines."""
+        """In place of :func:`echelon.machine.kernel.aligned`; kernels only rely on whole cache lines."""
         assert boundary % 64 == 0
         found = self.array(shape)
         found[...] = 0 if zero else np.nan

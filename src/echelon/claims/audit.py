@@ -22,8 +22,18 @@ from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseModel
 from echelon.base.reading_report import ROUNDING
 from echelon.claims.compare import Geometry, Row, RowComparison, Span, compare_row, led_by, span_exactly, span_roughly
-from echelon.claims.naming import AUTO, LinearReader, Naming, find_naming, names_in, plain_words, unknown_token
-from echelon.claims.reading import Claim, precision_of, read_claims
+from echelon.claims.reading import (
+    AUTO,
+    Claim,
+    LinearReader,
+    Naming,
+    find_naming,
+    names_in,
+    plain_words,
+    precision_of,
+    read_claims,
+    unknown_token,
+)
 from echelon.claims.result import Agreement, Audit, Finding, Missing, Witness
 from echelon.errors import InputError
 from echelon.exact.expressions import parse
@@ -33,8 +43,7 @@ from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.loops.assembly import Assembly
 
-_PROPAGATED = 10.0
-"""How much larger than a rounded angle its effect on a coefficient may be."""
+_PROPAGATED = 10.0  # how much larger than a rounded angle its effect on a coefficient may be
 
 Claims = str | os.PathLike[str] | Sequence[str] | Mapping[str, str]
 

@@ -1,22 +1,39 @@
-"""Claimed base parameters from text, CSV or JSON, one expression each; and how exactly their decimals are printed.
+"""Claimed base parameters: from text, CSV or JSON, one expression each, to exact coefficients of standard parameters.
 
 A program that prints ``0.050625`` and ``0.07`` in one set means 0.070000 by the latter: trailing zeros are dropped.  So
 the precision belongs to the set: its longest decimal tells the number of decimals, or of significant digits, to which
 all are rounded.  More than nine are floating-point noise.
+
+Expressions are linear in the standard parameters.  The same Python parser as in :mod:`echelon.exact.expressions`, but a
+walk of its own: the coefficients are rational functions of the geometry (``MX2/a2`` is fine), and a product of two
+parameters is refused.
+
+How other programs write the standard parameters is one table.  A naming is a list of patterns; with the labels and
+names of a model's bodies they give the vocabulary, all texts that stand for a parameter of this model.  Sources:
+SYMORO's `.par` and `.dyn` files (Khalil & Creusot 1997), SymPyBotics' `dynparms`, and FIGAROH's `params_std`, which
+follows Pinocchio's `toDynamicParameters`.
 """
 
 from __future__ import annotations
 
+import ast
 import csv
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from difflib import get_close_matches
+from fractions import Fraction
 from math import floor, log10
 from pathlib import Path
 from typing import Any
 
+from echelon.base.model import BaseModel
+from echelon.conventions import PARAMETERS
 from echelon.errors import InputError
+from echelon.exact.expressions import expression_tree, parse
+from echelon.exact.polynomial import Polynomial, parse_decimal
+from echelon.exact.rational import RationalFunction
 from echelon.inputs import parse_json, read_document
 
 _HEADERS = (
@@ -179,3 +196,258 @@ def _digits(
         return max(0, -int(raised or 0)), len(mantissa)
     digits = f"{whole or ''}{part or ''}"
     return max(0, len((part or "").rstrip("0")) - int(power or 0)), len(digits.strip("0")) or 1
+
+
+Terms = dict[str, RationalFunction]
+"""Coefficients by parameter; the key "" holds the part without a parameter."""
+
+_LARGEST_EXPONENT = 32
+_ONE = RationalFunction(1)
+_SIGNS = str.maketrans({"−": "-", "·": "*", "×": "*", "–": "-"})
+_SUPERSCRIPT = re.compile("[⁰¹²³⁴⁵⁶⁷⁸⁹]+")
+_PLAIN_DIGITS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹", "0123456789")
+_NAME = re.compile(r"[^\W\d]\w*")
+_FUNCTIONS = frozenset({"sin", "cos", "sqrt", "pi"})
+
+
+def plain_text(text: str) -> str:
+    """An expression with the signs of formatted output (−, ·, ², √2, ^) in plain characters."""
+    text = _SUPERSCRIPT.sub(lambda found: f"**{found[0].translate(_PLAIN_DIGITS)}", text.translate(_SIGNS))
+    text = re.sub(r"\b(sin|cos)\*\*(\d+)\(([^()]*)\)", r"\1(\3)**\2", text)
+    return re.sub(r"√(\d)", r"sqrt(\1)", text).replace("^", "**")
+
+
+def names_in(text: str) -> list[str]:
+    """Names that occur in an expression, in order."""
+    return [name for name in _NAME.findall(plain_text(text)) if name not in _FUNCTIONS]
+
+
+@dataclass(frozen=True)
+class LinearReader:
+    """Reads expressions."""
+
+    parameter: Callable[[str], str | None]  # for a name its standard parameter, or None if it is not one
+    symbol: Callable[[str], Polynomial]  # the value of any other name; raises ValueError if there is none
+
+    def read(self, text: str) -> dict[str, RationalFunction]:
+        """Non-zero coefficients by standard parameter, in the order of the text."""
+        python = plain_text(text).strip()
+        try:
+            terms = _Walk(self, python.encode()).read(expression_tree(python))
+        except (SyntaxError, RecursionError):
+            raise ValueError(f"'{text}' is not an expression such as XX2 - YY2 + 2*l1*MX3 - 0.0506*M3") from None
+        except ZeroDivisionError:
+            raise ValueError(f"'{text}' divides by zero") from None
+        constant = terms.pop("", None)
+        if constant:
+            raise ValueError(f"the term {constant} stands without a standard parameter")
+        return {name: value for name, value in terms.items() if value}
+
+
+@dataclass(frozen=True)
+class _Walk:
+    reader: LinearReader
+    data: bytes
+
+    def read(self, node: ast.expr) -> Terms:
+        match node:
+            case ast.BinOp(op=ast.Add() | ast.Sub()):
+                return self._sum(node)
+            case ast.Constant(value=int() | float()):
+                return {"": RationalFunction(parse_decimal(self._source(node)))}
+            case ast.Name(id=name):
+                parameter = self.reader.parameter(name)
+                return {parameter: _ONE} if parameter else {"": RationalFunction(self._named(name))}
+            case ast.UnaryOp(op=ast.USub(), operand=operand):
+                return _scaled(self.read(operand), RationalFunction(-1))
+            case ast.UnaryOp(op=ast.UAdd(), operand=operand):
+                return self.read(operand)
+            case ast.BinOp(left=left, op=ast.Mult(), right=right):
+                return _product(self.read(left), self.read(right))
+            case ast.BinOp(left=left, op=ast.Div(), right=right):
+                divisor = self._coefficient(right)
+                if not divisor:
+                    raise ZeroDivisionError
+                return _scaled(self.read(left), _ONE / divisor)
+            case ast.BinOp(left=left, op=ast.Pow(), right=right):
+                return {"": self._power(left, right)}
+            case ast.Call():
+                return {"": RationalFunction(self._function(node))}
+        raise ValueError(f"'{self._source(node)}' is not allowed in an expression")
+
+    def _sum(self, node: ast.expr) -> Terms:
+        """A chain of + and −, by a loop, because a long sum is a deep tree."""
+        parts: list[tuple[ast.expr, int]] = []
+        while isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
+            parts.append((node.right, 1 if isinstance(node.op, ast.Add) else -1))
+            node = node.left
+        total = self.read(node)
+        for part, sign in reversed(parts):
+            for name, value in self.read(part).items():
+                signed = value if sign > 0 else -value
+                total[name] = total[name] + signed if name in total else signed
+        return total
+
+    def _named(self, name: str) -> Polynomial:
+        return Polynomial.generator(name) if name == "pi" else self.reader.symbol(name)
+
+    def _function(self, node: ast.expr) -> Polynomial:
+        value = parse(self._source(node))
+        for name in value.symbols():
+            if self.reader.symbol(name) != Polynomial.generator(name):
+                raise ValueError(f"'{name}' is defined by an expression and cannot stand in '{self._source(node)}'")
+        return value
+
+    def _coefficient(self, node: ast.expr) -> RationalFunction:
+        terms = self.read(node)
+        if set(terms) - {""}:
+            raise ValueError(f"'{self._source(node)}' holds a standard parameter, which must be linear")
+        return terms.get("", RationalFunction(0))
+
+    def _power(self, base: ast.expr, exponent: ast.expr) -> RationalFunction:
+        value = self._coefficient(exponent)
+        number = value.numerator.number if value.is_polynomial else None
+        whole = isinstance(number, int | Fraction) and Fraction(number).denominator == 1
+        if not whole or not 0 <= int(number) <= _LARGEST_EXPONENT:  # type: ignore[arg-type]
+            raise ValueError(f"only powers 0 to {_LARGEST_EXPONENT} are possible, not '{self._source(exponent)}'")
+        factor, result = self._coefficient(base), _ONE
+        for _ in range(int(number)):  # type: ignore[arg-type]
+            result = result * factor
+        return result
+
+    def _source(self, node: ast.expr) -> str:
+        return self.data[node.col_offset : node.end_col_offset].decode()
+
+
+def _scaled(terms: Mapping[str, RationalFunction], factor: RationalFunction) -> Terms:
+    return {name: value * factor for name, value in terms.items()}
+
+
+def _product(left: Terms, right: Terms) -> Terms:
+    if set(left) <= {""}:
+        return _scaled(right, left.get("", RationalFunction(0)))
+    if set(right) <= {""}:
+        return _scaled(left, right.get("", RationalFunction(0)))
+    raise ValueError(f"the product of {_first(left)} and {_first(right)} is not linear in the standard parameters")
+
+
+def _first(terms: Terms) -> str:
+    return next(name for name in terms if name)
+
+
+AUTO = "auto"
+
+
+@dataclass(frozen=True)
+class Naming:
+    """One program's way of writing standard parameters."""
+
+    name: str
+    inertial: tuple[tuple[str, ...], ...]  # patterns of XX … M; ``{}`` stands for a body's label, name, or joint
+    effects: Mapping[str, tuple[str, ...]]  # patterns of the usual drive parameters by their kind here: Ia, Fv, Fc, Fo
+
+
+def _spelled(kinds: str) -> tuple[tuple[str, ...], ...]:
+    """Patterns from space-separated kinds: with and without an underscore before the body."""
+    return tuple((kind + "{}", kind + "_{}") for kind in kinds.split())
+
+
+def _patterns(texts: str) -> tuple[tuple[str, ...], ...]:
+    return tuple((text,) for text in texts.split())
+
+
+NAMINGS: tuple[Naming, ...] = (
+    Naming(
+        "echelon",
+        _spelled("XX XY XZ YY YZ ZZ MX MY MZ M"),
+        {"Ia": ("Ia{}",), "Fv": ("Fv{}",), "Fc": ("Fc{}",), "Fo": ("Fo{}",)},
+    ),
+    Naming(
+        "symoro",
+        _spelled("XX XY XZ YY YZ ZZ MX MY MZ M"),
+        {"Ia": ("IA{}",), "Fv": ("FV{}",), "Fc": ("FS{}",), "Fo": ("FO{}", "OFF{}")},
+    ),
+    Naming(
+        "sympybotics",
+        _patterns("L_{}xx L_{}xy L_{}xz L_{}yy L_{}yz L_{}zz l_{}x l_{}y l_{}z m_{}"),
+        {"Ia": ("Ia_{}",), "Fv": ("fv_{}",), "Fc": ("fc_{}",), "Fo": ("fo_{}",)},
+    ),
+    Naming(
+        "pinocchio",
+        _spelled("Ixx Ixy Ixz Iyy Iyz Izz mx my mz m"),
+        {"Ia": ("Ia{}", "Ia_{}"), "Fv": ("fv{}", "fv_{}"), "Fc": ("fs{}", "fs_{}"), "Fo": ("off{}", "off_{}")},
+    ),
+)
+
+NAMES = tuple(naming.name for naming in NAMINGS)
+
+
+def vocabulary(naming: Naming, model: BaseModel) -> dict[str, str]:
+    """All texts that stand for a standard parameter of a model, with the parameter's own name.
+
+    Bodies go by label, name or joint; a name that two bodies share stands for none.  Parameters that are not inertial
+    also go by their own names, whatever the naming.
+    """
+    words: dict[str, str] = {}
+    identifiers, sharing = _identifiers(model), model.mechanism.sharing
+    for column in model.mechanism.columns:
+        if column.body is not None and column.kind is not None:
+            patterns = naming.inertial[column.kind]
+            words.update(
+                (p.format(i), column.name) for k in sharing[column.body] for i in identifiers[k] for p in patterns
+            )
+        else:
+            words[column.name] = column.name
+            found = re.fullmatch(r"(Ia|Fv|Fc|Fo)(.+)", column.name)
+            if found:
+                words.update((pattern.format(found[2]), column.name) for pattern in naming.effects[found[1]])
+    return words
+
+
+def _identifiers(model: BaseModel) -> list[list[str]]:
+    """For every body all texts that stand for it: its label, and its name and joint if no other body has them."""
+    bodies = model.mechanism.bodies
+    labels = {body.label for body in bodies}
+    given = [name for body in bodies for name in {body.name, body.joint.name}]
+    return [
+        [b.label, *(n for n in sorted({b.name, b.joint.name}) if given.count(n) == 1 and n not in labels)]
+        for b in bodies
+    ]
+
+
+def find_naming(texts: Sequence[str], model: BaseModel, wanted: str = AUTO) -> tuple[Naming, dict[str, str]]:
+    """The naming that expressions are written in, with its vocabulary."""
+    if wanted not in (AUTO, *NAMES):
+        raise InputError(f"unknown naming '{wanted}' (valid: {', '.join((AUTO, *NAMES))})")
+    candidates = [(n, vocabulary(n, model)) for n in NAMINGS if wanted in (AUTO, n.name)]
+    return max(candidates, key=lambda candidate: sum(_known(text, candidate[1]) for text in texts))
+
+
+def _known(text: str, words: Mapping[str, str]) -> int:
+    plain, odd = plain_words(text, words)
+    return sum(name in words or name in odd for name in names_in(plain))
+
+
+def plain_words(text: str, words: Iterable[str]) -> tuple[str, dict[str, str]]:
+    """A text whose words are all identifiers, and for every word that was replaced the original.
+
+    Bodies may have names such as ``panda-link1``, which an expression would take for a difference.
+    """
+    odd = sorted((w for w in words if not w.isidentifier() and w in text), key=len, reverse=True)
+    stands_for = {f"word_{k}_": word for k, word in enumerate(odd)}
+    for placeholder, word in stands_for.items():
+        text = text.replace(word, placeholder)
+    return text, stands_for
+
+
+def unknown_token(token: str, naming: Naming, words: Iterable[str], symbols: Iterable[str]) -> str:
+    """What is wrong with a token that is neither a parameter nor a symbol, and what would be valid."""
+    valid = [*words, *symbols]
+    plain = re.sub(r"^([A-Z]+)R(?=\w)", r"\1", token)
+    if plain != token and plain in valid:
+        return f"'{token}' is a regrouped parameter, not a standard one: write its expression, such as {plain} + …"
+    near = get_close_matches(token, valid, n=4, cutoff=0.5) or sorted(valid)[:4]
+    return (
+        f"'{token}' is neither a standard parameter in the naming of {naming.name} nor a symbol of the robot "
+        f"(nearest: {', '.join(near)}; {len(PARAMETERS)} parameters per body)"
+    )

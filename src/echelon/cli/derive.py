@@ -21,7 +21,7 @@ from echelon.base.special import SpecialGeometry, special_geometry
 from echelon.cli.destination import Destination, deliver
 from echelon.cli.screen import json_text, say_time, steps
 from echelon.errors import InputError, one_line
-from echelon.exact.field import DEFAULT_SEED, random_generator
+from echelon.exact.field import random_generator
 from echelon.formats.robot_file import load, load_model
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols
@@ -38,14 +38,14 @@ def run_derive(
     read: Mapping[str, Any],
     derivation: Mapping[str, Any],
     output: Destination | None,
-    seed: int | None,
+    seed: int,
     budget: float,
 ) -> None:
     """Derive, then print or write; of a regressor, which is ``latex`` or ``sympy``, its formulas instead."""
     started = perf_counter()
     title = f"deriving {file.name}"
     with steps(title) as step:
-        base = _base(file, read, {**derivation, "seed": _seed(seed)}, budget, lambda phase: step(f"{title}: {phase}"))
+        base = _base(file, read, {**derivation, "seed": seed}, budget, lambda phase: step(f"{title}: {phase}"))
         text = _rendered(base, output_format if regressor is None else f"regressor as {regressor}")
     on_terminal = output is None and output_format == "text" and regressor is None
     if on_terminal and isinstance(base, BaseModel) and sys.stdout.isatty():
@@ -56,10 +56,6 @@ def run_derive(
         deliver(text, output)
     if on_terminal:
         say_time(started)
-
-
-def _seed(seed: int | None) -> int:
-    return DEFAULT_SEED if seed is None else seed
 
 
 def _base(
@@ -97,10 +93,9 @@ Read = Mapping[str, Any]
 
 
 def run_rank_only(
-    file: Path, read: Read, output: Destination | None, seed: int | None, *, generic: bool, as_json: bool
+    file: Path, read: Read, output: Destination | None, seed: int, *, generic: bool, as_json: bool
 ) -> None:
     """Print or write the rank and the representatives."""
-    seed = DEFAULT_SEED if seed is None else seed
     with steps(f"deriving {file.name}"):
         robot, rng = load_model(file, **read), random_generator(seed)
         if isinstance(robot, LinearModel):
@@ -153,11 +148,11 @@ def _rank_text(answer: OwnAnswer, mimics: MimicRanks | None, moved: Assembled | 
     return "".join(f"{one_line(line)}\n" for line in lines)
 
 
-def run_special(file: Path, read: Read, output: Destination | None, seed: int | None, *, as_json: bool) -> None:
+def run_special(file: Path, read: Read, output: Destination | None, seed: int, *, as_json: bool) -> None:
     """Try special geometries, then print or write where the rank changes."""
     with steps(f"trying special geometries of {file.name}"):
         robot = load(file, **read)
-        found = special_geometry(robot, seed=DEFAULT_SEED if seed is None else seed)
+        found = special_geometry(robot, seed=seed)
     record = {"schema": "echelon.special/1", "name": robot.name, **asdict(found)}
     deliver(json_text(record) if as_json else _special_text(robot.name, found), output)
 
@@ -172,11 +167,11 @@ def _special_text(name: str, found: SpecialGeometry) -> str:
     return "\n".join(lines) + "\n"
 
 
-def run_compare_numeric(file: Path, read: Read, output: Destination | None, seed: int | None, *, as_json: bool) -> None:
+def run_compare_numeric(file: Path, read: Read, output: Destination | None, seed: int, *, as_json: bool) -> None:
     """Count exactly and numerically, then print or write."""
     with steps(f"comparing ranks of {file.name}"):
         robot = load(file, **read)
-        found = compare_numeric(robot, seed=DEFAULT_SEED if seed is None else seed)
+        found = compare_numeric(robot, seed=seed)
     deliver(_comparison_json(robot.name, found) if as_json else _comparison_text(robot.name, found), output)
 
 
@@ -217,14 +212,14 @@ def _comparison_json(name: str, found: NumericComparison) -> str:
     )
 
 
-def run_sensors(file: Path, size: int, read: Read, seed: int | None, budget: float, *, as_json: bool) -> None:
+def run_sensors(file: Path, size: int, read: Read, seed: int, budget: float, *, as_json: bool) -> None:
     """Print what sensors see, alone and in subsets up to a size."""
     title = f"comparing the sensors of {file.name}"
     with steps(f"{title}: reading, and closing loops") as step:
         report = sensor_report(
             load(file, **read),
             size,
-            seed=DEFAULT_SEED if seed is None else seed,
+            seed=seed,
             budget=budget,
             progress=lambda phase: step(f"{title}: {phase}"),
         )

@@ -26,8 +26,7 @@ from echelon.files import Target, target_of, write_all, write_atomically, writte
 
 _WRITING = os.O_WRONLY | os.O_RDWR
 _VARIABLE = "ECHELON_STATE"
-_KEPT = 8
-"""Digests per path: a command that is stopped may leave the file as it was, or the one before that."""
+_KEPT = 8  # digests per path: a command that is stopped may leave the file as it was, or the one before that
 _MOST_PATHS = 10_000
 
 _paths: set[str] = set()

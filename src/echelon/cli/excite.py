@@ -17,7 +17,7 @@ from echelon.errors import one_line
 from echelon.excite.excite import ExcitingTrajectory
 from echelon.excite.files.trajectory_file import design_to_json
 from echelon.excite.problem.task import UNCHECKED
-from echelon.excite.verify.margins import when_kept
+from echelon.excite.verify import when_kept
 
 
 def say(found: ExcitingTrajectory, paths: Sequence[Path], started: float, *, as_json: bool) -> None:
@@ -31,8 +31,7 @@ def say(found: ExcitingTrajectory, paths: Sequence[Path], started: float, *, as_
     say_time(started)
 
 
-_LIMITS = 16
-"""Limits that are listed, the nearest first; all are in trajectory.json and on the preview page."""
+_LIMITS = 16  # limits that are listed, the nearest first; all are in trajectory.json and on the preview page
 
 
 def print_trajectory(found: ExcitingTrajectory) -> None:

@@ -80,8 +80,7 @@ def excite(
     from echelon.cli.destination import output_folder
     from echelon.cli.excite import say
     from echelon.excite.excite import exciting_trajectory
-    from echelon.excite.files.coefficients import text_of
-    from echelon.excite.files.trajectory_file import design_to_json, trajectory_content
+    from echelon.excite.files.trajectory_file import design_to_json, text_of, trajectory_content
     from echelon.excite.problem.prior_model import information_of_logs
     from echelon.report.preview import preview_html
     from echelon.setup.setup import load_setup

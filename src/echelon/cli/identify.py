@@ -1,24 +1,40 @@
-"""The ``identify`` command; of robots whose joints are servos, an output-error fit of positions."""
+"""Commands about logs: ``identify``, and ``predict``, ``check`` and ``setup``, which fit nothing."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
+from math import isfinite
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from echelon.cli.destination import Destination
 from echelon.cli.screen import json_text, say_time, say_written, show, steps
 from echelon.cli.terminal import print_identification, print_servos
 from echelon.codegen import TARGETS
-from echelon.errors import InputError
+from echelon.errors import InputError, one_line
+from echelon.extras import extra
 from echelon.hints import nearest_of
 from echelon.identification.identify import identify
+from echelon.identification.predict import Prediction, predict_log
+from echelon.identification.result import limited
 from echelon.identification.servos.servo_fit import fit_servos
 from echelon.identification.servos.servo_start import servo_joints
-from echelon.results.identified import servo_document, servo_to_json
+from echelon.identification.survey import FirstLook, first_look
+from echelon.identification.validation import Score
+from echelon.logs.finding import counted
+from echelon.results.identified import (
+    identification_to_json,
+    load_identified,
+    score_record,
+    servo_document,
+    servo_to_json,
+)
+from echelon.setup.logs import with_logs
 from echelon.setup.setup import Setup, load_setup
 
 if TYPE_CHECKING:
@@ -58,8 +74,6 @@ def run_identify(
         files = {} if output is None else _files(result, setup, target)
     paths = [] if output is None else output.write_into(files)
     if as_json:
-        from echelon.results.identified import identification_to_json
-
         show(json_text({**json.loads(identification_to_json(result)), "files": [str(path) for path in paths]}))
         return result.reasons
     print_identification(result)
@@ -83,7 +97,6 @@ def _files(result: Identification, setup: Setup, target: str) -> dict[str, str]:
     from echelon.formats.writers.robot_writer import identified_robot
     from echelon.identification.physics.fit import KIND as FAR_FROM_PRIOR
     from echelon.report.report import report_html
-    from echelon.results.identified import identification_to_json
 
     files = {MODEL: identification_to_json(result), REPORT: report_html(result)}
     if result.physical is not None:
@@ -113,3 +126,146 @@ def run_servos(setup: Setup, logs: Sequence[Path], output: Destination | None, *
     print_servos(fit)
     say_written(paths)
     return fit.reasons
+
+
+SUMMARY = "echelon.prediction/1"
+_FORMATS = (".csv", ".parquet")
+
+
+def run_predict(model: Path, log: Path, output: Destination | None, *, as_json: bool) -> None:
+    """Predict, write the signals, and say how well they fit where the log has outputs."""
+    suffix = "" if output is None else output.path.suffix.lower()
+    if output is not None and suffix not in _FORMATS:
+        raise InputError(f"unknown format '{suffix}' (valid: {', '.join(_FORMATS)})", source=str(output.path))
+    with steps(f"predicting {log.name}"):
+        identified = load_identified(model)
+        found = predict_log(identified.plan, identified.values, log)
+    if output is not None:
+        output.write(_csv(found) if suffix == ".csv" else _parquet(found))
+    summary = _summary(found, None if output is None else output.path)
+    if as_json:
+        show(json_text(summary))
+        return
+    for score in found.scores:
+        show(f"{score.output}: {_fit(score)}")
+    rows = len(found.time)
+    unknown = rows - int(np.isfinite(found.predicted).all(axis=1).sum())
+    show(f"{counted(rows, 'row')} predicted" + f", {unknown} of them unknown: faulty, or between gaps" * bool(unknown))
+    if output is not None:
+        show(f"wrote {output.path}")
+
+
+def _fit(score: Score) -> str:
+    """How well an output fits, after the filter of both sides and as it was measured; R² where it varies."""
+    explained = f"R² {score.r2:.4f}, unfiltered {score.raw.r2:.4f}" if isfinite(score.r2) else "no R²: it does not vary"
+    return f"rms {score.rms:.4g} {score.unit} ({score.percent:.2f} % of its range), {explained}"
+
+
+def _columns(found: Prediction) -> dict[str, Any]:
+    columns = {"time": found.time}
+    for k, name in enumerate(found.outputs):
+        columns[f"{name}.predicted"] = found.predicted[:, k]
+        if found.measured is not None:
+            columns[f"{name}.measured"] = found.measured[:, k]
+    return columns
+
+
+def _csv(found: Prediction) -> str:
+    columns = _columns(found)
+    names = ",".join(f'"{name.replace(chr(34), chr(34) * 2)}"' if set(name) & set(',"\n') else name for name in columns)
+    rows = (",".join(map(repr, row)) for row in np.column_stack(list(columns.values())).tolist())
+    return "\n".join([names, *rows]).replace("nan", "") + "\n"
+
+
+def _parquet(found: Prediction) -> bytes:
+    with extra("identify"):
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    sink = pa.BufferOutputStream()
+    pq.write_table(pa.table(_columns(found)), sink)
+    return bytes(sink.getvalue().to_pybytes())
+
+
+def _summary(found: Prediction, output: Path | None) -> dict[str, Any]:
+    scores = {score.output: score for score in found.scores}
+    outputs = {
+        name: {"unit": unit, **({} if name not in scores else score_record(scores[name]))}
+        for name, unit in zip(found.outputs, found.units, strict=True)
+    }
+    return {
+        "schema": SUMMARY,
+        "source": found.source,
+        "samples": int(found.time.size),
+        "outputs": outputs,
+        "file": None if output is None else str(output),
+    }
+
+
+def run_check(setup_file: Path, logs: Sequence[Path], read: Mapping[str, Any], *, as_json: bool) -> None:
+    """Look at logs and print what they can show, and what is missing."""
+    started = perf_counter()
+    with steps("looking at the logs"):
+        setup, paths, _ = with_logs(load_setup(setup_file, **read), logs, ())
+        found = first_look(setup, paths)
+    if as_json:
+        show(json_text(_record(found)))
+        return
+    for line in (*setup.assumed, *_lines(found, len(paths))):
+        show(one_line(line))
+    say_time(started)
+
+
+def _lines(found: FirstLook, logs: int) -> Iterator[str]:
+    of, seen = found.base.mechanism, found.conditioning
+    outputs = counted(len(of.outputs), "output")
+    looked = f"{found.seconds:.4g} s of {counted(logs, 'log')} looked at"
+    yield f"{of.name}: {counted(found.base.rank, 'base parameter')}, {outputs}; {looked}"
+    for columns in found.columns:
+        for kind, channels in columns.channels.items():
+            if channels:
+                shown = ", ".join(f"{name} ← '{channel.column}'" for name, channel in channels.items())
+                yield f"{kind}: {shown}"
+    for finding in limited(found.survey.findings):
+        yield f"{finding.severity.value}: {finding}"
+    for travel in found.travels:
+        speed = f", up to {travel.speed:.3g}/s" if isfinite(travel.speed) else ""
+        yield f"{travel.coordinate}: from {travel.low:.4g} to {travel.high:.4g}{speed}"
+    for name, reason in found.survey.preparation.reasons.items():
+        yield f"{name.replace('_', ' ')}: {reason}"
+    yield seen.verdict
+    for text in found.missing:
+        yield f"missing: {text}"
+
+
+def _record(found: FirstLook) -> dict[str, Any]:
+    seen = found.conditioning
+    return {
+        "schema": "echelon.check/1",
+        "robot": found.base.mechanism.name,
+        "base_parameters": found.base.rank,
+        "determined": seen.rank,
+        "seconds": found.seconds,
+        "columns": [asdict(columns) for columns in found.columns],
+        "travels": [asdict(travel) for travel in found.travels],
+        "preparation": dict(found.survey.preparation.reasons),
+        "findings": [asdict(finding) for finding in limited(found.survey.findings)],
+        "verdict": seen.verdict,
+        "missing": list(found.missing),
+    }
+
+
+def run_setup(robot: Path, logs: Sequence[Path], output: Destination | None) -> None:
+    """Write a set-up for a robot and its logs, and say what it leaves open."""
+    from echelon.setup.skeleton import skeleton
+
+    with steps(f"looking at {logs[0]}"):
+        found = skeleton(robot, logs, Path() if output is None else output.path.parent)
+    if output is None:
+        show(found.text.rstrip())
+        return
+    output.write(found.text)
+    for line in found.report:
+        show(line)
+    for question in found.undecided:
+        show(f"not decided: {question}")
+    show(f"wrote {output.path}; next:  echelon identify {output.path} {' '.join(map(str, logs))} -o result/")

@@ -19,8 +19,7 @@ from typing import Any
 from echelon.errors import AssemblyWarning, SlowWarning, one_line
 
 _STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
-_SIGNALLED = 128
-"""Added to a signal's number, the exit code of a process that it ended."""
+_SIGNALLED = 128  # added to a signal's number, the exit code of a process that it ended
 _SHOW_CURSOR = b"\x1b[?25h"
 
 

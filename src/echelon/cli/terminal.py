@@ -29,8 +29,7 @@ _COLOURS = {
     Identifiability.UNIDENTIFIABLE: "red",
 }
 
-_PARAMETERS = 24
-"""Parameters that are listed; the rest is in the report and in model.json."""
+_PARAMETERS = 24  # parameters that are listed; the rest is in the report and in model.json
 
 
 def print_model(model: BaseModel) -> None:

@@ -80,13 +80,6 @@ class Precision(StrEnum):
     DOUBLE = "double"
     SINGLE = "single"
 
-    @classmethod
-    def named(cls, name: str) -> Precision:
-        """The type of a name that a user gave."""
-        if name not in list(cls):
-            raise InputError(f"there is no precision '{one_line(name)}' (valid: {', '.join(cls)})")
-        return cls(name)
-
     @property
     def suffix(self) -> str:
         """What C appends to literals and names of functions."""

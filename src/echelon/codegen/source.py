@@ -237,7 +237,7 @@ def generate(
     chosen = [_valid("function", function, list(ALL_FUNCTIONS)) for function in dict.fromkeys(functions)]
     if not chosen:
         raise InputError(f"no function is asked for (valid: {', '.join(ALL_FUNCTIONS)})")
-    mode = Precision.named(precision)
+    mode = Precision(_valid("precision", precision, list(Precision)))
     robot = identifier(base.mechanism.name) if name is None else checked_identifier(name)
     kept = kept_symbols(base.mechanism, keep_symbols, symbols)
     if kept and parameters is not None:

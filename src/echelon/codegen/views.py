@@ -5,7 +5,7 @@ Nodes are written as expressions with no more parentheses than the order of oper
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from itertools import product
@@ -34,15 +34,9 @@ Text = tuple[str, Binding]
 class Expressions:
     """Prints nodes of one program."""
 
-    def __init__(
-        self,
-        program: Program,
-        names: Mapping[int, str],
-        number: Callable[[Number], str],
-        function: Callable[[Op, str], str],
-    ) -> None:
+    def __init__(self, program: Program, names: Mapping[int, str], language: Language, precision: Precision) -> None:
         self._program, self._names = program, names
-        self._number, self._function = number, function
+        self._language, self._precision = language, precision
 
     def definition(self, node: int) -> str:
         """The operation of a node, also if the node itself has a name."""
@@ -65,7 +59,7 @@ class Expressions:
         if op is Op.NEG:
             return f"-{_at_least(Binding.PRODUCT, a)}", Binding.SIGN
         if op >= Op.SIN:
-            return self._function(op, a[0]), Binding.ATOM
+            return self._language.call(op, a[0], self._precision), Binding.ATOM
         b = self._text(program.rhs[node])
         if op in (Op.ADD, Op.SUB):
             return _sum(op, a, b), Binding.SUM
@@ -75,9 +69,8 @@ class Expressions:
         return f"{_at_least(Binding.PRODUCT, a)}{sign}{_at_least(Binding.ATOM, b)}", Binding.PRODUCT
 
     def _constant(self, value: Number) -> Text:
-        if is_negative(value):
-            return f"-{self._number(-value)}", Binding.SIGN
-        return self._number(value), Binding.ATOM
+        size = self._language.literal(-value if is_negative(value) else value, self._precision)
+        return (f"-{size}", Binding.SIGN) if is_negative(value) else (size, Binding.ATOM)
 
 
 def _at_least(binding: Binding, text: Text) -> str:
@@ -236,13 +229,7 @@ class _Printer:
         self._places = {node: k for k, node in enumerate(listed)}
 
     def expressions(self, names: Mapping[int, str]) -> Expressions:
-        language, precision = self._language, self._precision
-        return Expressions(
-            self._program,
-            {**self._inputs, **names},
-            lambda value: language.literal(value, precision),
-            lambda op, x: language.call(op, x, precision),
-        )
+        return Expressions(self._program, {**self._inputs, **names}, self._language, self._precision)
 
     def arguments_of(self, nodes: Iterable[int]) -> set[str]:
         needed = self._program.needed(nodes)

@@ -23,8 +23,7 @@ from echelon.dynamics.functions import (
     closure_pivots,
 )
 from echelon.errors import InputError
-from echelon.machine.batch import real_array, value_of
-from echelon.machine.kernel import Kernel
+from echelon.machine.kernel import Kernel, real_array, value_of
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import symbol_values
 from echelon.program.function import Argument, Function

@@ -18,9 +18,8 @@ from echelon.excite.problem.information import condition_number, log_det, sample
 from echelon.excite.problem.task import Task, changed, task_of
 from echelon.excite.problem.trajectory import Trajectory
 from echelon.excite.solve.design import designed, safe
-from echelon.excite.solve.starts import solutions
-from echelon.excite.verify import margins_of
-from echelon.excite.verify.margins import Margin
+from echelon.excite.solve.solver import solutions
+from echelon.excite.verify import Margin, margins_of
 from echelon.logs.finding import Finding, warning
 from echelon.machine.kernel import processors
 from echelon.setup.setup import Setup

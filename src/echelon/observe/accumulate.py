@@ -18,8 +18,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.machine.batch import Batch, batch
-from echelon.machine.kernel import Columns, processors
+from echelon.machine.kernel import Batch, Columns, batch, processors
 from echelon.machine.target import Target, one_thread
 from echelon.observe.observation import NormalEquations, Observation, layout_of, measured
 from echelon.observe.triangle import ROWS, update_triangle, upper_triangle

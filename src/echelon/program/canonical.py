@@ -172,8 +172,7 @@ def _times(monomial: Monomial, other: Monomial) -> Monomial:
 Signs = tuple[tuple[int, int], ...]
 """Nodes with their signs, ±1, sorted by node."""
 
-_LARGEST_UNIT = 10**15
-"""Beyond, exponents of generators would not fit into machine integers."""
+_LARGEST_UNIT = 10**15  # beyond, exponents of generators would not fit into machine integers
 _MOST_PASSES = 200
 _MOST_TERMS = 2000
 _LARGEST_NESTED_TURN = 24

@@ -134,7 +134,8 @@ def drawing(mechanism: Mechanism, pose: Pose, seen: Sequence[SeenBody]) -> Drawi
     ends = _ends(mechanism, pose)
     extent = _extent(np.vstack([pose.origins, *ends.values(), np.zeros((1, 3))]))
     axes = np.stack([pose.origins - _AXIS * extent * pose.axes, pose.origins + _AXIS * extent * pose.axes], axis=1)
-    tips = {i: points if len(points) else _tip(mechanism, pose, i, extent)[None] for i, points in ends.items()}
+    stubs = {i: _STUB * extent * ahead(mechanism, i, extent) for i, points in ends.items() if not len(points)}
+    tips = ends | {i: (pose.origins[i] + pose.rotations[i] @ stub)[None] for i, stub in stubs.items()}
     cloud = np.vstack([np.zeros((1, 3)), pose.origins, axes.reshape(-1, 3), *tips.values()])
     place = _Paper(cloud, pose.up, _ROW * ((len(seen) + 1) // 2) + 2 * _MARGIN)
     height = place.height
@@ -172,16 +173,18 @@ def _extent(points: Floats) -> float:
     return size if size > 0 else 1.0
 
 
-def _tip(mechanism: Mechanism, pose: Pose, index: int, extent: float) -> Floats:
-    """Where the drawing of a last body ends: it goes on as its parent came, turned by its joint."""
-    parent = mechanism.bodies[index].parent
-    before = np.zeros(3) if parent == GROUND else pose.origins[parent]
-    direction = pose.turns[index] @ (pose.origins[index] - before)
-    if np.linalg.norm(direction) < 1e-6 * extent:
-        direction = pose.axes[index] if np.linalg.norm(pose.axes[index]) else pose.up
-    length = float(np.linalg.norm(direction))
-    tip: Floats = pose.origins[index] + _STUB * extent * direction / length
-    return tip
+def ahead(mechanism: Mechanism, index: int, extent: float) -> Floats:
+    """Where a last body, whose length nobody states, goes on in its own frame: a unit vector.
+
+    That is as its parent came while all joints are at zero, or as it slides.
+    """
+    body, zero = mechanism.bodies[index], pose_at(mechanism, positions_of(mechanism))
+    direction = zero.origins[index] - (np.zeros(3) if body.parent == GROUND else zero.origins[body.parent])
+    slides = any(motion.kind in (MotionKind.TRANSLATION, MotionKind.SCREW) for motion in body.joint.motions[:1])
+    if slides or np.linalg.norm(direction) < 1e-6 * extent:
+        direction = zero.axes[index] if np.linalg.norm(zero.axes[index]) else zero.up
+    found: Floats = zero.rotations[index].T @ direction / np.linalg.norm(direction)
+    return found
 
 
 class _Paper:
@@ -238,8 +241,7 @@ class Pose:
     """Frames and joint axes of all bodies, in the base frame."""
 
     origins: Floats  # shape (bodies, 3): origins of the bodies' frames, m
-    # shape (bodies, 3, 3): what a joint's position turns its body by, against the pose in which the joint is at zero
-    turns: Floats
+    rotations: Floats  # shape (bodies, 3, 3): axes of the bodies' frames, as columns
     axes: Floats  # shape (bodies, 3): direction of the joint's first freedom; zero for fixed joints
     up: Floats  # shape (3,): against gravity; z without gravity
     bent: bool  # whether joints were turned from zero, because the zero pose is a line
@@ -280,10 +282,9 @@ def positions_of(mechanism: Mechanism, bend: float = 0.0) -> Floats:
 def pose_at(mechanism: Mechanism, q: Floats, *, bent: bool = False) -> Pose:
     """Frames of all bodies at positions of shape (positions,); an InputError if a geometry symbol has no value."""
     symbols = symbol_values(mechanism, sorted({s for body in mechanism.bodies for s in body.joint.symbols()}))
-    here, zero = Kinematics(mechanism).frames(np.array([q, positions_of(mechanism)]))
-    axes = joint_axes(mechanism, here[None, :, :, :3], symbols)[0]
-    turns = _turns(mechanism, here[:, :, :3], zero[:, :, :3])
-    return Pose(here[:, :, 3], turns, axes, upward(mechanism), bent)
+    frames = Kinematics(mechanism).frames(q[None])
+    axes = joint_axes(mechanism, frames[..., :3], symbols)[0]
+    return Pose(frames[0, :, :, 3], frames[0, :, :, :3], axes, upward(mechanism), bent)
 
 
 def upward(mechanism: Mechanism) -> Floats:
@@ -309,15 +310,6 @@ def joint_axes(mechanism: Mechanism, rotations: Floats, symbols: Mapping[str, fl
         own = frame[:, 0] if motion.kind is MotionKind.BALL else motion.sign * frame[:, motion.axis]
         axes[:, index] = own if body.parent == GROUND else rotations[:, body.parent] @ own
     return axes
-
-
-def _turns(mechanism: Mechanism, here: Floats, zero: Floats) -> Floats:
-    """What positions turn each body by against its parent, in the base frame, from all bodies' rotations."""
-    turns = np.empty_like(here)
-    for index, body in enumerate(mechanism.bodies):
-        carrier = np.stack([np.eye(3), np.eye(3)]) if body.parent == GROUND else np.stack([here, zero])[:, body.parent]
-        turns[index] = here[index] @ zero[index].T @ carrier[1] @ carrier[0].T
-    return turns
 
 
 def sides(up: Floats) -> tuple[Floats, Floats]:

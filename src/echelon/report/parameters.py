@@ -15,9 +15,7 @@ from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.result import Identification
 from echelon.inertia import convert
 from echelon.mechanism.mechanism import Mechanism
-from echelon.report.closed_forms import ClosedForms
-from echelon.report.digits import to_place, with_uncertainty
-from echelon.report.page import Context
+from echelon.report.page import ClosedForms, Context, to_place, with_uncertainty
 
 _LEVEL = 0.95
 _VAGUE = 30.0  # per cent of its value beyond which a deviation is remarked

@@ -40,7 +40,6 @@ from echelon.results.schema import (
     ScoreRecord,
     ValidationRecord,
     checked,
-    made,
     record_of,
 )
 from echelon.version import __version__
@@ -107,9 +106,8 @@ def load_identified(path: str | os.PathLike[str]) -> IdentifiedModel:
     base = from_json(json.dumps(document["base"]), source)
     if list(record.values) != list(base.pivots):
         raise InputError("the values are not those of the base parameters", source=source, element="values")
-    columns = tuple(made(ColumnMap, entry) for entry in record.columns)
-    preparation = made(Preparation, record.preparation)
-    return IdentifiedModel(base, np.array(list(record.values.values())), columns, preparation, document)
+    values = np.array(list(record.values.values()))
+    return IdentifiedModel(base, values, tuple(record.columns), record.preparation, document)
 
 
 def identification_to_json(identification: Identification) -> str:

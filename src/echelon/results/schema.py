@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic import BaseModel as Schema
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from echelon.base.own import SpecialValues
 from echelon.base.reading_report import ReadingReport
 from echelon.choices import Values
 from echelon.errors import InputError
 from echelon.inputs import published_schema
+from echelon.logs.columns.column_map import ColumnMap
+from echelon.logs.preparation.states import Preparation
 
 SCHEMA_NAME: Literal["echelon.base-model/1"] = "echelon.base-model/1"
 
@@ -23,7 +25,6 @@ Value = Annotated[float, Field(ge=-1e100, le=1e100)]
 """A parameter whose products still have doubles."""
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
-CutOff = Annotated[Positive | Literal["inf"] | None, AfterValidator(lambda c: c if c is None else float(c))]
 
 Record = TypeVar("Record", bound=Schema)
 Made = TypeVar("Made")
@@ -137,44 +138,6 @@ class BaseModelRecord(_Strict):
 
 
 # -- identified models -------------------------------------------------------------------------------------------------
-
-
-class ChannelRecord(_Finite):
-    """A quantity in a column: scale · (column in SI units) + offset."""
-
-    column: str
-    unit: str
-    scale: float
-    offset: float
-
-
-Channels = dict[str, ChannelRecord]
-
-
-class ColumnMapRecord(_Finite):
-    """Which columns of logs hold which quantities."""
-
-    time: ChannelRecord | None
-    rate: Positive | None
-    positions: Channels
-    velocities: Channels
-    accelerations: Channels
-    outputs: Channels
-    references: Channels
-    inputs: Channels
-
-
-class PreparationRecord(_Finite):
-    """How logs were prepared, every choice filled in."""
-
-    band: CutOff = Field(description="What both sides of the equation keep, Hz; 'inf' for all.")
-    lowpass: dict[str, Positive] | None
-    measured: list[Literal["qd", "qdd"]]
-    still: NotNegative | dict[str, NotNegative] | None
-    delays: dict[str, float] | None
-    trim: NotNegative
-    rate: Positive | None
-    reasons: dict[str, str]
 
 
 class ParameterRecord(_Finite):
@@ -313,7 +276,7 @@ class IdentifiedRecord(_Finite):
     physical: PhysicalRecord | None
     validations: list[ValidationRecord]
     logs: list[LogRecord]
-    columns: list[ColumnMapRecord] = Field(description="What the columns of logs mean.")
-    preparation: PreparationRecord = Field(description="How logs were prepared, every choice filled in.")
+    columns: list[ColumnMap] = Field(description="What the columns of logs mean.")
+    preparation: Preparation = Field(description="How logs were prepared, every choice filled in.")
     settings: dict[str, Any] = Field(description="What was fitted, and how; with the seed.")
     base: BaseModelRecord = Field(description="The base parameters and the mechanism.")

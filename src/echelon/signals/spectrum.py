@@ -26,17 +26,14 @@ from echelon.extras import extra
 
 LEAST_SAMPLES = 64
 """Fewest samples from which a spectrum can be told."""
-_PARTS = 4
-"""Windows, without overlap, into which a signal is cut: so few for their resolution, so many for their mean."""
+_PARTS = 4  # windows, without overlap, into which a signal is cut: so few for their resolution, so many for their mean
 
 _QUANTILE, _NORMAL = 0.9, 1.6449  # and that of the absolute value of a standard normal variable
 _LONGEST = 1 << 15
 _BINS = 1000
-_PER_OCTAVE = 8
-"""Points of the smoothed spectrum, which the floor is taken from, per octave."""
+_PER_OCTAVE = 8  # points of the smoothed spectrum, which the floor is taken from, per octave
 
-_CLEARLY = 4.0
-"""How far motion stands above the floor; less can be chance."""
+_CLEARLY = 4.0  # how far motion stands above the floor; less can be chance
 
 _BEYOND_DOUBT = 100.0
 """How far every stretch of motion stands above the floor somewhere; lower humps are vibrations or colour of noise."""
@@ -46,8 +43,7 @@ _TRUSTED = 0.35
 
 _CANDIDATES = 120
 _ORDER = 4  # of the Butterworth low-pass
-_HIGHEST = 0.45
-"""Highest cut-off that is worth a filter, as a share of the rate."""
+_HIGHEST = 0.45  # highest cut-off that is worth a filter, as a share of the rate
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,10 +29,9 @@ from echelon.files import write_atomically, written_into
 from echelon.formats.robot_file import load
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
-from echelon.report.closed_forms import ClosedForms
 from echelon.report.drawing import CLASSES, seen_links
 from echelon.report.matrix_picture import matrix_picture, mergings
-from echelon.report.page import Context
+from echelon.report.page import ClosedForms, Context
 from echelon.report.page import render as render_page
 from echelon.results.saved import to_json
 from echelon.version import __version__

@@ -156,8 +156,7 @@ _SHARPNESS = 8
 """Exponent of the norms that stand for the largest and the smallest eigenvalue: high ones follow them closely, low ones
 are smooth.  The result is a bound of the condition number, and reported is the number itself."""
 
-_NOTHING = 1e-100
-"""Information that counts as none: squares of its inverse are still numbers."""
+_NOTHING = 1e-100  # information that counts as none: squares of its inverse are still numbers
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,10 +28,8 @@ _PER_PERIOD = 20
 """Constrained samples per period of the highest frequency: between them a sine rises by 1.2 % of its amplitude."""
 
 _HALVINGS = 16
-_BLIND = 1e6
-"""Criterion of a motion that does not see some parameter at all, because loops cannot be closed."""
-_FAR = 1e6
-"""Size of a motion, SI units, that is certainly beyond some limit."""
+_BLIND = 1e6  # criterion of a motion that does not see some parameter at all, because loops cannot be closed
+_FAR = 1e6  # size of a motion, SI units, that is certainly beyond some limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,8 +246,7 @@ class Problem:
 
 _NEAR = 0.1
 """Room at a sample, relative to a limit's range, below which it is enforced together with those that are broken."""
-_NEAR_AGAIN = 0.3
-"""The room for functions that were enforced before, where they were not broken then."""
+_NEAR_AGAIN = 0.3  # the room for functions that were enforced before, where they were not broken then
 BROKEN = 1e-6
 """Violation at a sample, relative to a limit's range, that counts: limits are kept between samples with more room."""
 

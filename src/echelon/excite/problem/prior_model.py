@@ -12,7 +12,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.base.derive import base_parameters
 from echelon.errors import InputError
-from echelon.excite.problem.effort_limits import EffortLimit, EffortModel, effort_output
+from echelon.excite.problem.state_limits import EffortLimit, EffortModel, effort_output
 from echelon.formats.schema.schema_excite import EVERY, ExcitationEntry
 from echelon.identification.physics.prior_information import prior_from
 from echelon.identification.rows.plan import Plan

@@ -2,13 +2,17 @@
 
 The first are linear in the coefficients of every family.  The others have values, exact derivatives, and bounds by
 interval arithmetic.
+
+Torques and forces are predicted by a model that is known beforehand: either the inertial values of a file, or base
+parameters of an identification with their covariance; then a multiple of the predicted standard deviation is kept free
+as well.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from typing import ClassVar
@@ -18,11 +22,13 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.dynamics.arguments import STATE, Arguments, geometry_values
+from echelon.dynamics.functions import robot_function
 from echelon.dynamics.kinematics import body_frames
 from echelon.errors import InputError
+from echelon.excite.problem.information import StateRegressor
 from echelon.hints import nearest_of
 from echelon.machine.kernel import Kernel
-from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.mechanism import ActuatorForce, JointForce, Mechanism, Output, plain
 from echelon.program.derivatives import derivatives
 from echelon.program.function import Argument, Function
 from echelon.program.intervals import Interval, interval_values
@@ -209,3 +215,156 @@ def point_limits(mechanism: Mechanism, limits: Sequence[PointLimit]) -> StateLim
 
 def _axis(limits: Sequence[PointLimit]) -> tuple[str, ...]:
     return tuple(limit.name for limit in limits)
+
+
+SIGNS = ("plus", "minus")
+"""Signs of the deviations, in the order of :meth:`EffortModel.extremes`."""
+
+_LEAST = 1e-6  # N·m or N, which are added to every deviation in squares: a root has no derivative at zero
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class EffortModel:
+    """Parameters by which efforts x̄ᵀζ are predicted, x̄ a row of the regressor."""
+
+    values: Floats  # shape (c,); ζ, SI units
+    # columns of the regressor that they belong to, while all other parameters count as zero: the pivots for base
+    # parameters.  All standard parameters if omitted.
+    columns: Sequence[int] | None = None
+    covariance: Floats | None = None  # shape (c, c); Σ, of the values, where these were identified
+    deviations: float = 0.0  # how many standard deviations √(x̄ᵀ Σ x̄) of a predicted effort are kept free
+
+    @property
+    def certain(self) -> bool:
+        """Whether efforts are taken as predicted."""
+        return self.covariance is None or not self.deviations
+
+    def places(self, mechanism: Mechanism) -> Sequence[int]:
+        """Columns of a mechanism's regressor."""
+        return range(len(mechanism.parameters)) if self.columns is None else self.columns
+
+    def part(self, columns: npt.NDArray[np.intp]) -> EffortModel:
+        """The model of some of the values."""
+        covariance = None if self.covariance is None else self.covariance[np.ix_(columns, columns)]
+        return EffortModel(self.values[columns], None, covariance, self.deviations)
+
+    def extremes(self, x: Floats) -> Floats:
+        """Efforts plus, then minus the deviations that are kept free, shape (N, 2)."""
+        mean, free = x @ self.values, self.deviations * self._std(x)
+        return np.stack([mean + free, mean - free], axis=1)
+
+    def adjoints(self, x: Floats) -> Floats:
+        """Derivatives of :meth:`extremes` by x, shape (2, N, c)."""
+        free = self.deviations * (x @ self._factor) @ self._factor.T / self._std(x)[:, None]
+        return np.stack([self.values + free, self.values - free])
+
+    def enclosed(self, x: Interval) -> Interval:
+        """Bounds of :meth:`extremes` while x stays in intervals, each of shape (cells, 2)."""
+        middle, radius = (x[0] + x[1]) / 2, (x[1] - x[0]) / 2
+        radius = radius + _ROUNDING * np.abs(middle)
+        mean, wide = middle @ self.values, radius @ np.abs(self.values)
+        along, across = np.abs(middle @ self._factor), radius @ np.abs(self._factor)
+        least = self.deviations * np.linalg.norm(np.maximum(along - across, 0.0), axis=1)
+        most = self.deviations * np.sqrt(np.sum((along + across) ** 2, axis=1) + _LEAST**2)
+        low = np.stack([mean - wide + least, mean - wide - most], axis=1)
+        high = np.stack([mean + wide + most, mean + wide - least], axis=1)
+        return low, high
+
+    def _std(self, x: Floats) -> Floats:
+        found: Floats = np.sqrt(np.sum((x @ self._factor) ** 2, axis=1) + _LEAST**2)
+        return found
+
+    @cached_property
+    def _factor(self) -> Floats:
+        """L with L Lᵀ = Σ, without directions in which nothing varies."""
+        assert self.covariance is not None
+        sizes = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        units = np.where(sizes > 0, sizes, 1.0)
+        values, vectors = np.linalg.eigh(self.covariance / np.outer(units, units))
+        kept = values > 0
+        found: Floats = units[:, None] * vectors[:, kept] * np.sqrt(values[kept])
+        return found
+
+
+@dataclass(frozen=True)
+class EffortLimit:
+    """The largest torque or force of a drive or joint."""
+
+    name: str  # actuator, or joint coordinate on the joint's side of its drive
+    unit: str
+    limit: float  # N·m or N, both directions
+
+
+def effort_limits(
+    mechanism: Mechanism, limits: Sequence[EffortLimit], model: EffortModel, margin: float, smooth: float | None
+) -> StateLimits | UncertainEfforts:
+    """Limits of efforts as constraints of the state, of which a share, the margin, is kept free as well."""
+    check_model(mechanism, model)
+    measured = replace(mechanism, measured=tuple(effort_output(mechanism, limit) for limit in limits))
+    labels = tuple(f"{'force' if limit.unit == 'N' else 'torque'} of {limit.name}" for limit in limits)
+    units = tuple(limit.unit for limit in limits)
+    high = np.array([limit.limit for limit in limits]) * (1 - margin)
+    if model.certain:
+        function = robot_function("inverse_dynamics", measured, model.places(mechanism))
+        uniform = {"parameters": model.values, **geometry_values(mechanism, function.arguments)}
+        return StateLimits(labels, units, -high, high, function, uniform, smooth)
+    # plus deviations below the highest, minus deviations above the lowest value
+    labels = tuple(f"{label} {sign} {model.deviations:g} deviations" for label in labels for sign in SIGNS)
+    none = np.full(len(high), np.inf)
+    ends = np.column_stack([-none, -high]).ravel(), np.column_stack([high, none]).ravel()
+    regressor = StateRegressor(measured, model.places(measured), smooth)
+    return UncertainEfforts(labels, tuple(np.repeat(units, 2)), *ends, measured, model, regressor)
+
+
+def check_model(mechanism: Mechanism, model: EffortModel) -> None:
+    """Refuse a model that leaves parameters open."""
+    columns = zip(model.places(mechanism), model.values, strict=True)
+    lacking = [mechanism.parameters[k] for k, value in columns if not np.isfinite(value)]
+    if lacking:
+        raise InputError(f"limits of torques need a prior model; {', '.join(lacking[:6])} have no values")
+
+
+def effort_output(mechanism: Mechanism, limit: EffortLimit) -> Output:
+    """The effort of an actuator, or of a coordinate that none of its name drives, as an output."""
+    drives = {actuator.name for actuator in mechanism.transmission.actuators}
+    channel = ActuatorForce(limit.name) if limit.name in drives else JointForce(limit.name)
+    return plain(limit.name, limit.unit, channel)
+
+
+@dataclass(frozen=True, eq=False)
+class UncertainEfforts(Enclosed):
+    """Two functions for each effort: plus and minus the deviations that are kept free."""
+
+    mechanism: Mechanism  # whose outputs are the efforts
+    model: EffortModel
+    regressor: StateRegressor
+
+    def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        """The functions at states of shape (N, n), shape (N, 2m)."""
+        entries = self.regressor.entries(dict(zip(STATE, (q, qd, qdd), strict=True)))
+        return np.hstack([model.extremes(entries[:, mine]) for mine, model in self._rows])
+
+    def slopes(self, q: Floats, qd: Floats, qdd: Floats) -> Slopes:
+        """Derivatives of the functions by q, q̇ and q̈, each of shape (N, 2m, n)."""
+        state = dict(zip(STATE, (q, qd, qdd), strict=True))
+        entries, found = self.regressor.entries(state), []
+        for mine, model in self._rows:
+            for part in model.adjoints(entries[:, mine]):
+                adjoint = np.zeros_like(entries)
+                adjoint[:, mine] = part
+                found.append(self.regressor.pulled(state, adjoint))
+        by_q, by_qd, by_qdd = (np.stack(parts, axis=1) for parts in zip(*found, strict=True))
+        return by_q, by_qd, by_qdd
+
+    def enclosures(self, ranges: Mapping[str, Interval]) -> Interval:
+        """Bounds of the functions while states stay in intervals, without smoothing, shape (cells, 2m)."""
+        recorded = self.regressor.recorded
+        low, high = enclosures_of(recorded, geometry_values(self.mechanism, recorded.arguments), ranges)
+        parts = [model.enclosed((low[:, mine], high[:, mine])) for mine, model in self._rows]
+        return np.hstack([part for part, _ in parts]), np.hstack([part for _, part in parts])
+
+    @cached_property
+    def _rows(self) -> list[tuple[slice, EffortModel]]:
+        """For each effort, its entries and the model of their parameters."""
+        return [(row.entries, self.model.part(row.columns)) for row in self.regressor.rows]

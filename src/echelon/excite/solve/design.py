@@ -17,13 +17,11 @@ from echelon.errors import InputError
 from echelon.excite.problem.closed_loops import state_regressor
 from echelon.excite.problem.information import Information, OptimalityCriterion, sample_times
 from echelon.excite.problem.optimisation import Problem
-from echelon.excite.problem.resolved_limits import ResolvedLimits
 from echelon.excite.problem.state_limits import StateConstraint
-from echelon.excite.problem.task import Task, names_of
+from echelon.excite.problem.task import ResolvedLimits, Task, names_of
 from echelon.excite.problem.trajectory import Basis, Combined, Fourier, Trajectory, resting_ends, uniform_splines
 from echelon.excite.solve.solver import Solution, constraint_generation
-from echelon.excite.verify import margins_of
-from echelon.excite.verify.margins import Margin, motion_margins
+from echelon.excite.verify import Margin, margins_of, motion_margins
 from echelon.extras import extra
 from echelon.formats.schema.schema_excite import ExcitationEntry
 from echelon.hints import nearest_of
@@ -240,10 +238,8 @@ def family(entry: ExcitationEntry, count: int) -> Basis:
 _ROUNDS = 5
 _MORE = 1.5  # times what a limit was broken by, by which it is tightened
 _LITTLE = 1e-4  # of a motion that is given up to be on the safe side
-_LITTLE_LESS = (0.998, 0.99)
-"""Shares of a motion that are as good as the whole."""
-_MUCH_LESS = (0.97, 0.9, 0.75, 0.5)
-"""Shares that are better than nothing."""
+_LITTLE_LESS = (0.998, 0.99)  # shares of a motion that are as good as the whole
+_MUCH_LESS = (0.97, 0.9, 0.75, 0.5)  # shares that are better than nothing
 _BACK = 0.98  # share of a motion that keeps tighter limits, from which the next one starts
 _ITERATIONS = 100  # of a solver that starts next to its goal
 

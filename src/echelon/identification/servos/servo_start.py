@@ -15,8 +15,7 @@ from echelon.logs.recording import Segment
 from echelon.mechanism.effect import KINDS
 from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.setup import Setup
-from echelon.signals.derivatives import derivatives
-from echelon.signals.filters import lowpass
+from echelon.signals.filters import derivatives, lowpass
 
 _PRIOR = 1.0  # standard deviation of inertial parameters, in sizes of their bodies
 _ANYTHING = 1e3  # standard deviation of effects, in the largest parameters of bodies

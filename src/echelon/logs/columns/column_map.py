@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import Field
 
 from echelon.logs.recording import Recording
 from echelon.mechanism.joint import Motion, MotionKind
@@ -33,7 +35,7 @@ class ColumnMap:
     """
 
     time: Channel | None = None  # time stamps; omitted where columns bring their own clocks, or the rate is given
-    rate: float | None = None  # samples per second of a log without time stamps
+    rate: Annotated[float, Field(gt=0)] | None = None  # samples per second of a log without time stamps
     positions: Mapping[str, Channel] = field(default_factory=dict)
     velocities: Mapping[str, Channel] = field(default_factory=dict)  # these and accelerations are empty if not logged
     accelerations: Mapping[str, Channel] = field(default_factory=dict)

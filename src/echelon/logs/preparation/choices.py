@@ -22,8 +22,7 @@ from echelon.logs.preparation.prepare import rubs, speed_rows
 from echelon.logs.preparation.states import Preparation, cutoffs, usable, velocity_names
 from echelon.logs.recording import Segment
 from echelon.mechanism.mechanism import Mechanism
-from echelon.signals.derivatives import REACH, derivative
-from echelon.signals.filters import NEAR, PASSED, butterworth, lowpass
+from echelon.signals.filters import NEAR, PASSED, REACH, butterworth, derivative, lowpass
 from echelon.signals.spectrum import Spectrum, best_cutoff, noise_deviation, spectra
 
 HARMONICS = 12

@@ -29,7 +29,7 @@ from echelon.signals.clock import (
     regularity,
     stretches,
 )
-from echelon.signals.derivatives import continuous
+from echelon.signals.filters import continuous
 
 _POSITIONS = ("q", "reference")
 

@@ -25,8 +25,17 @@ from echelon.logs.columns.column_map import motion_of, quaternion_columns, signa
 from echelon.logs.recording import Segment
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
-from echelon.signals.derivatives import REACH, body_rates, continuous, derivative, derivatives
-from echelon.signals.filters import FAR, WORTH, butterworth, lowpass
+from echelon.signals.filters import (
+    FAR,
+    REACH,
+    WORTH,
+    body_rates,
+    butterworth,
+    continuous,
+    derivative,
+    derivatives,
+    lowpass,
+)
 
 
 class Preparation(PreparationEntry):
