@@ -1,29 +1,47 @@
-"""From a mechanism or a linear model to its certified base parameters."""
+"""From a mechanism or a linear model to its certified base parameters.
+
+The robot's own numbers decide.  A set for general symbols may be too large for the robot at hand, because some of its
+numbers are zero, equal or otherwise related.  At special values the rank can only fall, and while the general
+representatives stay independent it does not, and they stay the representatives: one non-zero minor at the stated values
+proves it.  Otherwise the relations that matter are looked for (:mod:`echelon.base.own`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import overload
 
 import numpy as np
 
-from echelon.base.certificate import certify
+from echelon.base.certificate import certify, find_minor
 from echelon.base.closed_form import assembled, closed_columns, relations
 from echelon.base.linear_base import LinearBase, linear_base_parameters
 from echelon.base.matrix import BaseMatrix, column_order, reordered
 from echelon.base.model import BaseModel
-from echelon.base.own import own_answer
+from echelon.base.own import RelationSearch, SpecialValues, stated_structure
 from echelon.base.reading_report import firm_first, report_reading
 from echelon.base.stated_columns import StatedColumns
-from echelon.base.structure import Structure
-from echelon.errors import InputError
-from echelon.exact.field import DEFAULT_SEED, random_generator
+from echelon.base.structure import Structure, dependent_columns, find_structure
+from echelon.errors import (
+    BrokenRelationsError,
+    DegenerateSampleError,
+    EchelonError,
+    InputError,
+    OtherModeError,
+    SingularPoseError,
+)
+from echelon.exact.field import DEFAULT_SEED, PrimeField, random_generator
+from echelon.exact.polynomial import Polynomial
 from echelon.exact.unknown import Work
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import stated_values
+from echelon.mechanism.stated import StatedValues, stated_values
+from echelon.mechanism.substitute import substituted
 from echelon.models import LinearModel
-from echelon.regressor.virtual_power import virtual_power_form
+from echelon.regressor.linear import LinearForms
+from echelon.regressor.loops.assembly import Assembly
+from echelon.regressor.loops.exact_pose import closed_exactly
+from echelon.regressor.virtual_power import rows_of, virtual_power_form
 
 
 def _silent(_: str) -> None:
@@ -178,3 +196,113 @@ def base_structure(mechanism: Mechanism, *, generic: bool = False, seed: int = D
     Structure
     """
     return own_answer(mechanism, random_generator(seed), generic=generic).structure
+
+
+# -- the stated values -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class OwnAnswer:
+    """The mechanism with the relations among its values put in, and its structure."""
+
+    mechanism: Mechanism
+    structure: Structure  # for general values of the symbols that are left, which is that at the stated values
+    special: SpecialValues | None = None  # none where the stated values are like any others
+    undecided: str = ""  # why the structure at the stated values could not be found; empty if it was
+
+
+def own_answer(
+    mechanism: Mechanism, rng: np.random.Generator, recorded: LinearForms | None = None, *, generic: bool = False
+) -> OwnAnswer:
+    """Structure at the stated values, and the relations among them that it depends on."""
+    try:
+        return _own_answer(mechanism, rng, recorded, generic)
+    except OtherModeError as error:
+        if mechanism.closed_at:
+            raise
+        try:
+            followed = closed_exactly(mechanism, Assembly(mechanism).pose)
+        except ValueError:  # a screw that is turned there
+            raise error from None
+        return _own_answer(followed, rng, None, generic)
+
+
+def _own_answer(
+    mechanism: Mechanism, rng: np.random.Generator, recorded: LinearForms | None, generic: bool
+) -> OwnAnswer:
+    values = stated_values(mechanism)
+    if not values.names:
+        return OwnAnswer(mechanism, find_structure(mechanism, rng))
+    at_values, undecided = _at_values(mechanism, rng) if mechanism.closures else (None, "")
+    if at_values is not None and _is_general_with_loops(mechanism, at_values, values, rng):
+        return OwnAnswer(mechanism, at_values)
+    structure = find_structure(mechanism, rng)
+    if not mechanism.closures:
+        if _is_general(mechanism, structure, values, recorded, rng):
+            return OwnAnswer(mechanism, structure)
+        at_values, undecided = _at_values(mechanism, rng)
+    if at_values is None:
+        return OwnAnswer(mechanism, structure, undecided=undecided)
+    if at_values.pivots == structure.pivots:
+        return OwnAnswer(mechanism, structure)
+
+    def pivots_of(put_in: Mapping[str, Polynomial]) -> tuple[int, ...]:
+        return find_structure(substituted(mechanism, put_in), rng).pivots
+
+    relations = RelationSearch(values, at_values.pivots, pivots_of).find()
+    own = substituted(mechanism, relations.put_in(values))
+    special = SpecialValues(structure.rank, at_values.rank, relations.texts(values))
+    return OwnAnswer(mechanism, structure, special) if generic else OwnAnswer(own, find_structure(own, rng), special)
+
+
+def _at_values(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Structure | None, str]:
+    """The structure at the stated values, or why it could not be found."""
+    try:
+        return stated_structure(mechanism, rng), ""
+    except (OtherModeError, BrokenRelationsError):
+        raise
+    except EchelonError as error:
+        return None, f"for general symbols, since at the stated values {error}"
+
+
+def _is_general_with_loops(
+    mechanism: Mechanism, structure: Structure, values: StatedValues, rng: np.random.Generator
+) -> bool:
+    """Whether the structure at the stated values holds for general ones, too, as it does at a random point."""
+    if structure.accepted is not None:
+        return False
+    columns = sorted({*structure.pivots, *structure.by_robot})
+    rows = rows_of(mechanism).columns(columns)
+    field = PrimeField.random(rng)
+    try:
+        found = dependent_columns(rows, rows.forms.sampler(structure.order), rows.forms.shape[1], field, rng)
+    except (DegenerateSampleError, SingularPoseError):
+        return False
+    supports = {columns[k]: tuple(columns[s] for s in support) for k, support in found.items()}
+    # symbols that stand for angles at which loops were closed are in no closed form
+    of_pose = {symbol for position in mechanism.closed_at.values() for x in position for symbol in x.symbols()}
+    return (
+        supports.keys() == structure.by_robot.keys()
+        if of_pose.issuperset(values.names)
+        else supports == structure.by_robot
+    )
+
+
+def _is_general(
+    mechanism: Mechanism,
+    structure: Structure,
+    values: StatedValues,
+    recorded: LinearForms | None,
+    rng: np.random.Generator,
+) -> bool:
+    """Whether the general representatives are proved independent at the stated values."""
+    if not values.can_be_drawn or _constrains_effects(mechanism, values):
+        return False
+    forms = virtual_power_form(mechanism) if recorded is None else recorded
+    return find_minor(forms, structure.pivots, values, rng).rank == structure.rank
+
+
+def _constrains_effects(mechanism: Mechanism, values: StatedValues) -> bool:
+    """Whether a term of an effect holds a symbol that has a value."""
+    terms = " ".join(action.term for effect in mechanism.effects for action in effect.actions)
+    return any(name in terms for name in values.numbers)

@@ -1,10 +1,7 @@
-"""The robot's own numbers decide: rank and representatives at the stated values of the symbols.
+"""What the stated values of symbols change: relations among them that a rank depends on, and structures at them.
 
-A set for general symbols may be too large for the robot at hand, because some of its numbers are zero, equal or
-otherwise related.  At special values the rank can only fall, and while the general representatives stay independent it
-does not, and they stay the representatives: one non-zero minor at the stated values proves it.  Otherwise the relations
-that matter are looked for: zeros, equal values, ratios, sums.  Put into the mechanism, they leave one whose general
-answer is the answer for this robot, so closed forms keep all other symbols.
+Relations are zeros, equal values, ratios and sums.  Put into a mechanism, they leave one whose general answer is the
+answer for this robot, so closed forms keep all other symbols.
 """
 
 from __future__ import annotations
@@ -17,16 +14,12 @@ from itertools import combinations, product
 
 import numpy as np
 
-from echelon.base.certificate import find_minor
 from echelon.base.matrix import BaseMatrix
-from echelon.base.structure import Structure, dependent_columns, find_structure
+from echelon.base.structure import Structure, find_structure
 from echelon.errors import (
-    BrokenRelationsError,
     DegenerateSampleError,
     EchelonError,
     InputError,
-    OtherModeError,
-    SingularPoseError,
 )
 from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator
@@ -34,10 +27,6 @@ from echelon.exact.polynomial import Polynomial, Surd, decimal_text, format_poly
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import StatedValues, all_symbols, angle_generators, stated_values
 from echelon.mechanism.substitute import substituted
-from echelon.regressor.linear import LinearForms
-from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.loops.exact_pose import closed_exactly
-from echelon.regressor.virtual_power import rows_of, virtual_power_form
 
 _MOST_TRIALS = 400
 """Structures that the search may cost; after that, values stand for relations that were not found."""
@@ -212,93 +201,6 @@ def _holds(name: str, terms: Terms, values: StatedValues) -> bool:
     return values.angles[name].radians == radians and grid.denominator == 1
 
 
-@dataclass(frozen=True)
-class OwnAnswer:
-    """The mechanism with the relations among its values put in, and its structure."""
-
-    mechanism: Mechanism
-    structure: Structure  # for general values of the symbols that are left, which is that at the stated values
-    special: SpecialValues | None = None  # none where the stated values are like any others
-    undecided: str = ""  # why the structure at the stated values could not be found; empty if it was
-
-
-def own_answer(
-    mechanism: Mechanism, rng: np.random.Generator, recorded: LinearForms | None = None, *, generic: bool = False
-) -> OwnAnswer:
-    """Structure at the stated values, and the relations among them that it depends on."""
-    try:
-        return _own_answer(mechanism, rng, recorded, generic)
-    except OtherModeError as error:
-        if mechanism.closed_at:
-            raise
-        try:
-            followed = closed_exactly(mechanism, Assembly(mechanism).pose)
-        except ValueError:  # a screw that is turned there
-            raise error from None
-        return _own_answer(followed, rng, None, generic)
-
-
-def _own_answer(
-    mechanism: Mechanism, rng: np.random.Generator, recorded: LinearForms | None, generic: bool
-) -> OwnAnswer:
-    values = stated_values(mechanism)
-    if not values.names:
-        return OwnAnswer(mechanism, find_structure(mechanism, rng))
-    at_values, undecided = _at_values(mechanism, rng) if mechanism.closures else (None, "")
-    if at_values is not None and _is_general_with_loops(mechanism, at_values, values, rng):
-        return OwnAnswer(mechanism, at_values)
-    structure = find_structure(mechanism, rng)
-    if not mechanism.closures:
-        if _is_general(mechanism, structure, values, recorded, rng):
-            return OwnAnswer(mechanism, structure)
-        at_values, undecided = _at_values(mechanism, rng)
-    if at_values is None:
-        return OwnAnswer(mechanism, structure, undecided=undecided)
-    if at_values.pivots == structure.pivots:
-        return OwnAnswer(mechanism, structure)
-
-    def pivots_of(put_in: Mapping[str, Polynomial]) -> tuple[int, ...]:
-        return find_structure(substituted(mechanism, put_in), rng).pivots
-
-    relations = RelationSearch(values, at_values.pivots, pivots_of).find()
-    own = substituted(mechanism, relations.put_in(values))
-    special = SpecialValues(structure.rank, at_values.rank, relations.texts(values))
-    return OwnAnswer(mechanism, structure, special) if generic else OwnAnswer(own, find_structure(own, rng), special)
-
-
-def _at_values(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Structure | None, str]:
-    """The structure at the stated values, or why it could not be found."""
-    try:
-        return stated_structure(mechanism, rng), ""
-    except (OtherModeError, BrokenRelationsError):
-        raise
-    except EchelonError as error:
-        return None, f"for general symbols, since at the stated values {error}"
-
-
-def _is_general_with_loops(
-    mechanism: Mechanism, structure: Structure, values: StatedValues, rng: np.random.Generator
-) -> bool:
-    """Whether the structure at the stated values holds for general ones, too, as it does at a random point."""
-    if structure.accepted is not None:
-        return False
-    columns = sorted({*structure.pivots, *structure.by_robot})
-    rows = rows_of(mechanism).columns(columns)
-    field = PrimeField.random(rng)
-    try:
-        found = dependent_columns(rows, rows.forms.sampler(structure.order), rows.forms.shape[1], field, rng)
-    except (DegenerateSampleError, SingularPoseError):
-        return False
-    supports = {columns[k]: tuple(columns[s] for s in support) for k, support in found.items()}
-    # symbols that stand for angles at which loops were closed are in no closed form
-    of_pose = {symbol for position in mechanism.closed_at.values() for x in position for symbol in x.symbols()}
-    return (
-        supports.keys() == structure.by_robot.keys()
-        if of_pose.issuperset(values.names)
-        else supports == structure.by_robot
-    )
-
-
 def at_stated_values(mechanism: Mechanism) -> Mechanism:
     """The mechanism with exact values for all symbols that have one."""
     values = stated_values(mechanism)
@@ -327,23 +229,3 @@ def at_values(matrix: BaseMatrix, values: StatedValues) -> BaseMatrix:
         raise InputError(f"{problem} ({', '.join(sorted(matrix.denominators))})") from None
     rows = tuple({c: f for c, f in row.items() if here[c]} for row, here in zip(matrix.rows, present, strict=True))
     return replace(matrix, rows=rows)
-
-
-def _is_general(
-    mechanism: Mechanism,
-    structure: Structure,
-    values: StatedValues,
-    recorded: LinearForms | None,
-    rng: np.random.Generator,
-) -> bool:
-    """Whether the general representatives are proved independent at the stated values."""
-    if not values.can_be_drawn or _constrains_effects(mechanism, values):
-        return False
-    forms = virtual_power_form(mechanism) if recorded is None else recorded
-    return find_minor(forms, structure.pivots, values, rng).rank == structure.rank
-
-
-def _constrains_effects(mechanism: Mechanism, values: StatedValues) -> bool:
-    """Whether a term of an effect holds a symbol that has a value."""
-    terms = " ".join(action.term for effect in mechanism.effects for action in effect.actions)
-    return any(name in terms for name in values.numbers)

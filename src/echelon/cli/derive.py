@@ -9,12 +9,11 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from echelon.base.derive import base_parameters
+from echelon.base.derive import OwnAnswer, base_parameters, own_answer
 from echelon.base.display import to_latex, to_markdown, to_text
 from echelon.base.linear_base import LinearBase
 from echelon.base.model import BaseModel
 from echelon.base.numeric_comparison import NumericComparison, compare_numeric
-from echelon.base.own import OwnAnswer, own_answer
 from echelon.base.reading_report import MimicRanks, doubt_of_directions, mechanism_notes, mimic_ranks
 from echelon.base.sensors import SensorReport, sensor_report
 from echelon.base.special import SpecialGeometry, special_geometry
