@@ -157,9 +157,7 @@ class Relation:
         }
 
     def placed(
-        self,
-        combinations: Mapping[int, Mapping[int, T]],
-        number: Callable[[Polynomial], T],
+        self, combinations: Mapping[int, Mapping[int, T]], number: Callable[[Polynomial], T]
     ) -> dict[int, dict[int, T]]:
         """The targets as combinations of columns of X."""
         changes = self.changes((k for c in combinations.values() for k in c if k < PER_BODY), number)

@@ -28,13 +28,7 @@ from echelon.exact.field import ARRAY_BITS, DEFAULT_SEED, PrimeField, random_gen
 from echelon.exact.field import rank as rank_modulo
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism, Reading, Snap
-from echelon.mechanism.stated import (
-    StatedValues,
-    characteristic_length,
-    inexact_symbols,
-    stated_values,
-    symbol_values,
-)
+from echelon.mechanism.stated import StatedValues, characteristic_length, inexact_symbols, stated_values, symbol_values
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program
 from echelon.regressor.evaluate import evaluate_floats
@@ -384,11 +378,7 @@ def _at_closed_states(
 
 
 def _at_states(
-    mechanism: Mechanism,
-    forms: LinearForms,
-    rng: np.random.Generator,
-    rows: int,
-    given: Mapping[str, float] | None,
+    mechanism: Mechanism, forms: LinearForms, rng: np.random.Generator, rows: int, given: Mapping[str, float] | None
 ) -> tuple[Floats, Floats]:
     """Rows at random states where all entries are finite, and the size of the rounding in every column."""
     program, entries = forms.program, forms.entries

@@ -16,12 +16,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Flags, Floats
 from echelon.dynamics.arguments import STANDARD, STATE, geometry_values
-from echelon.dynamics.functions import (
-    closed_accelerations,
-    closed_positions,
-    closed_velocities,
-    closure_pivots,
-)
+from echelon.dynamics.functions import closed_accelerations, closed_positions, closed_velocities, closure_pivots
 from echelon.errors import InputError
 from echelon.machine.kernel import Kernel, real_array, value_of
 from echelon.mechanism.mechanism import Mechanism

@@ -164,9 +164,9 @@ def _parse_piece(text: str, symbols: Collection[str] | None) -> Polynomial:
         raise ValueError(f"'{text}' is not an expression such as 0.5, pi/2, D3/2 or 2*cos(alpha)") from None
 
 
-def parse_angle(text: str, symbols: Collection[str] | None = None) -> Angle:
+def parse_angle(text: str) -> Angle:
     """Read an angle in radians: a rational combination of ``pi``, symbols and plain numbers."""
-    return as_angle(parse(text, symbols))
+    return as_angle(parse(text))
 
 
 def as_angle(polynomial: Polynomial) -> Angle:

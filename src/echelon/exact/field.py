@@ -161,12 +161,18 @@ class PrimeField:
         return (a[0] * b[0] % p - a[1] * b[1] % p) % p, (a[0] * b[1] % p + a[1] * b[0] % p) % p
 
 
+def as_flint(matrix: Residues, field: PrimeField) -> Any:
+    """A matrix over GF(p) with p below 2^63 in FLINT."""
+    rows, columns = matrix.shape
+    return flint.nmod_mat(rows, columns, matrix.ravel().tolist(), field.p)
+
+
 def reduced_echelon(matrix: Residues, field: PrimeField) -> tuple[Any, list[int]]:
     """Reduced row echelon form of a matrix over GF(p) with p below 2^63.  Shapes: matrix (rows, columns)."""
     rows, columns = matrix.shape
     if not rows or not columns:
         return flint.nmod_mat(rows, columns, field.p), []
-    reduced, rank = flint.nmod_mat(rows, columns, matrix.ravel().tolist(), field.p).rref()
+    reduced, rank = as_flint(matrix, field).rref()
     pivots: list[int] = []
     column = 0
     for row in range(rank):
@@ -182,7 +188,7 @@ def rank(matrix: Residues, field: PrimeField) -> int:
     rows, columns = matrix.shape
     if not rows or not columns:
         return 0
-    return int(flint.nmod_mat(rows, columns, matrix.ravel().tolist(), field.p).rank())
+    return int(as_flint(matrix, field).rank())
 
 
 def by_pivots(matrix: Residues, field: PrimeField) -> dict[int, dict[int, int]]:

@@ -31,7 +31,7 @@ import flint
 import numpy as np
 
 from echelon.errors import ClosedFormError, DegenerateSampleError
-from echelon.exact.field import PrimeField, Residues, null_vectors
+from echelon.exact.field import PrimeField, Residues, as_flint, null_vectors
 from echelon.exact.polynomial import Monomial, cosine, sine
 from echelon.exact.rational import residues_of_generators
 
@@ -240,8 +240,7 @@ def sections(nodes: Residues, values: Residues, field: PrimeField, *, angle: boo
     powers = np.ones((size, size), dtype=np.int64)
     for k in range(1, size):
         powers[:, k] = powers[:, k - 1] * nodes % p
-    known = flint.nmod_mat(size, values.shape[0], values.T.ravel().tolist(), p)
-    solved = flint.nmod_mat(size, size, powers.ravel().tolist(), p).solve(known).transpose().tolist()
+    solved = as_flint(powers, field).solve(as_flint(values.T, field)).transpose().tolist()
     factors = (flint.nmod_poly([-int(x) % p, 1], p) for x in nodes)
     vanishing = reduce(lambda a, b: a * b, factors)
     quotients = (_quotient(flint.nmod_poly([int(c) for c in row], p), vanishing) for row in solved)
@@ -325,8 +324,7 @@ def factor_of(name: str, section: Section, field: PrimeField, rng: np.random.Gen
     for _ in range(section.bottom):
         values = values * scale % p
     table = design(field, {name: points}, basis, len(basis))
-    left = flint.nmod_mat(len(basis), len(basis), table.ravel().tolist(), p)
-    solution = left.solve(flint.nmod_mat(len(basis), 1, values.tolist(), p))
+    solution = as_flint(table, field).solve(as_flint(values[:, None], field))
     return {m: int(solution[k, 0]) for k, m in enumerate(basis) if int(solution[k, 0])}
 
 
@@ -487,9 +485,8 @@ def _solved(left: Residues, right: Residues, field: PrimeField) -> Residues:
     rows, columns = right.shape
     if not rows or not columns:
         return np.zeros((left.shape[1], columns), dtype=np.int64)
-    matrix = flint.nmod_mat(rows, rows, left.ravel().tolist(), field.p)
     try:
-        solution = matrix.solve(flint.nmod_mat(rows, columns, right.ravel().tolist(), field.p))
+        solution = as_flint(left, field).solve(as_flint(right, field))
     except ZeroDivisionError:
         raise DegenerateSampleError("random points do not tell the monomials apart") from None
     return np.array([int(x) for x in solution.entries()], dtype=np.int64).reshape(rows, columns)

@@ -15,17 +15,7 @@ from typing import TYPE_CHECKING
 
 from echelon.errors import InputError
 from echelon.identification.cluster import each, summed
-from echelon.identification.rows.ingest import (
-    BATCHES,
-    MEMORY,
-    Batch,
-    KeptRows,
-    grouped,
-    ingest,
-    joined,
-    size_of,
-    total,
-)
+from echelon.identification.rows.ingest import BATCHES, MEMORY, Batch, KeptRows, grouped, ingest, joined, size_of, total
 from echelon.identification.rows.plan import Part, Plan
 from echelon.identification.rows.rows import ModelRows, Rows
 from echelon.identification.validation import LIMIT, Models, Validation, validated

@@ -13,7 +13,7 @@ from echelon.exact.polynomial import Polynomial
 from echelon.hints import nearest_of
 from echelon.mechanism.coupling import Coupling, Spline
 from echelon.mechanism.effect import Effect
-from echelon.mechanism.joint import IDENTITY, Body, Joint, Matrix, Motion, MotionKind, Placement, Step, as_matrix, merge
+from echelon.mechanism.joint import IDENTITY, Body, Joint, Matrix, Motion, MotionKind, Placement, Step, merge, turn_by
 from echelon.mechanism.mechanism import Actuator, ActuatorForce, Cut, Mechanism, Output
 from echelon.mechanism.stated import known_values
 
@@ -120,10 +120,7 @@ def _placed(motion: Motion, position: float) -> Placement:
 def _turned(axis: int, angle: float) -> Matrix:
     t = Fraction(tan(angle / 2)).limit_denominator(_DENOMINATOR)
     c, s = (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
-    rows = [list(row) for row in IDENTITY]
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    rows[i][i], rows[i][j], rows[j][i], rows[j][j] = (Polynomial.constant(x) for x in (c, -s, s, c))
-    return as_matrix(rows)
+    return turn_by(axis, Polynomial.constant(c), Polynomial.constant(s)).rotation
 
 
 def _actuators(mechanism: Mechanism, gone: Iterable[str]) -> Iterable[Actuator]:

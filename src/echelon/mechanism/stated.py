@@ -230,17 +230,14 @@ class StatedValues:
                 values[name] = self.sums[name].evaluate(terms, as_polynomial)
         return values
 
-    def draw(
-        self, names: Iterable[str], field: PrimeField, rng: np.random.Generator, count: int = 1
-    ) -> dict[str, Residues]:
-        """Values of symbols for a sampler: stated ones where there are any, random ones elsewhere."""
-        # shapes: returns (count,)
+    def draw(self, names: Iterable[str], field: PrimeField, rng: np.random.Generator) -> dict[str, Residues]:
+        """Values of symbols for a sampler, shape (1,): stated ones where there are any, random ones elsewhere."""
         units = [field.circle(field.draw(rng, (1,))) for _ in range(2)]
         stated = set(self.names)
         return {
-            name: np.full(count, self._residue(name, field, units), dtype=field.dtype)
+            name: np.array([self._residue(name, field, units)], dtype=field.dtype)
             if name in stated
-            else field.draw(rng, (count,))
+            else field.draw(rng, (1,))
             for name in names
         }
 

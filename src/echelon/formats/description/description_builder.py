@@ -29,12 +29,7 @@ from echelon.formats.description.document import (
     with_intended_angles,
 )
 from echelon.formats.description.stated_setup import ADDITIONS, Additions
-from echelon.formats.literal import (
-    LiteralMotion,
-    StatedCoupling,
-    central_inertial,
-    move_inertial,
-)
+from echelon.formats.literal import LiteralMotion, StatedCoupling, central_inertial, move_inertial
 from echelon.formats.snapping import ReadingOptions, gravity_vector, symbol_stem
 from echelon.hints import nearest, nearest_of, unused
 from echelon.mechanism.joint import (
@@ -74,101 +69,162 @@ _LITERAL_KINDS: dict[str, MotionKind | str] = {
 }
 
 
-class Joints:
-    """Reads joints with the expressions of one description.
+def build_description(
+    document: Document, robot: RobotDescription, options: ReadingOptions, literal: Collection[str] = ()
+) -> Built:
+    """Interpret a description."""
+    if robot.labels:
+        raise document.error("labels", "is for bodies of a robot file; here a label is stated with each body")
+    symbols, bare = declared_symbols(robot, document)
+    expressions = Expressions(document, options, literal, symbols)
+    floating = robot.floating_base or options.floating
+    tree = _Tree(read_parts(robot, expressions), floating, cut_off(robot), options, expressions)
+    couplings = tree.couple(robot) if robot.couplings else []
+    gravity = gravity_vector(options.gravity, stated_gravity(robot, expressions) or ORIGIN)
+    bodies, snapping = tree.bodies, expressions.snapping
+    if not robot.loops:
+        bodies, gravity = with_relations(bodies, gravity, snapping, tree.lumped.sources, expressions.declared)
+    mechanism = Mechanism(
+        robot.name,
+        tuple(bodies),
+        gravity,
+        tuple(c.coupling for c in couplings),
+        {name: s for name, s in snapping.symbols.items() if name not in bare},
+    )
+    if not robot.model_fields_set.isdisjoint(ADDITIONS):
+        mechanism = Additions(mechanism, robot, expressions, tree.find).added()
+    mechanism = with_intended_angles(mechanism, snapping)
+    notes = (*tree.notes, *check_use(mechanism, robot, document))
+    return Built(mechanism, tuple(snapping.snaps), notes)
 
-    Every method takes the element's path, for messages, and a stem: the ending of symbols that stand for angles
-    without an exact sine (``roll3`` for the stem 3).
-    """
 
-    def __init__(self, expressions: Expressions) -> None:
-        self.expressions = expressions
+def cut_off(robot: RobotDescription) -> tuple[str, ...]:
+    """Names of what force/torque sensors carry: sensors see fixed parts apart from what they are fixed to."""
+    return tuple(w for w in (getattr(output, "wrench", BASE) for output in robot.outputs or ()) if w != BASE)
 
-    # -- tables ----------------------------------------------------------------------------------------------------
 
-    def row(self, row: ModifiedRow | StandardRow, name: str, path: str, stem: str) -> tuple[Step, ...]:
-        """A row of a table."""
-        from echelon.formats.schema.robot_schema import ModifiedRow
+class _Tree:
+    """Turns parts into bodies."""
 
-        motion: tuple[Motion, ...] = ()
-        if row.joint != "fixed":
-            motion = (rotation(name) if row.joint == "revolute" else translation(name),)
-        modified = isinstance(row, ModifiedRow)
-        first = self._along(row, Z, "gamma", "b", path, stem) if modified else Placement()
-        along_z, along_x = self._along(row, Z, "theta", "d", path, stem), self._along(row, X, "alpha", "a", path, stem)
-        # turns about an axis and shifts along it commute, and so does the motion with those about and along z
-        return merge((first @ along_x @ along_z, *motion) if modified else (*motion, along_z @ along_x))
+    def __init__(
+        self, parts: list[Part], floating: bool, cut: Collection[str], options: ReadingOptions, expressions: Expressions
+    ) -> None:
+        self.parts, self.options, self.expressions = parts, options, expressions
+        self.floating, self.cut = floating, cut
+        self.massless = self._massless()
+        self.notes: list[str] = []
+        first = parts[0] if parts else None
+        # a base that is a body of its own is number 0, so that the numbers of the others stay what they are
+        kept = first is not None and not first.moves and (first.separate or options.keep_fixed_links)
+        self.lumped = Bodies(0 if floating or kept else 1)
+        self._riders: dict[int, list[Part]] = {}
+        self._coordinates: dict[str, str] = {}
+        if floating and (first is None or (first.moves and first.kind != "floating")):
+            # the base becomes a body, because the first part moves against it
+            name, joint = unused(BASE, {part.name for part in parts}), Joint(BASE, "floating", floating_motions(BASE))
+            self.lumped.add_base(Body(name, "0", GROUND, joint, () if BASE in options.massless else ALL))
+            self._check_coordinates("floating_base")
+        for part in parts:
+            self._add(replace(part, carried=()) if part.name in self.massless else part)
+        for index, riders in self._riders.items():
+            self.bodies[index] = self._loaded(self.bodies[index], riders)
 
-    def _along(
-        self, row: ModifiedRow | StandardRow, axis: int, angle: str, length: str, path: str, stem: str
-    ) -> Placement:
-        """Rot and Trans about and along one axis, by the keys of the angle and the length."""
-        turned = self.expressions.turned(axis, getattr(row, angle), f"{path}.{angle}", f"{angle}{stem}")
-        value = self.expressions.length(getattr(row, length), f"{path}.{length}")
-        return turned @ shift(value if axis == X else 0, 0, value if axis == Z else 0)
+    @property
+    def bodies(self) -> list[Body]:
+        """The bodies so far."""
+        return self.lumped.made
 
     # -- bodies ----------------------------------------------------------------------------------------------------
 
-    def body(self, body: BodyEntry, path: str, stem: str) -> tuple[Step, ...]:
-        """From the parent's frame to the body's."""
-        place = self.expressions.frame(body.frame, f"{path}.frame", stem)
-        if body.joint is None:
-            return merge((place,))
-        if body.joint.type == "custom":
-            steps = self._custom(body.joint, f"{path}.joint", stem)
-            # left as stated, so that a saved mechanism is read back as it was
-            return steps if place.is_identity else merge((*steps, place))
-        origin = self.expressions.frame(body.joint.origin, f"{path}.joint.origin", stem)
-        name = joint_name(body)
-        return merge((origin, *self._motions(body.joint, name, f"{path}.joint", stem), place))
+    def _add(self, part: Part) -> None:
+        floats = self.floating and not self.bodies and not part.moves
+        if part.moves or part.separate or part.name in self.cut or self.options.keep_fixed_links or floats:
+            self.lumped.add(part, floats=floats)
+            self._check_coordinates(part.elements[0])
+            return
+        steps = part.steps(symbol_stem(part.name))
+        self.lumped.attach(part, lambda _: steps)
+        if self.lumped.host[part.name] != GROUND:
+            self._riders.setdefault(self.lumped.host[part.name], []).append(part)
 
-    def _motions(self, joint: Entry, name: str, path: str, stem: str) -> tuple[Step, ...]:
-        match joint.type:
-            case "fixed":
-                return ()
-            case "spherical":
-                return (ball(name),)
-            case "floating":
-                return floating_motions(name)
-            case "universal":
-                pairs = enumerate((joint.axis, joint.axis2), 1)
-                return tuple(rotation(f"{name}.{i}", *coordinate_axis(axis)) for i, axis in pairs)
-            case "helical" | "cylindrical":
-                return self._along_axis(joint, name, path, stem)
-        axis_joint = cast("AxisJoint", joint)
-        axis = self.expressions.direction(axis_joint.axis, f"{path}.axis")
-        return self.expressions.snapping.motion(LiteralMotion(path, name, _LITERAL_KINDS[joint.type], axis), stem)
+    def _check_coordinates(self, path: str) -> None:
+        """Names of the last body's coordinates, which no other body may have."""
+        for motion in self.bodies[-1].joint.motions:
+            if not motion.name:
+                raise self.expressions.error(f"{path}.joint.name", "a joint that moves needs a name")
+            if motion.name in self._coordinates:
+                problem = f"the coordinate '{motion.name}' occurs already in {self._coordinates[motion.name]}"
+                raise self.expressions.error(path, problem)
+            self._coordinates[motion.name] = path
 
-    def _along_axis(self, joint: HelicalJoint | AxisJoint, name: str, path: str, stem: str) -> tuple[Step, ...]:
-        direction = self.expressions.direction(joint.axis, f"{path}.axis")
-        mounting, axis, sign = self.expressions.snapping.direction(direction, f"{path} axis", stem)
-        motions: tuple[Motion, ...]
-        if joint.type == "helical":
-            motions = (screw(name, self.expressions.length(joint.pitch, f"{path}.pitch"), axis, sign),)
-        else:
-            motions = (translation(f"{name}.slide", axis, sign), rotation(f"{name}.turn", axis, sign))
-        return (mounting, *motions, mounting.inverse())
+    def find(self, name: str | None, path: str) -> tuple[int, Placement]:
+        """The body that carries a part, and where the part sits on it; None is the fixed world."""
+        if name is None:
+            return GROUND, Placement()
+        if name in self.lumped.host:
+            return self.lumped.place(name)
+        self.expressions.check(name, [BASE, *(part.name for part in self.parts)], path, "body")
+        return self.lumped.place(None)
 
-    def _custom(self, joint: CustomJoint, path: str, stem: str) -> tuple[Step, ...]:
-        from echelon.formats.schema.schema_types import MotionStep
+    # -- inertial values -------------------------------------------------------------------------------------------
 
-        steps: list[Step] = []
-        for index, step in enumerate(joint.steps):
-            here = f"{path}.steps[{index}]"
-            if isinstance(step, MotionStep):
-                (axis, sign), pitch = coordinate_axis(step.axis), self.expressions.length(step.pitch, f"{here}.pitch")
-                if pitch and step.motion != "screw":
-                    raise self.expressions.error(f"{here}.pitch", f"only a screw has a pitch, not a {step.motion}")
-                steps.append(Motion(MotionKind(step.motion), step.name, axis, sign, pitch))
-            else:
-                steps.append(self.expressions.frame(step, here, stem))
-        return tuple(steps)
+    def _massless(self) -> frozenset[str]:
+        names = [part.name for part in self.parts]
+        for name in self.options.massless:
+            if name not in names and not (name == BASE and self.floating):
+                source = self.expressions.document.source
+                raise InputError(f"no body '{name}' to declare massless{nearest_of(name, names)}", source=source)
+        stated = {part.name for part in self.parts if not part.carried}
+        return frozenset(stated | set(self.options.massless))
+
+    def _loaded(self, body: Body, riders: list[Part]) -> Body:
+        """A body with what rides on it."""
+        loaded = body.massless and not all(part.name in self.massless for part in riders)
+        carried = ALL if loaded else body.carried
+        if body.inertial is None and not body.massless:
+            return body
+        total = np.array(body.inertial) if body.inertial is not None and not body.massless else None
+        for part in riders:
+            if part.inertial is None:
+                continue
+            moved = self._moved(part)
+            if moved is None:
+                self.notes.append(
+                    f"inertial values of '{body.name}' are unknown: '{part.name}' sits at a symbolic place"
+                )
+                return replace(body, carried=carried, inertial=None)
+            total = moved if total is None else total + moved
+        values = None if total is None else tuple(float(v) for v in total)
+        return replace(body, carried=carried, inertial=values)
+
+    def _moved(self, part: Part) -> Floats | None:
+        """A rider's parameters about the frame of its body, if all symbols on the way have values."""
+        _, place = self.lumped.place(part.name)
+        known = {n: s.value for n, s in self.expressions.snapping.symbols.items() if s.value is not None}
+        if not known.keys() >= set(place.symbols()):
+            return None
+        return move_inertial(np.array(part.inertial), placement_matrix(place, known))
+
+    # -- couplings -------------------------------------------------------------------------------------------------
+
+    def couple(self, robot: RobotDescription) -> list[StatedCoupling]:
+        """Read the couplings and move their constant parts into the joints."""
+        motions = {m.name: m for body in self.bodies for m in body.joint.motions}
+        couplings = read_couplings(robot, self.expressions, motions)
+        offsets = {c.coordinate: c for c in couplings if c.offset}
+        for index, body in enumerate(self.bodies):
+            if not any(m.name in offsets for m in body.joint.motions):
+                continue
+            steps: list[Step] = []
+            for step in body.joint.steps:
+                if isinstance(step, Motion) and step.name in offsets:
+                    steps.append(offset_placement(offsets[step.name], step, body.label, self.expressions))
+                steps.append(step)
+            self.bodies[index] = replace(body, joint=replace(body.joint, steps=merge(tuple(steps))))
+        return couplings
 
 
-def joint_name(body: BodyEntry) -> str:
-    """Name of a body's joint."""
-    stated = body.joint.name if body.joint is not None else None
-    return body.name if stated is None else stated
+# -- parts -------------------------------------------------------------------------------------------------------------
 
 
 def read_parts(robot: RobotDescription, expressions: Expressions) -> list[Part]:
@@ -316,161 +372,101 @@ def _sorted(parts: list[Part], expressions: Expressions) -> list[Part]:
     return list(ordered.values())
 
 
-def build_description(
-    document: Document,
-    robot: RobotDescription,
-    options: ReadingOptions,
-    literal: Collection[str] = (),
-) -> Built:
-    """Interpret a description."""
-    if robot.labels:
-        raise document.error("labels", "is for bodies of a robot file; here a label is stated with each body")
-    symbols, bare = declared_symbols(robot, document)
-    expressions = Expressions(document, options, literal, symbols)
-    floating = robot.floating_base or options.floating
-    tree = _Tree(read_parts(robot, expressions), floating, cut_off(robot), options, expressions)
-    couplings = tree.couple(robot) if robot.couplings else []
-    stated = stated_gravity(robot, expressions)
-    chosen = stated if options.gravity == "file" else gravity_vector(options.gravity, stated or ORIGIN)
-    chosen = chosen if chosen is not None and any(chosen) else None
-    bodies = tree.bodies
-    if not robot.loops:
-        bodies, chosen = with_relations(bodies, chosen, expressions.snapping, tree.lumped.sources, expressions.declared)
-    mechanism = Mechanism(
-        robot.name,
-        tuple(bodies),
-        chosen,
-        tuple(c.coupling for c in couplings),
-        {name: s for name, s in expressions.snapping.symbols.items() if name not in bare},
-    )
-    if not robot.model_fields_set.isdisjoint(ADDITIONS):
-        mechanism = Additions(mechanism, robot, expressions, tree.find).added()
-    mechanism = with_intended_angles(mechanism, expressions.snapping)
-    notes = (*tree.notes, *check_use(mechanism, robot, document))
-    return Built(mechanism, tuple(expressions.snapping.snaps), notes)
+# -- joints ------------------------------------------------------------------------------------------------------------
 
 
-def cut_off(robot: RobotDescription) -> tuple[str, ...]:
-    """Names of what force/torque sensors carry: sensors see fixed parts apart from what they are fixed to."""
-    return tuple(w for w in (getattr(output, "wrench", BASE) for output in robot.outputs or ()) if w != BASE)
+class Joints:
+    """Reads joints with the expressions of one description.
 
+    Every method takes the element's path, for messages, and a stem: the ending of symbols that stand for angles
+    without an exact sine (``roll3`` for the stem 3).
+    """
 
-class _Tree:
-    """Turns parts into bodies."""
+    def __init__(self, expressions: Expressions) -> None:
+        self.expressions = expressions
 
-    def __init__(
-        self, parts: list[Part], floating: bool, cut: Collection[str], options: ReadingOptions, expressions: Expressions
-    ) -> None:
-        self.parts, self.options, self.expressions = parts, options, expressions
-        self.floating, self.cut = floating, cut
-        self.massless = self._massless()
-        self.notes: list[str] = []
-        first = parts[0] if parts else None
-        # a base that is a body of its own is number 0, so that the numbers of the others stay what they are
-        kept = first is not None and not first.moves and (first.separate or options.keep_fixed_links)
-        self.lumped = Bodies(0 if floating or kept else 1)
-        self._riders: dict[int, list[Part]] = {}
-        self._coordinates: dict[str, str] = {}
-        if floating and (first is None or (first.moves and first.kind != "floating")):
-            # the base becomes a body, because the first part moves against it
-            name, joint = unused(BASE, {part.name for part in parts}), Joint(BASE, "floating", floating_motions(BASE))
-            self.lumped.add_base(Body(name, "0", GROUND, joint, () if BASE in options.massless else ALL))
-            self._check_coordinates("floating_base")
-        for part in parts:
-            self._add(replace(part, carried=()) if part.name in self.massless else part)
-        for index, riders in self._riders.items():
-            self.bodies[index] = self._loaded(self.bodies[index], riders)
+    # -- tables ----------------------------------------------------------------------------------------------------
 
-    @property
-    def bodies(self) -> list[Body]:
-        """The bodies so far."""
-        return self.lumped.made
+    def row(self, row: ModifiedRow | StandardRow, name: str, path: str, stem: str) -> tuple[Step, ...]:
+        """A row of a table."""
+        from echelon.formats.schema.robot_schema import ModifiedRow
+
+        motion: tuple[Motion, ...] = ()
+        if row.joint != "fixed":
+            motion = (rotation(name) if row.joint == "revolute" else translation(name),)
+        modified = isinstance(row, ModifiedRow)
+        first = self._along(row, Z, "gamma", "b", path, stem) if modified else Placement()
+        along_z, along_x = self._along(row, Z, "theta", "d", path, stem), self._along(row, X, "alpha", "a", path, stem)
+        # turns about an axis and shifts along it commute, and so does the motion with those about and along z
+        return merge((first @ along_x @ along_z, *motion) if modified else (*motion, along_z @ along_x))
+
+    def _along(
+        self, row: ModifiedRow | StandardRow, axis: int, angle: str, length: str, path: str, stem: str
+    ) -> Placement:
+        """Rot and Trans about and along one axis, by the keys of the angle and the length."""
+        turned = self.expressions.turned(axis, getattr(row, angle), f"{path}.{angle}", f"{angle}{stem}")
+        value = self.expressions.length(getattr(row, length), f"{path}.{length}")
+        return turned @ shift(value if axis == X else 0, 0, value if axis == Z else 0)
 
     # -- bodies ----------------------------------------------------------------------------------------------------
 
-    def _add(self, part: Part) -> None:
-        floats = self.floating and not self.bodies and not part.moves
-        if part.moves or part.separate or part.name in self.cut or self.options.keep_fixed_links or floats:
-            self.lumped.add(part, floats=floats)
-            self._check_coordinates(part.elements[0])
-            return
-        steps = part.steps(symbol_stem(part.name))
-        self.lumped.attach(part, lambda _: steps)
-        if self.lumped.host[part.name] != GROUND:
-            self._riders.setdefault(self.lumped.host[part.name], []).append(part)
+    def body(self, body: BodyEntry, path: str, stem: str) -> tuple[Step, ...]:
+        """From the parent's frame to the body's."""
+        place = self.expressions.frame(body.frame, f"{path}.frame", stem)
+        if body.joint is None:
+            return merge((place,))
+        if body.joint.type == "custom":
+            steps = self._custom(body.joint, f"{path}.joint", stem)
+            # left as stated, so that a saved mechanism is read back as it was
+            return steps if place.is_identity else merge((*steps, place))
+        origin = self.expressions.frame(body.joint.origin, f"{path}.joint.origin", stem)
+        name = joint_name(body)
+        return merge((origin, *self._motions(body.joint, name, f"{path}.joint", stem), place))
 
-    def _check_coordinates(self, path: str) -> None:
-        """Names of the last body's coordinates, which no other body may have."""
-        for motion in self.bodies[-1].joint.motions:
-            if not motion.name:
-                raise self.expressions.error(f"{path}.joint.name", "a joint that moves needs a name")
-            if motion.name in self._coordinates:
-                problem = f"the coordinate '{motion.name}' occurs already in {self._coordinates[motion.name]}"
-                raise self.expressions.error(path, problem)
-            self._coordinates[motion.name] = path
+    def _motions(self, joint: Entry, name: str, path: str, stem: str) -> tuple[Step, ...]:
+        match joint.type:
+            case "fixed":
+                return ()
+            case "spherical":
+                return (ball(name),)
+            case "floating":
+                return floating_motions(name)
+            case "universal":
+                pairs = enumerate((joint.axis, joint.axis2), 1)
+                return tuple(rotation(f"{name}.{i}", *coordinate_axis(axis)) for i, axis in pairs)
+            case "helical" | "cylindrical":
+                return self._along_axis(joint, name, path, stem)
+        axis_joint = cast("AxisJoint", joint)
+        axis = self.expressions.direction(axis_joint.axis, f"{path}.axis")
+        return self.expressions.snapping.motion(LiteralMotion(path, name, _LITERAL_KINDS[joint.type], axis), stem)
 
-    def find(self, name: str | None, path: str) -> tuple[int, Placement]:
-        """The body that carries a part, and where the part sits on it; None is the fixed world."""
-        if name is None:
-            return GROUND, Placement()
-        if name in self.lumped.host:
-            return self.lumped.place(name)
-        self.expressions.check(name, [BASE, *(part.name for part in self.parts)], path, "body")
-        return self.lumped.place(None)
+    def _along_axis(self, joint: HelicalJoint | AxisJoint, name: str, path: str, stem: str) -> tuple[Step, ...]:
+        direction = self.expressions.direction(joint.axis, f"{path}.axis")
+        mounting, axis, sign = self.expressions.snapping.direction(direction, f"{path} axis", stem)
+        motions: tuple[Motion, ...]
+        if joint.type == "helical":
+            motions = (screw(name, self.expressions.length(joint.pitch, f"{path}.pitch"), axis, sign),)
+        else:
+            motions = (translation(f"{name}.slide", axis, sign), rotation(f"{name}.turn", axis, sign))
+        return (mounting, *motions, mounting.inverse())
 
-    # -- inertial values -------------------------------------------------------------------------------------------
+    def _custom(self, joint: CustomJoint, path: str, stem: str) -> tuple[Step, ...]:
+        from echelon.formats.schema.schema_types import MotionStep
 
-    def _massless(self) -> frozenset[str]:
-        names = [part.name for part in self.parts]
-        for name in self.options.massless:
-            if name not in names and not (name == BASE and self.floating):
-                source = self.expressions.document.source
-                raise InputError(f"no body '{name}' to declare massless{nearest_of(name, names)}", source=source)
-        stated = {part.name for part in self.parts if not part.carried}
-        return frozenset(stated | set(self.options.massless))
+        steps: list[Step] = []
+        for index, step in enumerate(joint.steps):
+            here = f"{path}.steps[{index}]"
+            if isinstance(step, MotionStep):
+                (axis, sign), pitch = coordinate_axis(step.axis), self.expressions.length(step.pitch, f"{here}.pitch")
+                if pitch and step.motion != "screw":
+                    raise self.expressions.error(f"{here}.pitch", f"only a screw has a pitch, not a {step.motion}")
+                steps.append(Motion(MotionKind(step.motion), step.name, axis, sign, pitch))
+            else:
+                steps.append(self.expressions.frame(step, here, stem))
+        return tuple(steps)
 
-    def _loaded(self, body: Body, riders: list[Part]) -> Body:
-        """A body with what rides on it."""
-        loaded = body.massless and not all(part.name in self.massless for part in riders)
-        carried = ALL if loaded else body.carried
-        if body.inertial is None and not body.massless:
-            return body
-        total = np.array(body.inertial) if body.inertial is not None and not body.massless else None
-        for part in riders:
-            if part.inertial is None:
-                continue
-            moved = self._moved(part)
-            if moved is None:
-                self.notes.append(
-                    f"inertial values of '{body.name}' are unknown: '{part.name}' sits at a symbolic place"
-                )
-                return replace(body, carried=carried, inertial=None)
-            total = moved if total is None else total + moved
-        values = None if total is None else tuple(float(v) for v in total)
-        return replace(body, carried=carried, inertial=values)
 
-    def _moved(self, part: Part) -> Floats | None:
-        """A rider's parameters about the frame of its body, if all symbols on the way have values."""
-        _, place = self.lumped.place(part.name)
-        known = {n: s.value for n, s in self.expressions.snapping.symbols.items() if s.value is not None}
-        if not known.keys() >= set(place.symbols()):
-            return None
-        return move_inertial(np.array(part.inertial), placement_matrix(place, known))
-
-    # -- couplings -------------------------------------------------------------------------------------------------
-
-    def couple(self, robot: RobotDescription) -> list[StatedCoupling]:
-        """Read the couplings and move their constant parts into the joints."""
-        motions = {m.name: m for body in self.bodies for m in body.joint.motions}
-        couplings = read_couplings(robot, self.expressions, motions)
-        offsets = {c.coordinate: c for c in couplings if c.offset}
-        for index, body in enumerate(self.bodies):
-            if not any(m.name in offsets for m in body.joint.motions):
-                continue
-            steps: list[Step] = []
-            for step in body.joint.steps:
-                if isinstance(step, Motion) and step.name in offsets:
-                    steps.append(offset_placement(offsets[step.name], step, body.label, self.expressions))
-                steps.append(step)
-            self.bodies[index] = replace(body, joint=replace(body.joint, steps=merge(tuple(steps))))
-        return couplings
+def joint_name(body: BodyEntry) -> str:
+    """Name of a body's joint."""
+    stated = body.joint.name if body.joint is not None else None
+    return body.name if stated is None else stated
