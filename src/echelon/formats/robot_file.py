@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -160,9 +160,9 @@ class RobotFile:
                 mechanism = lock_joints(mechanism, locked)
         stated = self.description.effects if self.is_description else None
         if options.usual_effects if stated is None else "usual" in stated:
-            robot = self.robot
-            mechanism = with_usual_effects(mechanism, {} if robot is None else robot.tree().drives)
-        return mechanism.as_read(Reading(built.snaps, built.notes, self, options))
+            mechanism = with_usual_effects(mechanism, {} if self.robot is None else self.robot.tree().drives)
+        couples = self.robot is not None and self.robot.tree(mimics=not options.independent_mimics).has_mimics
+        return mechanism.as_read(Reading(built.snaps, built.notes, self, options, couples))
 
     def built(self, options: ReadingOptions, literal: Collection[str] = ()) -> Built:
         """The robot with symbols, and what was read as exact."""
@@ -178,13 +178,6 @@ class RobotFile:
             return add_to_file(self.document, self.description, options, partial(self.robot.built, literal=literal))
         except InputError as error:
             raise error.located(self.source) from None
-
-    def recoupled(self, options: ReadingOptions) -> Mechanism | None:
-        """The robot with its couplings ignored, or kept if the options ignore them; None if the file has none."""
-        coupled = not options.independent_mimics
-        if self.robot is None or not self.robot.tree(mimics=coupled).has_mimics:
-            return None
-        return self.mechanism(replace(options, independent_mimics=coupled))
 
 
 def open_robot(robot: Any) -> RobotFile:

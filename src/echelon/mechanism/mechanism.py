@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -351,10 +351,6 @@ class ReadableFile(Protocol):
         """The robot, with the numbers of some elements taken literally."""
         ...
 
-    def recoupled(self, options: Any) -> Mechanism | None:
-        """The robot with its couplings ignored, or kept if the options ignore them; None if the file has none."""
-        ...
-
 
 @dataclass(frozen=True)
 class Reading:
@@ -364,6 +360,7 @@ class Reading:
     notes: tuple[str, ...]  # remarks of the reader for the user
     file: ReadableFile
     options: Any  # how the file was read
+    couples: bool = False  # whether the file couples joints, whatever was made of it
 
     def literal(self, elements: Collection[str] | None = None) -> Mechanism:
         """The mechanism with these snapped elements (all, if omitted) taken literally."""
@@ -372,7 +369,9 @@ class Reading:
 
     def recoupled(self) -> Mechanism | None:
         """The mechanism with the file's couplings ignored, or kept if they are ignored; None if it has none."""
-        return self.file.recoupled(self.options)
+        if not self.couples:
+            return None
+        return self.file.mechanism(replace(self.options, independent_mimics=not self.options.independent_mimics))
 
 
 def setup_placements(mechanism: Mechanism) -> list[Placement]:
