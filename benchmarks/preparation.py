@@ -225,8 +225,8 @@ def page(rows: list[list[str]], seeds: int) -> str:
         f"parameter with the fewest; a single parameter has {low / seeds:.3f} to {high / seeds:.3f} in 99 of 100 cases "
         "by chance.  `bias` is the median over the base parameters of the mean error, by its standard deviation, of "
         f"which chance brings {0.67 / seeds**0.5:.2f}, and `largest` the largest, with {3 / seeds**0.5:.2f}.  `warned` "
-        "are logs whose encoders were said to move a parameter by half a standard deviation or more; without "
-        "friction their estimates are corrected for it."
+        "are logs whose encoders were said to move a parameter by half a standard deviation or more; their "
+        "estimates are corrected for it."
     )
     return f"# Automatic preparation against planted parameters\n\n{fill(text, 120)}\n\n{table(head, rows)}\n"
 

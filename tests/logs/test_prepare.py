@@ -234,6 +234,9 @@ def test_velocities_are_measured_where_they_are_better(pendulum: ec.Mechanism) -
     assert chosen(OPEN, Signals.of([coarse], pendulum)).measured == ("qd",)
     assert chosen(OPEN, Signals.of([fine], pendulum)).measured == ()
     assert "differ from those of its positions" in chosen(OPEN, Signals.of([late], pendulum)).reasons["measured"]
+    rounded = np.round(q, 4)
+    computed = Segment("run.csv", 0.0, RATE, {"q": rounded, "qd": np.gradient(rounded, 1 / RATE, axis=0)})
+    assert "were computed from its positions" in chosen(OPEN, Signals.of([computed], pendulum)).reasons["measured"]
 
 
 def test_dry_friction_decides_what_is_still(pendulum: ec.Mechanism) -> None:

@@ -11,8 +11,8 @@ logarithms; by the spectra of outputs and residuals, of a fit to a narrower band
 parameter is biased by more than a third of its standard deviation, which leaves intervals of 95 % with 94 %.  It is
 never narrower than the motion, twice the mean frequency of the fastest velocity, nor wider than what the signals
 allow (:mod:`echelon.logs.preparation.choices`), and of a short log it leaves ten rows per parameter.  Where even the
-narrowest band is biased by more, that is said, and A⁻¹ D ζ is given back unless there is dry friction: noise turns its
-direction where it is small, which is no error that adds to it, and rests on a few rows.
+narrowest band is biased by more, that is said, and A⁻¹ D ζ is given back.  Noise that turns the direction of dry
+friction counts for nothing: rows so near rest leave the fit, and encoders that round keep the direction.
 
 Sources: Fuller, Measurement Error Models, 1987; Cook and Stefanski, J. Amer. Stat. Assoc. 89, 1994 (noise added to
 data); Janot, Vandanjon and Gautier, IEEE Trans. Control Syst. Technol. 22, 2014 (bandwidth of identified robots).
@@ -32,9 +32,9 @@ from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.rows.rows import ModelRows
-from echelon.logs.finding import Finding, warning
+from echelon.logs.finding import Finding, note, warning
 from echelon.logs.preparation.choices import NARROWEST, ROWS, Signals, reasoned, with_lowpass, with_still
-from echelon.logs.preparation.prepare import prepare, rubs
+from echelon.logs.preparation.prepare import prepare
 from echelon.logs.preparation.states import Preparation
 from echelon.logs.recording import Segment
 from echelon.signals.clock import low_passed
@@ -68,27 +68,27 @@ class Noisy:
     source: str  # the log
     parameter: str  # that is moved most
     bias: float  # by its standard deviation
-    # share of the parameters that noise takes away, shape (n, n); None with dry friction, whose sign it does not add to
-    lost: Floats | None
+    lost: Floats  # share of the parameters that noise takes away, shape (n, n)
 
     @property
     def is_known(self) -> bool:
         """Whether it is small enough for its first order to be all of it."""
-        return self.lost is not None and float(np.abs(np.linalg.eigvals(self.lost)).max()) < _KNOWN
+        return float(np.abs(np.linalg.eigvals(self.lost)).max()) < _KNOWN
 
     @property
     def finding(self) -> Finding:
         """What is said of it."""
         text = (
             f"noise of the positions moves {self.parameter} by {self.bias:.2g} standard deviations, however narrow the "
-            f"band; {'least squares are corrected for it; ' if self.is_known else ''}finer encoders or measured "
-            "velocities would help"
+            "band"
         )
-        return warning("noisy positions", self.source, text)
+        if self.is_known:
+            return note("noisy positions", self.source, f"{text}; least squares are corrected for it")
+        return warning("noisy positions", self.source, f"{text}; finer encoders or measured velocities would help")
 
     def corrected(self, estimate: Estimate) -> Estimate:
         """An estimate by least squares without the bias, as if it were known exactly."""
-        if self.lost is None or not self.is_known:
+        if not self.is_known:
             return estimate
         whole = np.linalg.inv(np.eye(len(self.lost)) - self.lost)
         return replace(estimate, values=whole @ estimate.values, covariance=whole @ estimate.covariance @ whole.T)
@@ -119,8 +119,7 @@ def with_band(preparation: Preparation, log: Signals, base: BaseModel) -> tuple[
     fit = fits[place]
     if fit.bias <= _TOLD:
         return preparation, None
-    dry = any(rubs(base.mechanism, output) for output in base.mechanism.outputs)
-    return preparation, Noisy(log.source, trials.name(fit), fit.bias, None if dry else fit.lost)
+    return preparation, Noisy(log.source, trials.name(fit), fit.bias, fit.lost)
 
 
 def _better_velocities(preparation: Preparation, trials: Trials) -> tuple[Preparation, Trials]:
@@ -251,7 +250,9 @@ class Trials:
         for pair in self.pairs:
             with suppress(InputError):  # too short for this band
                 clean, noisy = (prepare(segment, preparation, self.base.mechanism) for segment in pair)
-                models = (ModelRows.of(self.base, [some]) for some in (clean, replace(noisy, moving=clean.moving)))
+                onward = np.where(noisy.qd * clean.qd > 0, noisy.qd, clean.qd)
+                noisy = replace(noisy, qd=onward, moving=clean.moving)
+                models = (ModelRows.of(self.base, [some]) for some in (clean, noisy))
                 for one, other in zip(*(model.blocks() for model in models), strict=True):
                     for output, columns in enumerate(ModelRows.of(self.base, ()).layout.columns):
                         W, E = np.zeros((2, len(one.y[output]), n))

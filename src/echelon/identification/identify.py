@@ -144,7 +144,8 @@ def _fitted(
         conditions = conditioning(observation, 1 / noise_estimate(observation), base)
         estimate = _estimate(settings, data, observation, conditions, prior_base)
         if surveyed.noisy is not None and estimate.method in _BIASED and not settings.known:
-            estimate = surveyed.noisy.corrected(estimate)
+            biased, estimate = estimate, surveyed.noisy.corrected(estimate)
+            observation = observation.moved(estimate.values - biased.values)
         noise = usable_noise(observation, estimate)
         reduced = _essential(settings, observation, estimate, conditions, noise)
 

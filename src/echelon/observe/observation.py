@@ -144,6 +144,12 @@ class Observation:
         full = np.append(zeta, -1.0)
         return np.array([np.linalg.norm(R @ full[self.layout.places(i)]) for i, R in enumerate(self.factors)])
 
+    def moved(self, change: Floats) -> Observation:
+        """The observation of y + W times a change of the parameters (n,), as if they had been so much larger."""
+        moves = (np.append(change, 1.0)[self.layout.places(i)] for i in range(len(self.factors)))
+        factors = tuple(np.column_stack([R[:, :-1], R @ move]) for R, move in zip(self.factors, moves, strict=True))
+        return Observation(self.layout, factors, self.counts)
+
     # -- combining ---------------------------------------------------------------------------------------------
 
     def __add__(self, other: Observation) -> Observation:

@@ -50,6 +50,11 @@ _AGREEING = 0.05
 """Largest difference of measured from differentiated velocities, by their own size within the motion's band, that a
 sensor of velocity may have; more is another signal, or one that is late or filtered."""
 
+_REPEATED = 0.7
+"""Share of their noise that velocities which were differentiated by the recorder have from the positions."""
+_NOISY = 0.35
+"""Share of the rate at which noise has to begin, for it to be looked at."""
+
 
 def chosen(preparation: PreparationEntry, log: Signals) -> Preparation:
     """Settings with every None filled in from the signals, and the reasons."""
@@ -143,6 +148,8 @@ class Signals:
         """Whether velocities were logged that are those of the positions."""
         if any("qd" not in segment.signals for segment in self.segments) or self.disagreement > _AGREEING:
             return False
+        if self.repeated > _REPEATED:
+            return False
         return all(self.velocity_spectra[k].moves for k in self.moving)
 
     @cached_property
@@ -155,6 +162,23 @@ class Signals:
         spoilt = butterworth(edge, segment.rate).reach(NEAR) + REACH
         apart, size = (np.std(some[spoilt:-spoilt], axis=0) for some in (derivative(x, segment.rate) - v, v))
         return float(np.max(apart / size)) if len(v) > 2 * spoilt and (size > 0).all() else np.inf
+
+    @cached_property
+    def repeated(self) -> float:
+        """Share of the noise of the velocities that is noise of the positions, by the nearest samples of these."""
+        edge, segment = HARMONICS * self.fastest[1], max(self.segments, key=len)
+        if edge > _NOISY * segment.rate or quaternion_columns(self.mechanism, "q", len(self.names)):
+            return 0.0
+        whole = (segment.signals[name][:, self.moving] for name in ("q", "qd"))
+        q, v = (values - lowpass(values, edge, segment.rate) for values in whole)
+        spoilt = butterworth(edge, segment.rate).reach(NEAR) + REACH
+        inside = slice(spoilt, -spoilt)
+        shares = []
+        for x, y in zip(q.T, v[inside].T, strict=True):
+            taps = np.column_stack([np.roll(x, lag)[inside] for lag in range(-REACH, REACH + 1)])
+            rest = y - taps @ np.linalg.lstsq(taps, y)[0]
+            shares.append(1 - float(rest @ rest) / max(float(y @ y), np.finfo(float).tiny))
+        return float(np.median(shares)) if len(v) > 2 * spoilt + 10 * REACH else 0.0
 
     def noise(self, made: Preparation) -> Floats:
         """Standard deviation of the noise that the velocity of a state has, for every velocity."""
@@ -200,6 +224,9 @@ def _measured(log: Signals, made: Preparation) -> Preparation:
     apart = log.disagreement
     if apart > _AGREEING:
         text = f"none: the velocities of the log differ from those of its positions by {apart:.0%} of their size"
+        return reasoned(made, "measured", (), text)
+    if log.repeated > _REPEATED:
+        text = "none: velocities of the log were computed from its positions, whose noise they repeat"
         return reasoned(made, "measured", (), text)
     if not gain > 1:
         return reasoned(made, "measured", (), f"none: they have {1 / gain:.3g} times the noise of positions")
