@@ -81,7 +81,7 @@ FAULTS = (
         "regressor/test_loops_modes.py",
     ),
     Fault(
-        "base/own.py",
+        "base/derive.py",
         ".rank == structure.rank",
         ".rank >= 0",
         "general answers for special values",
