@@ -1,21 +1,26 @@
-"""Generated source does what NumPy does, in every language that runs here."""
+"""Generated source does what NumPy does, in every language that runs here, also where the geometry is an argument."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+import flint
 import numpy as np
 import numpy.typing as npt
 import pytest
+from typer.testing import CliRunner
 
 import echelon as ec
+from echelon.cli.commands import app
 from echelon.codegen import TARGETS, Precision, views
 from echelon.codegen.source import Subject, generate, printed
 from echelon.dynamics.functions import FUNCTIONS as ALL
 from echelon.dynamics.functions import LOOP_FUNCTIONS
+from echelon.errors import InputError
 from echelon.program.function import Argument, Function
 from echelon.program.tape import FUNCTIONS, Program
 from echelon.regressor.loops.assembly import Assembly
@@ -188,3 +193,123 @@ def test_long_functions_are_cut_into_parts(target: str, tmp_path: Path, monkeypa
     source = generate(ROBOTS["panda"](), target, ("inverse_dynamics", "gravity"))
     assert any("part_3" in text for text in source.values())
     check(target, source.functions, source, "panda", tmp_path)
+
+
+def base(name: str) -> ec.BaseModel:
+    return ec.base_parameters(ec.load(ROOT / f"examples/{name}.yaml"))
+
+
+def symbol_cases() -> list[object]:
+    quick = [(target, "double_pendulum") for target in generated.RUNNERS]
+    return [*quick, ("c", "panda"), ("python", "rx90")]
+
+
+@pytest.mark.parametrize(("target", "name"), symbol_cases())
+def test_two_geometries_of_one_build(target: str, name: str, tmp_path: Path) -> None:
+    model = base(name)
+    chosen = ["regressor", "inverse_dynamics"] if target != "jax" else ["inverse_dynamics"]
+    source = generate(model, target, chosen, name="arm", keep_symbols=True)
+    for file, text in source.items():
+        (tmp_path / file).write_text(text, encoding="utf-8")
+    call = generated.RUNNERS[target](generated.Build(tmp_path, "arm", source.functions, "double"))
+    rng = np.random.default_rng(5)
+    labels = next(a.labels for a in source.functions[0].arguments if a.name == "symbols")
+    assert set(labels) <= set(model.mechanism.symbols)
+    q, qd, qdd = rng.uniform(-2, 2, (3, 7, len(model.mechanism.velocities)))
+    zeta = rng.normal(size=model.rank)
+    for lengths in rng.uniform(0.2, 0.9, (2, len(labels))):
+        symbols = dict(zip(labels, map(float, lengths), strict=True))
+        wanted = {
+            "regressor": model.regressor(q, qd, qdd, symbols),
+            "inverse_dynamics": model.predict(q, qd, qdd, zeta, symbols),
+        }
+        for function in source.functions:
+            assert next(a.labels for a in function.arguments if a.name == "symbols") == labels
+            values = {"q": q, "qd": qd, "qdd": qdd, "parameters": zeta, "symbols": lengths}
+            found = call(function, values)
+            np.testing.assert_allclose(found, wanted[function.name], atol=1e-11)
+
+
+def test_only_some() -> None:
+    model = base("panda")
+    source = generate(model, "c", ["regressor"], keep_symbols=["a7", "d3"])
+    argument = next(a for a in source.functions[0].arguments if a.name == "symbols")
+    assert set(argument.labels) == {"a7", "d3"}
+    header = source["panda.h"]
+    assert "a7 [SI], 0.088 in the robot's file" in header
+    assert "a7 = " not in header.partition("Put in as constants:")[2]
+    assert "d5 = 0.384" in header.partition("Put in as constants:")[2]
+
+
+def test_refusals() -> None:
+    model = base("double_pendulum")
+    with pytest.raises(InputError, match="no symbol 'l9' to keep \\(valid: g, l1\\)"):
+        generate(model, "c", ["gravity"], keep_symbols=["l9"])
+    with pytest.raises(InputError, match="'l1' is kept as an argument"):
+        generate(model, "c", ["gravity"], keep_symbols=True, symbols={"l1": 1.0})
+    with pytest.raises(InputError, match="belong to one geometry"):
+        generate(model, "c", ["gravity"], keep_symbols=True, parameters=dict.fromkeys(model.pivots, 1.0))
+
+
+def test_command(tmp_path: Path) -> None:
+    robot = str(ROOT / "examples/double_pendulum.yaml")
+    arguments = ["generate", robot, "-o", str(tmp_path), "--function", "regressor", "--json", "--keep-symbols", "all"]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0
+    assert json.loads(done.stdout)["functions"]["regressor"]["arguments"]["symbols"] == 2
+
+
+def circle() -> Function:
+    program = Program()
+    q = [program.input(f"q[{k}]") for k in range(4)]
+    entries = {(0, k): x.sin().node for k, x in enumerate(q)} | {(1, k): x.cos().node for k, x in enumerate(q)}
+    argument = Argument("q", tuple(x.node for x in q), tuple("abcd"), ("rad",) * 4)
+    return Function("circle", program, (argument,), entries, (("sine", "cosine"), tuple("abcd")), (), "circle points")
+
+
+FAST = ("-O3", "-march=native", "-ffp-contract=fast")
+BUILDS = [("c", ()), ("c", FAST), ("cpp", ()), ("cpp", FAST)]
+
+
+def build(folder: Path, target: str, flags: tuple[str, ...]) -> generated.Call:
+    files = printed([circle()], TARGETS[target], Precision.DOUBLE, "turn", Subject("turn", (), {}))
+    for name, text in files.items():
+        (folder / name).write_text(text)
+    return generated.RUNNERS[target](generated.Build(folder, "turn", (circle(),), "double", flags))
+
+
+def ulps(x: float, found: float, cosine: bool) -> float:
+    exact = flint.arb(x).cos() if cosine else flint.arb(x).sin()
+    return abs(float((flint.arb(found) - exact) / np.spacing(abs(float(exact)))))
+
+
+@pytest.mark.parametrize(("target", "flags"), BUILDS)
+def test_errors_in_units_in_the_last_place(target: str, flags: tuple[str, ...], tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    multiples = rng.integers(-60_000, 60_000, 1500) * (np.pi / 2)
+    pieces = [
+        rng.uniform(-1e5, 1e5, 1500),
+        rng.uniform(-7, 7, 1500),
+        multiples,
+        np.nextafter(multiples, 1e9),
+        rng.integers(-120_000, 120_000, 500) * (np.pi / 4),
+        10.0 ** rng.uniform(-300, 0, 500),
+        np.array([1e5, -1e5, 0.0, 5e-324]),
+    ]
+    q = np.concatenate(pieces)
+    q = q[np.abs(q) <= 1e5]
+    q = q[: len(q) // 4 * 4].reshape(-1, 4)
+    found = build(tmp_path, target, flags)(circle(), {"q": q})
+    with flint.ctx.workprec(300):
+        sines = [ulps(float(x), float(y), False) for x, y in zip(q.ravel(), found[:, 0].ravel(), strict=True)]
+        cosines = [ulps(float(x), float(y), True) for x, y in zip(q.ravel(), found[:, 1].ravel(), strict=True)]
+    assert max(sines) < 2
+    assert max(cosines) < 2
+
+
+@pytest.mark.parametrize(("target", "flags"), BUILDS)
+def test_the_library_takes_over(target: str, flags: tuple[str, ...], tmp_path: Path) -> None:
+    q = np.array([[1.0, 1e6, -1e22, 3.0], [np.nan, 1.0, 2.0, 3.0], [np.inf, 1.0, -np.inf, 0.5], [1e300, 0.0, 1.0, 2.0]])
+    found = build(tmp_path, target, flags)(circle(), {"q": q})
+    with np.errstate(invalid="ignore"):
+        np.testing.assert_allclose(found, np.stack([np.sin(q), np.cos(q)], axis=1), rtol=1e-15)

@@ -4,7 +4,7 @@ from mutation.fault import Fault
 
 RECURSION, COMPOSITE, OPERATIONS = "dynamics/recursion.py", "dynamics/composite.py", "machine/operations_text.py"
 DYNAMICS = "dynamics/test_dynamics.py dynamics/test_evaluation.py"
-TRIGONOMETRY, BATCHES = "machine/test_machine_trigonometry.py", "machine/test_machine_batches.py"
+TRIGONOMETRY, BATCHES = "machine/test_machine_operations.py", "machine/test_machine_batches.py"
 TRIANGLE, OBSERVE = "observe/test_observe_triangle.py", "observe/test_observe.py observe/test_observe_algebra.py"
 CODE = "codegen/test_codegen.py codegen/test_codegen_text.py"
 CONVERT = "inertia/test_convert.py"
@@ -28,7 +28,7 @@ FAULTS = (
         "(-along if k == axis",
         "(along if k == axis",
         "offsets along axes, which cost operations",
-        "dynamics/test_dynamics_counts.py",
+        "dynamics/test_dynamics.py",
     ),
     Fault(
         "dynamics/kinematics.py",

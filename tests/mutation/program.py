@@ -152,14 +152,14 @@ FAULTS = (
         "max(a.degree + b.below, b.degree + a.below)",
         "max(a.degree, b.degree)",
         "degree that the certificate's bound rests on",
-        "program/test_bounds.py",
+        "program/test_schedule.py",
     ),
     Fault(
         "program/schedule.py",
         "+ (power - b.power) * scale",
         "",
         "size of coefficients that the certificate's bound rests on",
-        "program/test_bounds.py",
+        "program/test_schedule.py",
     ),
     Fault(
         "program/canonical.py",

@@ -118,7 +118,7 @@ def geometry_sampler() -> FieldSampler:
     program = Program()
     d, a, unused = (program.input(name, "symbol") for name in ("d", "a", "unused"))
     x = program.input("x")
-    outputs: list[Scalar] = [d, program.cos(a), program.sin(a) * d, x]
+    outputs: list[Scalar] = [d, a.cos(), a.sin() * d, x]
     assert unused.node not in program.needed([s.node for s in outputs])
     return FieldSampler(program, [s.node for s in outputs])
 

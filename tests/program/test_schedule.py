@@ -1,8 +1,9 @@
-"""One schedule, three arithmetics: doubles against numpy, residues against fractions."""
+"""One schedule, three arithmetics, against NumPy and fractions; bounds of degrees and coefficients."""
 
 from __future__ import annotations
 
 from fractions import Fraction
+from math import log2, sqrt
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,8 @@ from hypothesis import assume, given
 from echelon.errors import DegenerateSampleError, EchelonError
 from echelon.exact.field import PrimeField
 from echelon.exact.polynomial import Number, surd
-from echelon.program.schedule import FloatArithmetic, ModularArithmetic, Schedule
-from echelon.program.tape import FUNCTIONS, Op, Program
+from echelon.program.schedule import FloatArithmetic, ModularArithmetic, Schedule, norm_bits, size_bound
+from echelon.program.tape import FUNCTIONS, Op, Program, Scalar
 from support.strategies import FIELDS, SMALL_FIELD, calculate, formulas, numbers
 
 NAMES = ("x", "y", "z")
@@ -97,7 +98,7 @@ def test_outputs_may_be_inputs_constants_repeated_and_in_any_order() -> None:
 def test_leaves_are_taken_as_they_are_given() -> None:
     program = Program()
     x = program.input("x")
-    s = program.sin(x)
+    s = x.sin()
     schedule = Schedule(program, [(s * s + 1).node], leaves=[s.node])
     assert schedule.leaves == [s.node]
     assert schedule.run(ModularArithmetic(SMALL_FIELD), {s.node: np.array([3, 4])}, 2).tolist() == [[10, 17]]
@@ -116,3 +117,64 @@ def test_a_vanishing_denominator_is_degenerate() -> None:
     schedule = Schedule(program, [(1 / x).node])
     with pytest.raises(DegenerateSampleError):
         schedule.run(ModularArithmetic(SMALL_FIELD), {x.node: np.array([1, 0])}, 2)
+
+
+@given(formulas(*NAMES))
+def test_neither_degree_nor_coefficients_exceed_their_bounds(formula: Any) -> None:
+    program = Program()
+    inputs = {name: program.input(name) for name in NAMES}
+    symbols = {name: sympy.Symbol(name) for name in NAMES}
+    try:
+        output = calculate(formula, inputs, program.constant).node
+        quotient = calculate(formula, symbols, lambda c: sympy.Rational(c.numerator, c.denominator))
+    except ZeroDivisionError:
+        assume(False)
+    assume(not quotient.has(sympy.zoo, sympy.nan))
+    size = size_bound(program, [output])
+    parts = [sympy.Poly(part, *symbols.values()) for part in sympy.fraction(sympy.cancel(quotient))]
+    assert size.degree >= max(part.total_degree() for part in parts)
+    if quotient.is_polynomial():  # a common factor may have larger coefficients without it
+        assert log2(max(1, *map(abs, parts[0].coeffs()))) <= size.bits + 1e-9
+
+
+PROGRAM = Program()
+X, Y = PROGRAM.input("x"), PROGRAM.input("y")
+HALF, THIRD = Fraction(1, 2), Fraction(1, 3)
+
+
+@pytest.mark.parametrize(
+    ("output", "degree", "bits"),
+    [
+        (PROGRAM.one, 0, 0.0),
+        (X, 1, 0.0),
+        (-(X * X) * Y * 7, 3, log2(7)),
+        (X * X + Y, 2, 1.0),
+        (1 / (X * Y), 2, 0.0),
+        (X / Y + Y / X, 2, 1.0),
+        ((X * X * X).sin() * Y, 2, 0.0),
+        ((X + Y) * (X + Y) * (X - Y), 3, 3.0),
+        (X * HALF + Y * THIRD, 1, log2(5)),  # (3x + 2y)/6
+        ((X * HALF + Y * THIRD) * X, 2, log2(5)),
+        (X * HALF + Y, 1, log2(3)),  # (x + 2y)/2
+        (X * HALF - Y * X, 2, log2(3)),
+        (Y * X * X - X * HALF, 3, log2(3)),
+        (Y - X * HALF, 1, log2(3)),
+    ],
+)
+def test_bounds_of_simple_programs(output: Scalar, degree: int, bits: float) -> None:
+    size = size_bound(PROGRAM, [output.node])
+    assert (size.degree, size.bits) == (degree, pytest.approx(bits))
+
+
+def test_the_largest_of_several_outputs_counts() -> None:
+    program = Program()
+    x, y = program.input("x"), program.input("y")
+    assert size_bound(program, []).degree == 0
+    assert size_bound(program, [x.node, (x * y).node]).degree == 2
+    assert size_bound(program, [(x * 9).node, (x * y).node]).bits == pytest.approx(log2(9))
+
+
+def test_sizes_of_numbers() -> None:
+    assert norm_bits([Fraction(1, 3), -2], 3) == pytest.approx(log2(7))
+    assert norm_bits([surd(1, -1, 0, Fraction(1, 2))], 2) == pytest.approx(log2(2 + 2 * sqrt(2) + sqrt(6)))
+    assert norm_bits([Fraction(10**400)]) == pytest.approx(400 * log2(10))

@@ -153,7 +153,7 @@ def test_geometry_becomes_symbols() -> None:
 def test_only_what_is_needed_counts() -> None:
     program, inputs = recorded()
     x, y = inputs["x"], inputs["y"]
-    s = program.sin(x * y)
+    s = (x * y).sin()
     useful, _useless = s + x, x / y
     assert program.count([useful.node]) == {"ADD": 1, "MUL": 1, "SIN": 1}
     assert program.count([useful.node, (x * y).node]) == {"ADD": 1, "MUL": 1, "SIN": 1}

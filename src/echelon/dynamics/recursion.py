@@ -181,7 +181,7 @@ class ForwardPass:
         (freedom,) = step.freedoms
         axis, sign = motion.axis, motion.sign
         angle, program = self.recorder.coordinates[motion.name].position[0], self.recorder.program
-        c, s = program.cos(angle), program.sin(angle) * sign
+        c, s = angle.cos(), angle.sin() * sign
         way = 0 if parallel is None or not self._sums else _along(parallel, axis)
         if parallel is None or not way:
             parallel = ParallelRotations(now, axis, c, s, sign * freedom.rate, identity(program))

@@ -122,7 +122,7 @@ def _circular(op: Op, angle: Scalar) -> Scalar:
     counts = {program.lhs[n]: count for n, count in arcs.items() if count}
     if not counts or any(abs(count) > _LARGEST_MULTIPLE for count in counts.values()):
         return program.function(op, angle)
-    cosine, sine = program.cos(rest), program.sin(rest)
+    cosine, sine = rest.cos(), rest.sin()
     for node, count in counts.items():
         w = Scalar(program, node) if count > 0 else -Scalar(program, node)
         below = (1 + w * w) ** (abs(count) // 2)

@@ -62,7 +62,7 @@ def to_sympy(program: Program, outputs: Sequence[int], given: Mapping[int, Any] 
 
     >>> program = Program()
     >>> x = program.input("x")
-    >>> to_sympy(program, [(x / 3).node, (1 / program.sin(x)).node])
+    >>> to_sympy(program, [(x / 3).node, (1 / x.sin()).node])
     [x/3, 1/sin(x)]
     """
     with extra("symbolic"):

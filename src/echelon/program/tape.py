@@ -374,20 +374,12 @@ class Program:
             return self.constant(folded)
         return Scalar(self, self._intern(int(op), x.node, -1))
 
-    def sin(self, x: Scalar) -> Scalar:
-        """Sine of a recorded scalar."""
-        return self.function(Op.SIN, x)
-
-    def cos(self, x: Scalar) -> Scalar:
-        """Cosine of a recorded scalar."""
-        return self.function(Op.COS, x)
-
     def _generator(self, generator: str) -> Scalar:
         symbol = self.input(symbol_of(generator), "symbol")
         if not is_trigonometric(generator):
             return symbol
         angle = symbol * multiple_of(generator)[0]
-        return self.cos(angle) if generator.startswith("cos") else self.sin(angle)
+        return angle.cos() if generator.startswith("cos") else angle.sin()
 
     # -- operations on nodes, with simplification -----------------------------------------------------------------
 

@@ -87,7 +87,7 @@ def turned(op: Op, rest: Scalar, cosine: Number, sine: Number) -> Scalar:
     program = rest.program
     if cosine == 1:
         return program.function(op, rest)
-    c, s = program.cos(rest), program.sin(rest)
+    c, s = rest.cos(), rest.sin()
     whole_cosine, whole_sine = c * cosine - s * sine, s * cosine + c * sine
     return whole_sine / whole_cosine if op is Op.TAN else whole_cosine if op is Op.COS else whole_sine
 

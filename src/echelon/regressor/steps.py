@@ -182,7 +182,7 @@ class Recorder:
         if motion.kind is MotionKind.TRANSLATION:
             shift = _scaled(axis, position)
             return [Step(None, shift, (Freedom(motion.name, self.zeros, axis, rate, acceleration),))]
-        turned = self.turn(motion.axis, self.program.cos(position), self.program.sin(position) * motion.sign)
+        turned = self.turn(motion.axis, position.cos(), position.sin() * motion.sign)
         if motion.kind is MotionKind.ROTATION:
             return [Step(turned, None, (Freedom(motion.name, axis, self.zeros, rate, acceleration),))]
         travel = _scaled(axis, self.program.polynomial(motion.pitch))

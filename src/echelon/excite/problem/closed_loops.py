@@ -29,7 +29,7 @@ from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.excite.problem.information import ADJOINT, StateRegressor, pullback
 from echelon.excite.problem.state_limits import Slopes, StateConstraint
 from echelon.machine.kernel import Kernel
-from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Function
 from echelon.program.tape import Program
@@ -41,6 +41,9 @@ _SHORTEST = 2e-3  # of a step on the way to a configuration, rad or characterist
 _REMEMBERED = 4  # sets of samples: those of the criterion and of the constraints
 _POSES = 64  # that tell what openness is usual
 _SINGULAR = 1e-9  # openness; beyond this dependent rates are of no use
+
+
+Triple = tuple[Floats, Floats, Floats]
 
 
 @dataclass(frozen=True)
@@ -69,8 +72,8 @@ def openness(mechanism: Mechanism, _pivots: object) -> Function:
     return motion_function("openness", motion, [motion.openness], ("openness",), "q", "distance from singular poses")
 
 
-class LoopPositions(CompiledAssembly):
-    """Closed configurations from independent positions."""
+class LoopMotion(CompiledAssembly):
+    """Closed configurations from independent positions, closed states from independent ones, and derivatives."""
 
     functions: ClassVar[tuple[Builder, ...]] = (*CompiledAssembly.functions, openness)
 
@@ -134,12 +137,7 @@ class LoopPositions(CompiledAssembly):
         found, closed = self.near(guess)
         return found, done & closed & (largest((found - guess) / self.position_units) < LARGEST_CORRECTION)
 
-
-Triple = tuple[Floats, Floats, Floats]
-
-
-class LoopMotion(LoopPositions):
-    """Closed states from independent ones, and derivatives."""
+    # -- states ----------------------------------------------------------------------------------------------------
 
     def at(self, q: Floats, qd: Floats, qdd: Floats) -> Closed:
         """States of all coordinates; at rest where the loops are not closed."""
@@ -214,20 +212,19 @@ def state_regressor(mechanism: Mechanism, pivots: Sequence[int], smooth: float |
     return made(mechanism, pivots, smooth)
 
 
+def passive_motions(mechanism: Mechanism) -> list[Motion]:
+    """Motions without a motor of their own: those of floating bases and of balls."""
+    floating = [m for body in mechanism.bodies if body.joint.kind == "floating" for m in body.joint.motions]
+    return [*floating, *(m for m in mechanism.motions if m.kind is MotionKind.BALL)]
+
+
 def check_loops(mechanism: Mechanism, move: Sequence[str] | None, hold: Collection[str], source: str) -> None:
     """Refuse what is not possible with loops: to hold coordinates, and to move what has no motor of its own."""
     names = mechanism.independent_velocities
     if hold or (move is not None and set(move) != set(names)):
         problem = f"with loops all independent coordinates move ({', '.join(names)}); leave out move and hold"
         raise InputError(problem, source=source, element="excitation")
-    free = {
-        n
-        for body in mechanism.bodies
-        if body.joint.kind == "floating"
-        for m in body.joint.motions
-        for n in m.velocities
-    }
-    free |= {n for m in mechanism.motions if m.kind is MotionKind.BALL for n in m.velocities}
+    free = {name for motion in passive_motions(mechanism) for name in motion.velocities}
     loose = [name for name in names if name in free]
     if loose:
         problem = f"'{loose[0]}' is independent but not driven by a motor of its own, and with loops it cannot be held"

@@ -26,9 +26,9 @@ from echelon.excite.problem.clearance import Clearance, clearance_of
 from echelon.excite.problem.closed_loops import (
     LoopMotion,
     LoopPart,
-    LoopPositions,
     check_loops,
     loop_limits,
+    passive_motions,
 )
 from echelon.excite.problem.prior_model import effort_model
 from echelon.excite.problem.robot_shapes import entry_shapes, read_geometry
@@ -45,7 +45,6 @@ from echelon.formats.schema.schema_excite import EVERY, ExcitationEntry, FrameEn
 from echelon.formats.stated_limits import StatedLimits, stated_limits
 from echelon.hints import nearest_of
 from echelon.logs.finding import Finding, note, warning
-from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
@@ -290,8 +289,7 @@ def _held(setup: Setup, entry: ExcitationEntry, findings: list[Finding]) -> dict
     for name in (*(entry.move or ()), *entry.hold):
         if name not in names:
             raise InputError(f"there is no coordinate '{name}'{nearest_of(name, names)}", element="excitation")
-    free = {m.name for body in mechanism.bodies if body.joint.kind == "floating" for m in body.joint.motions}
-    free |= {m.name for m in motions if m.kind is MotionKind.BALL}
+    free = {m.name for m in passive_motions(mechanism)}
     moving = [name for name in names if name not in free] if entry.move is None else list(entry.move)
     undriven = [name for name in moving if name in free]
     if undriven:
@@ -355,7 +353,7 @@ def _clearance(
     names = mechanism.independent_velocities
     start = [entry.centre.get(name, middle) for name, middle in zip(names, limits.middle, strict=True)]
     if mechanism.closures:
-        start = LoopPositions(mechanism).positioned(np.array([start])).q[0].tolist()
+        start = LoopMotion(mechanism).positioned(np.array([start])).q[0].tolist()
     pure = replace(mechanism)  # how the file was read is of no use to another process
     found = clearance_of(
         pure, shapes, section.clearance, excluded, reference=start, ignore_touching=section.ignore_touching

@@ -56,15 +56,6 @@ _CREEPING = 0.25  # share of the tolerance below which relative changes of the c
 _TOLERANCE = 2e-4  # of optimality; ten times as much does where the criterion does not get better by a quarter of it
 
 
-@dataclass(frozen=True, eq=False)
-class Ended:
-    """The end of one run of the solver."""
-
-    x: Floats  # shape (problem.size,); the last iterate, which keeps the limits that the solver knew of if it converged
-    status: str  # ``"converged"``, ``"iterations"``, ``"infeasible"`` or the solver's own word
-    iterations: int
-
-
 _STATUS = {
     "Solve_Succeeded": "converged",
     "Solved_To_Acceptable_Level": "converged",
@@ -101,8 +92,11 @@ class _LastEvaluation:
         return self._found
 
 
-def solve(problem: Problem, start: Floats, iterations: int, best: Best) -> Ended:
-    """Minimise from one starting point in so many iterations, however busy the machine is."""
+def solve(problem: Problem, start: Floats, iterations: int, best: Best) -> tuple[Floats, str, int]:
+    """Minimise from one starting point: the last iterate, which keeps the limits of the problem if it converged.
+
+    Beside it stand ``"converged"``, ``"iterations"``, ``"infeasible"`` or the solver's own word, and the iterations.
+    """
     casadi = _casadi()
     evaluate = _LastEvaluation(problem.value_and_gradient)
     A, low, high = problem.linear
@@ -133,7 +127,7 @@ def solve(problem: Problem, start: Floats, iterations: int, best: Best) -> Ended
     best.offer(found, evaluate(found)[0])
     stats = solver.stats()
     status = _STATUS.get(stats["return_status"], stats["return_status"].replace("_", " ").lower())
-    return Ended(found, status, int(stats["iter_count"]))
+    return found, status, int(stats["iter_count"])
 
 
 def _casadi() -> Any:
@@ -234,7 +228,7 @@ class Solution:
 
     x: Floats | None  # the best coefficients that kept all limits at the samples; None if none did
     value: float  # their criterion
-    status: str  # see :class:`echelon.excite.solve.solver.Ended`
+    status: str  # see :func:`solve`
     iterations: int
     history: tuple[float, ...]  # the criterion of the best motion so far, each time it became better: descending
 
@@ -253,14 +247,14 @@ def constraint_generation(problem: Problem, start: Floats, most: int, near: Floa
             _offer_smaller(problem, near, best)
         part, iterations, status = problem.relaxed() if near is None else problem.enforcing(near), 0, ""
         for _ in range(_ROUNDS):
-            ended = solve(part, start, max(most - iterations, 1), best)
-            iterations, status = iterations + ended.iterations, ended.status
-            _offer_smaller(problem, ended.x, best)
-            more = problem.extended(part, ended.x)
+            x, status, steps = solve(part, start, max(most - iterations, 1), best)
+            iterations += steps
+            _offer_smaller(problem, x, best)
+            more = problem.extended(part, x)
             if more is None or iterations >= most:
                 break
             part = more
-            start = problem.shrunk(ended.x, 0.9) if best.x is None else best.x
+            start = problem.shrunk(x, 0.9) if best.x is None else best.x
     return Solution(best.x, best.value, status, iterations, tuple(best.history))
 
 
