@@ -16,6 +16,7 @@ import numpy as np
 
 from echelon.errors import InputError, one_line
 from echelon.exact.polynomial import Number
+from echelon.program.tape import FUNCTIONS as OPERATIONS
 from echelon.program.tape import Op
 
 # words that a language reserves, or that name a library which the generated code itself uses
@@ -152,18 +153,8 @@ class Language:
         return self.entry.format(index=self.separator.join(str(k + self.first) for k in index))
 
 
-FUNCTIONS = {
-    Op.SIN: "sin{f}({x})",
-    Op.COS: "cos{f}({x})",
-    Op.TAN: "tan{f}({x})",
-    Op.EXP: "exp{f}({x})",
-    Op.LOG: "log{f}({x})",
-    Op.TANH: "tanh{f}({x})",
-    Op.SQRT: "sqrt{f}({x})",
-    Op.ABS: "fabs{f}({x})",
-    Op.SIGN: "sign_of({x})",
-    Op.ATAN: "atan{f}({x})",
-}
+FUNCTIONS = {op: f"{op.name.lower()}{{f}}({{x}})" for op in OPERATIONS}
+FUNCTIONS |= {Op.ABS: "fabs{f}({x})", Op.SIGN: "sign_of({x})"}
 """Functions of C's library, and a sign of our own."""
 
 OVERLOADED = {op: pattern.format(f="", x="{x}") for op, pattern in FUNCTIONS.items()}
@@ -213,18 +204,7 @@ PYTHON = Language(
     name="python",
     files={"{robot}.py": "python.py.j2"},
     comment="# ",
-    functions={
-        Op.SIN: "np.sin({x})",
-        Op.COS: "np.cos({x})",
-        Op.TAN: "np.tan({x})",
-        Op.EXP: "np.exp({x})",
-        Op.LOG: "np.log({x})",
-        Op.TANH: "np.tanh({x})",
-        Op.SQRT: "np.sqrt({x})",
-        Op.ABS: "np.abs({x})",
-        Op.SIGN: "np.sign({x})",
-        Op.ATAN: "np.arctan({x})",
-    },
+    functions={op: f"np.{op.name.lower()}({{x}})" for op in OPERATIONS} | {Op.ATAN: "np.arctan({x})"},
     real={Precision.DOUBLE: "np.float64", Precision.SINGLE: "np.float32"},
     entry="out[{index}]",
     separator=", ",

@@ -7,7 +7,7 @@ dependent rates are checked and left out.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 from typing import ClassVar
 
@@ -16,7 +16,13 @@ import numpy.typing as npt
 
 from echelon.arrays import Flags, Floats
 from echelon.dynamics.arguments import STANDARD, STATE, geometry_values
-from echelon.dynamics.functions import closed_accelerations, closed_positions, closed_velocities, closure_pivots
+from echelon.dynamics.functions import (
+    Builder,
+    closed_accelerations,
+    closed_positions,
+    closed_velocities,
+    closure_pivots,
+)
 from echelon.errors import InputError
 from echelon.machine.kernel import Kernel, real_array, value_of
 from echelon.mechanism.mechanism import Mechanism
@@ -24,8 +30,6 @@ from echelon.mechanism.stated import symbol_values
 from echelon.program.function import Argument, Function
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.closed_motion import CLOSED, RANK_TOLERANCE, largest
-
-Builder = Callable[[Mechanism, Sequence[int]], Function]
 
 _STEP = 1e-9  # rad or characteristic lengths: what Newton's iteration leaves after a step that small is rounding
 _SINGULAR = RANK_TOLERANCE**2  # pivots are squares

@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import lcm, log2, sqrt
+from operator import methodcaller, neg
 from typing import Any, NamedTuple, Protocol
 
 import flint
@@ -28,7 +29,7 @@ from echelon.errors import EchelonError
 from echelon.exact import series
 from echelon.exact.field import PrimeField
 from echelon.exact.polynomial import Number, Polynomial, parts_of
-from echelon.program.tape import Op, Program
+from echelon.program.tape import FUNCTIONS, Op, Program
 
 Array = npt.NDArray[Any]
 
@@ -114,19 +115,8 @@ class Schedule:
         return result
 
 
-_FLOAT_FUNCTIONS = {
-    Op.NEG: np.negative,
-    Op.SIN: np.sin,
-    Op.COS: np.cos,
-    Op.TAN: np.tan,
-    Op.EXP: np.exp,
-    Op.LOG: np.log,
-    Op.TANH: np.tanh,
-    Op.SQRT: np.sqrt,
-    Op.ABS: np.abs,
-    Op.SIGN: np.sign,
-    Op.ATAN: np.arctan,
-}
+_FLOAT_FUNCTIONS: dict[Op, Any] = {op: getattr(np, op.name.lower()) for op in FUNCTIONS if op is not Op.ATAN}
+_FLOAT_FUNCTIONS |= {Op.NEG: np.negative, Op.ATAN: np.arctan}
 _FLOAT_BINARY = {Op.ADD: np.add, Op.SUB: np.subtract, Op.MUL: np.multiply, Op.DIV: np.divide}
 
 
@@ -219,19 +209,8 @@ def ball(value: Number | float) -> Any:
     return total
 
 
-_UNARY: dict[Op, Callable[[Any], Any]] = {
-    Op.NEG: lambda x: -x,
-    Op.SIN: lambda x: x.sin(),
-    Op.COS: lambda x: x.cos(),
-    Op.TAN: lambda x: x.tan(),
-    Op.EXP: lambda x: x.exp(),
-    Op.LOG: lambda x: x.log(),
-    Op.TANH: lambda x: x.tanh(),
-    Op.SQRT: lambda x: x.sqrt(),
-    Op.ABS: abs,
-    Op.SIGN: lambda x: x.sgn(),
-    Op.ATAN: lambda x: x.atan(),
-}
+_UNARY: dict[Op, Callable[[Any], Any]] = {op: methodcaller(op.name.lower()) for op in FUNCTIONS}
+_UNARY |= {Op.NEG: neg, Op.ABS: abs, Op.SIGN: methodcaller("sgn")}
 
 
 class BallArithmetic:

@@ -11,7 +11,7 @@ hold (comparisons, branches, conversions to float) is an error that says so, ins
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
@@ -68,6 +68,16 @@ _LARGEST_EXPONENT = 128
 _MOST_BITS = 20_000
 
 
+def _recorded(op: Op, meaning: str) -> Callable[[Scalar], Scalar]:
+    """A method that records a function."""
+
+    def method(self: Scalar) -> Scalar:
+        return self.program.function(op, self)
+
+    method.__doc__ = meaning
+    return method
+
+
 class Scalar:
     """A recorded number."""
 
@@ -122,33 +132,15 @@ class Scalar:
 
     # -- functions, by the names that NumPy looks for in arrays of objects --------------------------------------
 
-    def sin(self) -> Scalar:
-        """Sine."""
-        return self.program.function(Op.SIN, self)
-
-    def cos(self) -> Scalar:
-        """Cosine."""
-        return self.program.function(Op.COS, self)
-
-    def tan(self) -> Scalar:
-        """Tangent."""
-        return self.program.function(Op.TAN, self)
-
-    def exp(self) -> Scalar:
-        """Exponential."""
-        return self.program.function(Op.EXP, self)
-
-    def log(self) -> Scalar:
-        """Natural logarithm."""
-        return self.program.function(Op.LOG, self)
-
-    def tanh(self) -> Scalar:
-        """Hyperbolic tangent."""
-        return self.program.function(Op.TANH, self)
-
-    def arctan(self) -> Scalar:
-        """Arc tangent."""
-        return self.program.function(Op.ATAN, self)
+    sin = _recorded(Op.SIN, "Sine.")
+    cos = _recorded(Op.COS, "Cosine.")
+    tan = _recorded(Op.TAN, "Tangent.")
+    exp = _recorded(Op.EXP, "Exponential.")
+    log = _recorded(Op.LOG, "Natural logarithm.")
+    tanh = _recorded(Op.TANH, "Hyperbolic tangent.")
+    arctan = _recorded(Op.ATAN, "Arc tangent.")
+    sign = _recorded(Op.SIGN, "−1, 0 or 1.")
+    __abs__ = _recorded(Op.ABS, "Size.")
 
     def arcsin(self) -> Scalar:
         """Arc sine, as twice an arc tangent."""
@@ -167,10 +159,6 @@ class Scalar:
         """Square root."""
         return square_root(self)
 
-    def sign(self) -> Scalar:
-        """−1, 0 or 1."""
-        return self.program.function(Op.SIGN, self)
-
     def sinh(self) -> Scalar:
         """Hyperbolic sine, from the exponential."""
         return (self.exp() - (-self).exp()) / 2
@@ -178,9 +166,6 @@ class Scalar:
     def cosh(self) -> Scalar:
         """Hyperbolic cosine, from the exponential."""
         return (self.exp() + (-self).exp()) / 2
-
-    def __abs__(self) -> Scalar:
-        return self.program.function(Op.ABS, self)
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
         """NumPy's functions: the larger and smaller of values, and on arrays of objects what has a method here."""

@@ -22,8 +22,8 @@ import numpy as np
 
 from echelon.arrays import Flags, Floats
 from echelon.dynamics.arguments import geometry_values
-from echelon.dynamics.evaluator import Builder, CompiledAssembly
-from echelon.dynamics.functions import closed_accelerations, closed_velocities, motion_function
+from echelon.dynamics.evaluator import CompiledAssembly
+from echelon.dynamics.functions import Builder, closed_accelerations, closed_velocities, motion_function
 from echelon.errors import InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.excite.problem.information import ADJOINT, StateRegressor, pullback
