@@ -19,43 +19,43 @@ Relation = Callable[[Program, Scalar, Scalar], Scalar]  # of states x and y
 HALF, ROOT2 = Fraction(1, 2), surd(0, 1, 0, 0)
 
 
-def turned(p: Program, a: Scalar, b: Scalar) -> Scalar:
+def turned(a: Scalar, b: Scalar) -> Scalar:
     """sin(a + b) by the addition theorem."""
-    return p.sin(a) * p.cos(b) + p.cos(a) * p.sin(b)
+    return a.sin() * b.cos() + a.cos() * b.sin()
 
 
-def doubled(p: Program, a: Scalar) -> Scalar:
+def doubled(a: Scalar) -> Scalar:
     """sin 2a by the addition theorem."""
-    return turned(p, a, a)
+    return turned(a, a)
 
 
 IDENTITIES: dict[str, Relation] = {
-    "circle": lambda p, x, _: p.sin(x) * p.sin(x) + p.cos(x) * p.cos(x) - 1,
-    "odd and even": lambda p, x, _: (p.sin(-x) + p.sin(x)) * 2 + p.cos(-x) - p.cos(x),
-    "double angle": lambda p, x, _: p.sin(2 * x) - doubled(p, x),
-    "half angle": lambda p, x, _: p.sin(x) - doubled(p, x / 2),
-    "sum": lambda p, x, y: p.sin(x + y) - turned(p, x, y),
-    "sum of multiples": lambda p, x, y: p.sin(x / 3 - y) - turned(p, x / 3, -y),
-    "coupling": lambda p, x, _: p.sin(Fraction(3, 7) * x) - turned(p, x / 7, Fraction(2, 7) * x),
-    "large multiple": lambda p, x, _: p.sin(10_000_000 * x) - doubled(p, 5_000_000 * x),
-    "large and small multiples": lambda p, x, _: (p.sin(2 * x) - doubled(p, x)) * p.sin(x / 1000),
-    "angle that cancels": lambda p, x, y: p.sin(x + y - x - y) + p.cos((x + y) - y - x) - 1,
-    "product": lambda p, x, y: p.sin(2 * (x * y)) - doubled(p, x * y),
-    "product and sum": lambda p, x, y: p.sin(x - x * y) - turned(p, x, -(x * y)),
-    "irrational multiple": lambda p, x, _: p.sin(x * ROOT2 + x) - turned(p, x * ROOT2, x),
-    "function": lambda p, x, _: p.sin(2 * p.sin(x)) - doubled(p, p.sin(x)),
-    "constant": lambda p, x, _: p.sin(x + 1) - turned(p, x, p.one),
-    "half of a constant": lambda p, _, __: p.sin(p.one) - doubled(p, p.constant(HALF)),
+    "circle": lambda _p, x, _: x.sin() * x.sin() + x.cos() * x.cos() - 1,
+    "odd and even": lambda _p, x, _: ((-x).sin() + x.sin()) * 2 + (-x).cos() - x.cos(),
+    "double angle": lambda _p, x, _: (2 * x).sin() - doubled(x),
+    "half angle": lambda _p, x, _: x.sin() - doubled(x / 2),
+    "sum": lambda _p, x, y: (x + y).sin() - turned(x, y),
+    "sum of multiples": lambda _p, x, y: (x / 3 - y).sin() - turned(x / 3, -y),
+    "coupling": lambda _p, x, _: (Fraction(3, 7) * x).sin() - turned(x / 7, Fraction(2, 7) * x),
+    "large multiple": lambda _p, x, _: (10_000_000 * x).sin() - doubled(5_000_000 * x),
+    "large and small multiples": lambda _p, x, _: ((2 * x).sin() - doubled(x)) * (x / 1000).sin(),
+    "angle that cancels": lambda _p, x, y: (x + y - x - y).sin() + ((x + y) - y - x).cos() - 1,
+    "product": lambda _p, x, y: (2 * (x * y)).sin() - doubled(x * y),
+    "product and sum": lambda _p, x, y: (x - x * y).sin() - turned(x, -(x * y)),
+    "irrational multiple": lambda _p, x, _: (x * ROOT2 + x).sin() - turned(x * ROOT2, x),
+    "function": lambda _p, x, _: (2 * x.sin()).sin() - doubled(x.sin()),
+    "constant": lambda p, x, _: (x + 1).sin() - turned(x, p.one),
+    "half of a constant": lambda p, _, __: p.one.sin() - doubled(p.constant(HALF)),
 }
 
 DIFFERENCES: dict[str, Relation] = {
-    "sine and angle": lambda p, x, _: p.sin(x) - x,
-    "sine and cosine": lambda p, x, _: p.sin(x) - p.cos(x),
-    "two angles": lambda p, x, y: p.cos(x) - p.cos(y),
-    "two multiples": lambda p, x, _: p.cos(x) - p.cos(2 * x),
-    "tangent of the half": lambda p, x, _: p.sin(x) - 2 * x / (1 + x * x),
-    "irrational multiple": lambda p, x, _: p.cos(x) - p.cos(x * ROOT2),
-    "shift": lambda p, x, _: p.cos(x) - p.cos(x + 1),
+    "sine and angle": lambda _p, x, _: x.sin() - x,
+    "sine and cosine": lambda _p, x, _: x.sin() - x.cos(),
+    "two angles": lambda _p, x, y: x.cos() - y.cos(),
+    "two multiples": lambda _p, x, _: x.cos() - (2 * x).cos(),
+    "tangent of the half": lambda _p, x, _: x.sin() - 2 * x / (1 + x * x),
+    "irrational multiple": lambda _p, x, _: x.cos() - (x * ROOT2).cos(),
+    "shift": lambda _p, x, _: x.cos() - (x + 1).cos(),
 }
 
 
@@ -84,11 +84,11 @@ def test_other_relations_do_not_hold(relation: Relation) -> None:
 Columns = Callable[[Program, Scalar, Scalar], list[Scalar]]  # of a state x and a symbol a
 
 SPANS: dict[str, tuple[Columns, int]] = {
-    "shifts": (lambda p, x, _: [p.sin(x), p.cos(x), p.sin(x + 1), p.cos(x - Fraction("0.7853"))], 2),
-    "symbols as shifts": (lambda p, x, a: [p.sin(x), p.cos(x), p.sin(x + a), p.cos(x - 2 * a), p.sin(x - a * a)], 2),
-    "squares": (lambda p, x, _: [p.sin(x) * p.sin(x), p.cos(x) * p.cos(x), p.cos(2 * x), p.one], 2),
-    "screw": (lambda p, x, _: [x, p.sin(x), p.cos(x), x * x, x * p.sin(x)], 5),
-    "constants": (lambda p, x, a: [p.sin(a), p.cos(a * a), p.sin(p.constant(2)), p.one, (x - x)], 1),
+    "shifts": (lambda _p, x, _: [x.sin(), x.cos(), (x + 1).sin(), (x - Fraction("0.7853")).cos()], 2),
+    "symbols as shifts": (lambda _p, x, a: [x.sin(), x.cos(), (x + a).sin(), (x - 2 * a).cos(), (x - a * a).sin()], 2),
+    "squares": (lambda p, x, _: [x.sin() * x.sin(), x.cos() * x.cos(), (2 * x).cos(), p.one], 2),
+    "screw": (lambda _p, x, _: [x, x.sin(), x.cos(), x * x, x * x.sin()], 5),
+    "constants": (lambda p, x, a: [a.sin(), (a * a).cos(), p.constant(2).sin(), p.one, (x - x)], 1),
 }
 
 

@@ -198,6 +198,8 @@ def _digits(
     return max(0, len((part or "").rstrip("0")) - int(power or 0)), len(digits.strip("0")) or 1
 
 
+# -- expressions that are linear in the parameters ---------------------------------------------------------------------
+
 Terms = dict[str, RationalFunction]
 """Coefficients by parameter; the key "" holds the part without a parameter."""
 
@@ -334,6 +336,8 @@ def _product(left: Terms, right: Terms) -> Terms:
 def _first(terms: Terms) -> str:
     return next(name for name in terms if name)
 
+
+# -- namings of parameters ---------------------------------------------------------------------------------------------
 
 AUTO = "auto"
 

@@ -128,6 +128,8 @@ def run_servos(setup: Setup, logs: Sequence[Path], output: Destination | None, *
     return fit.reasons
 
 
+# -- predict -----------------------------------------------------------------------------------------------------------
+
 SUMMARY = "echelon.prediction/1"
 _FORMATS = (".csv", ".parquet")
 
@@ -199,6 +201,9 @@ def _summary(found: Prediction, output: Path | None) -> dict[str, Any]:
         "outputs": outputs,
         "file": None if output is None else str(output),
     }
+
+
+# -- check and setup ---------------------------------------------------------------------------------------------------
 
 
 def run_check(setup_file: Path, logs: Sequence[Path], read: Mapping[str, Any], *, as_json: bool) -> None:

@@ -225,6 +225,9 @@ def _peaks(values: Floats) -> Floats:
     return found
 
 
+# -- distances ---------------------------------------------------------------------------------------------------------
+
+
 class MotionBounds:
     """How far points can move against each other per speed of each coordinate, at any pose.
 
@@ -393,6 +396,9 @@ class LeastClearances:
         least, when = distances[order][first], times[order][first]
         better = least < self.found[group]
         self.found[group[better]], self.times[group[better]] = least[better], when[better]
+
+
+# -- all limits --------------------------------------------------------------------------------------------------------
 
 
 def margins_of(trajectory: Trajectory, task: Task) -> list[Margin]:

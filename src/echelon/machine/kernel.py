@@ -161,6 +161,8 @@ def _contents(argument: Argument) -> str:
     return shown + (", …" if len(argument) > 12 else "") if shown else "nothing"
 
 
+# -- without LLVM ------------------------------------------------------------------------------------------------------
+
 _TOGETHER = 1 << 17  # values of nodes that are computed together, which stay in the cache
 _LARGE = 10**9  # operations: several seconds
 _SLOW = 'NumPy computes this; machine code takes a tenth of the time or less: pip install "echelon-robotics[fast]"'
@@ -194,6 +196,8 @@ class Interpreted:
         columns = [column for array in piece.columns for column in array.T]
         return dict(zip(uniform, piece.uniform, strict=True)) | dict(zip(varying, columns, strict=True))
 
+
+# -- machine code ------------------------------------------------------------------------------------------------------
 
 _POINTER, _INTEGER = ctypes.c_void_p, ctypes.c_int64
 _COMPUTE = (_POINTER, _POINTER, _POINTER, _INTEGER, _INTEGER, _POINTER)

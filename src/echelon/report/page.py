@@ -136,6 +136,8 @@ def _signed(text: str) -> str:
     return f"−{text[1:]}" if text.strip("-0.") else text[1:]
 
 
+# -- closed forms ------------------------------------------------------------------------------------------------------
+
 _LONG = 72  # characters of a closed form that are shown at once
 _GROUPS = 3  # shown of one that is longer
 
@@ -222,6 +224,8 @@ def _indexed(stem: str, index: str) -> str:
     below = f"<sub>{escape(one_line(index).lstrip('_'))}</sub>" if index else ""
     return f"<i>{escape(one_line(stem))}</i>{below}"
 
+
+# -- pages -------------------------------------------------------------------------------------------------------------
 
 TEMPLATES = Path(__file__).with_name("templates")
 Context = dict[str, Any]

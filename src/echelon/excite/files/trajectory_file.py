@@ -273,6 +273,8 @@ def _check_names(found: Iterable[str], names: tuple[str, ...], path: str) -> Non
         raise InputError(f"'{one_line(name)}' is not among the document's coordinates {list(names)}", element=path)
 
 
+# -- files of every kind -----------------------------------------------------------------------------------------------
+
 SUFFIXES = (".json", ".csv", ".parquet", ".yaml")
 """Suffixes of trajectories' files; .yml counts as .yaml."""
 

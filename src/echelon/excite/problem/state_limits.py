@@ -217,6 +217,8 @@ def _axis(limits: Sequence[PointLimit]) -> tuple[str, ...]:
     return tuple(limit.name for limit in limits)
 
 
+# -- torques and forces ------------------------------------------------------------------------------------------------
+
 SIGNS = ("plus", "minus")
 """Signs of the deviations, in the order of :meth:`EffortModel.extremes`."""
 

@@ -269,6 +269,9 @@ def _offer_smaller(problem: Problem, x: Floats, best: Best) -> None:
             return
 
 
+# -- several starts, each in a process of its own ----------------------------------------------------------------------
+
+
 def solutions(
     problem: Problem, entry: ExcitationEntry, jobs: int, step: Callable[[str], None] = lambda _: None
 ) -> list[Solution]:
