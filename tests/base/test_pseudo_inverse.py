@@ -37,7 +37,7 @@ def test_double_pendulum_by_hand() -> None:
     assert (base.B * found).applyfunc(sympy.simplify) == sympy.eye(6)
 
 
-@pytest.mark.parametrize("metric", ["identity", "diagonal", "symbols"])
+@pytest.mark.parametrize("metric", ["identity", "diagonal", "symbols", "full"])
 def test_theorem_for_every_kind_of_metric(metric: str) -> None:
     base, n = example("double_pendulum"), 20
     weights = [sympy.Rational(k + 2, 3) for k in range(n)]
@@ -46,8 +46,9 @@ def test_theorem_for_every_kind_of_metric(metric: str) -> None:
         "identity": "identity",
         "diagonal": weights,
         "symbols": [a, *weights[1:-1], length**2],
+        "full": sympy.Matrix(n, n, lambda i, j: weights[i] if i == j else sympy.Rational(abs(i - j) == 14, 9)),
     }[metric]
-    s = sympy.eye(n) if metric == "identity" else sympy.diag(*given)
+    s = sympy.eye(n) if metric == "identity" else given if metric == "full" else sympy.diag(*given)
     gram = base.B * s * base.B.T
     residual = base.pseudo_inverse(given) * gram - s * base.B.T
     assert residual.applyfunc(sympy.cancel).is_zero_matrix
@@ -112,10 +113,12 @@ def test_floats_give_the_lift() -> None:
     ("metric", "words"),
     [
         ("physical", "unknown metric"),
-        ([1] * 19, "19 entries; expected a diagonal of 20"),
+        ([1] * 19, "19 × 19; expected 20 × 20"),
         ([1] * 19 + [-1], "not positive definite"),
         ([1] * 19 + [sympy.sqrt(2)], "rational"),
         (["x +"] + [1] * 19, "'x \\+' is not"),
+        (sympy.eye(20) + sympy.Matrix(20, 20, lambda i, j: int((i, j) == (0, 1))), "not symmetric"),
+        (sympy.eye(20) + 2 * sympy.Matrix(20, 20, lambda i, j: int({i, j} == {0, 1})), "not positive definite"),
     ],
 )
 def test_metrics_that_are_none(metric: object, words: str) -> None:

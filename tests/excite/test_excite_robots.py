@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import numpy.typing as npt
@@ -281,11 +282,21 @@ def fixed_model(file: Path, moving: tuple[str, ...]) -> Any:
     return pin.buildReducedModel(whole, others, pin.neutral(whole))
 
 
-def rigid_rank(model: Any) -> int:
-    """Number of base inertial parameters by random states; a column of rounding errors counts as zero."""
+def inertial_rank(model: Any, file: Path) -> int:
+    """Number of base parameters of bodies and of rotors, which drives with a transmission have, by random states.
+
+    A column of rounding errors counts as zero.
+    """
     rng, data = np.random.default_rng(4), model.createData()
     states = rng.uniform(-1.5, 1.5, size=(60, 3, model.nv))
-    W = np.concatenate([pin.computeJointTorqueRegressor(model, data, *state) for state in states])
+    geared = {joint.get("name") for joint in ElementTree.parse(file).findall("transmission/joint")}
+    rotors = [k for k, name in enumerate(list(model.names)[1:]) if name in geared]
+    W = np.concatenate(
+        [
+            np.hstack([pin.computeJointTorqueRegressor(model, data, *state), np.diag(state[2])[:, rotors]])
+            for state in states
+        ]
+    )
     sizes = np.linalg.norm(W, axis=0)
     values = np.linalg.svd(W / np.maximum(sizes, 1e-3 * np.median(sizes)), compute_uv=False)
     return int(np.sum(values > 1e-9 * values[0]))
@@ -296,7 +307,7 @@ def check_by_pinocchio(file: Path, found: ExcitingTrajectory, rate: float) -> li
     names = found.trajectory.coordinates
     model = fixed_model(file, names)
     order = [list(model.names).index(name) - 1 for name in names]
-    assert found.base.rank == rigid_rank(model) + 3 * len(names)  # viscous and dry friction, and an offset
+    assert found.base.rank == inertial_rank(model, file) + 3 * len(names)  # viscous and dry friction, and an offset
     states = []
     for k in range(3):
         values = np.empty((round(found.trajectory.duration * rate) + 1, len(names)))

@@ -209,7 +209,9 @@ def column_order(columns: Sequence[Parameter], order: str, prefer: Sequence[str]
         elif name in PARAMETERS:
             first += [c for c in numbers if columns[c].kind == PARAMETERS.index(name)]
         else:
-            raise InputError(f"'{name}' is neither a standard parameter of this model nor one of {PARAMETERS}")
+            raise InputError(
+                f"'{name}' is neither a standard parameter of this model nor one of {', '.join(PARAMETERS)}"
+            )
     first = list(dict.fromkeys(first))
     return (*first, *(c for c in numbers if c not in set(first)))
 

@@ -35,8 +35,8 @@ from echelon.extras import extra
 if TYPE_CHECKING:
     import sympy
 
-    ExactMetric = Literal["identity"] | Sequence[Any]
-    """``"identity"``, or the diagonal of S."""
+    ExactMetric = Literal["identity"] | Sequence[Any] | sympy.MatrixBase
+    """``"identity"``, the diagonal of S, or S."""
 
 
 _SINGULAR = "the metric is not definite: B S Bᵀ has no inverse"
@@ -165,19 +165,35 @@ def lift(
     return lifted
 
 
-def metric_weights(metric: Any, size: int) -> list[RationalFunction]:
-    """The diagonal of S."""
+def metric_entries(metric: Any, size: int) -> dict[tuple[int, int], RationalFunction]:
+    """Non-zero entries of S."""
     if isinstance(metric, str):
         if metric != "identity":
-            raise InputError(f"unknown metric '{metric}' (valid: identity, or a diagonal)")
-        return [RationalFunction(1)] * size
-    weights = [_rational(value) for value in metric]
-    if len(weights) != size:
-        raise InputError(f"the metric has {len(weights)} entries; expected a diagonal of {size}")
-    numbers = [weight.numerator.number if weight.is_polynomial else 1 for weight in weights]
-    if any(isinstance(number, int | Fraction) and number <= 0 for number in numbers):
+            raise InputError(f"unknown metric '{metric}' (valid: identity, a diagonal, or a sympy Matrix)")
+        return {(k, k): RationalFunction(1) for k in range(size)}
+    if hasattr(metric, "todok") and 1 not in metric.shape:
+        shape, given = metric.shape, {(int(i), int(j)): value for (i, j), value in metric.todok().items()}
+    else:
+        diagonal = list(metric)
+        shape, given = (len(diagonal),) * 2, {(k, k): value for k, value in enumerate(diagonal)}
+    if shape != (size, size):
+        raise InputError(f"the metric is {shape[0]} × {shape[1]}; expected {size} × {size} or its diagonal")
+    entries = {place: _rational(value) for place, value in given.items() if value != 0}
+    if any(entries.get((j, i)) != value for (i, j), value in entries.items()):
+        raise InputError("the metric is not symmetric")
+    _check_definite(entries, size)
+    return entries
+
+
+def _check_definite(entries: Mapping[tuple[int, int], RationalFunction], size: int) -> None:
+    """Refuse what is surely not positive definite; where S has symbols, by the numbers on its diagonal."""
+    numbers = {place: value.numerator.number for place, value in entries.items() if value.is_polynomial}
+    known = {place: float(number) for place, number in numbers.items() if number is not None}
+    matrix = np.zeros((size, size))
+    for i, j in entries:
+        matrix[i, j] = known.get((i, j), i == j) if i == j or len(known) == len(entries) else 0.0
+    if np.linalg.eigvalsh(matrix).min(initial=1.0) <= 0:
         raise InputError("the metric is not positive definite")
-    return weights
 
 
 def _rational(value: Any) -> RationalFunction:
@@ -228,12 +244,14 @@ def pseudo_inverse(
         import sympy
 
     n = len(matrix.parameters)
-    weights, _ = _cleared(dict(enumerate(metric_weights(metric, n))))
+    weights, _ = _cleared(metric_entries(metric, n))
     cleared = [_cleared(dict(row)) for row in matrix.rows]
     ring = Ring(*weights.values(), *(p for row, factor in cleared for p in (*row.values(), factor)))
     rows = [{c: ring.enter(p) for c, p in row.items()} for row, _ in cleared]
-    weight = [ring.enter(weights[c]) for c in range(n)]
-    weighted = [{c: entry * weight[c] for c, entry in row.items()} for row in rows]
+    weight: dict[int, Sparse] = {c: {} for c in range(n)}
+    for (i, j), polynomial in weights.items():
+        weight[i][j] = ring.enter(polynomial)
+    weighted = [_product(row, weight) for row in rows]
     columns: dict[int, Sparse] = {c: {} for c in range(n)}
     for i, row in enumerate(rows):
         for c, entry in row.items():
