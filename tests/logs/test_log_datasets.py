@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import pickle
 from pathlib import Path
@@ -99,9 +100,13 @@ FLAT = {"t": T, "q[0]": Q[:, 0], "q[1]": Q[:, 1]}
         pa.table(FLAT),
         pl.DataFrame({"t": T, "q": Q}),
         pd.DataFrame({"t": T, "q": list(Q)}),
+        pl.DataFrame(FLAT).lazy(),
+        pd.DataFrame(FLAT).astype(object),
+        pd.DataFrame(FLAT).to_records(index=False),
     ],
-    ids=["dict", "rows across", "flat", "pandas", "polars", "pyarrow", "polars of vectors", "pandas of vectors"],
-)
+    ids=["dict", "rows across", "flat", "pandas", "polars", "pyarrow", "polars of vectors", "pandas of vectors", "lazy",
+         "objects", "records"],
+)  # fmt: skip
 def test_samples_in_memory_are_logs(samples: Any) -> None:
     (log,) = log_paths(samples)
     same(read_table(log).columns, FLAT)
@@ -115,7 +120,25 @@ def test_times_of_data_frames_are_seconds() -> None:
         np.testing.assert_allclose(read_table(MemoryLog.of(frame)).columns["time"], T + 0.25, atol=1e-6)
 
 
+def test_nested_samples_and_matrices() -> None:
+    (log,) = log_paths({"arm": {"q": Q, "t": T}, "left": {"arm": {"q": T}}})
+    same(read_table(log).columns, {"arm/q[0]": Q[:, 0], "arm/q[1]": Q[:, 1], "arm/t": T, "left/arm/q": T})
+    for matrix in (Q, Q.T):
+        (log,) = log_paths(matrix)
+        same(read_table(log).columns, {"0": Q[:, 0], "1": Q[:, 1]})
+
+
+@pytest.mark.parametrize("clock", [{"rate": 100}, {"settings": {"Ts": np.array([[0.01]])}}, {"dt": 0.01, "fs": 5}])
+def test_a_single_number_may_be_the_clock(clock: dict[str, Any]) -> None:
+    columns = read_table(MemoryLog.of({"q": Q[:, 0], **clock})).columns
+    np.testing.assert_allclose(columns["time [s]"], T, atol=1e-12)
+    assert "time [s]" not in read_table(MemoryLog.of({"q": Q[:, 0], "stamp": T, **clock})).columns
+
+
 def test_what_is_no_log() -> None:
+    for nothing in (T, (T, Q), io.StringIO("t,q")):
+        with pytest.raises(InputError, match="expected paths, data frames or dicts of arrays as logs"):
+            log_paths(nothing)
     with pytest.raises(InputError, match="expected paths, data frames or dicts of arrays as logs, found int"):
         log_paths(3)
     with pytest.raises(InputError, match="holds no arrays of numbers with a row per sample"):

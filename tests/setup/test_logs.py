@@ -98,6 +98,13 @@ def test_files_without_a_common_clock(tmp_path: Path) -> None:
         next(opened(f"{tmp_path}/positions.csv+{tmp_path}/torques.csv").tables())
 
 
+def test_arrays_that_are_too_short_are_named(motion: Motion) -> None:
+    with pytest.raises(
+        ec.InputError, match=r"no columns for outputs .*; 'tau' has 2999 rows where most arrays .* 3000"
+    ):
+        with_logs(ARM, {"t": motion["t"], "q": motion["q"], "tau": motion["tau"][1:]})
+
+
 def test_every_kind_of_log_is_understood_once(motion: Motion) -> None:
     """Small angles in degrees mean the same as the large ones of the log before."""
     large: dict[str, Any] = {"t": motion["t"], "q": 57.3 * motion["q"], "tau": motion["tau"]}

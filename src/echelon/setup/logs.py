@@ -56,7 +56,8 @@ def with_logs(
         found = understood(file, setup, only=usual and len(fitted) + len(unseen) == 1)
         if found.problems:
             advice = "echelon setup ROBOT LOG -o setup.yaml  writes a set-up to begin with"
-            raise InputError("; ".join([*found.problems, advice]), source=file.source)
+            unread = [f"'{name}' {why}" for name, why in getattr(file, "left_out", {}).items()][:_FEW]
+            raise InputError("; ".join([*found.problems, *unread, advice]), source=file.source)
         notes = tuple(text for text in found.notes if text not in setup.assumed)
         setup = replace(found.setup, columns=(*setup.columns, found.columns), assumed=(*setup.assumed, *notes))
     return setup, fitted, unseen

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -42,6 +43,11 @@ else:
 
 _ENDING = ".npy"
 _KIND = "a NumPy file"
+_TIME = re.compile(r"t|ts|tout|clock|.*(time|stamp)s?")
+_PERIODS = dict.fromkeys(("dt", "ts", "period", "step"), 1) | dict.fromkeys(
+    ("fs", "rate", "hz", "freq", "frequency"), -1
+)
+"""Names of single numbers that say how far samples are apart, by their last word, as powers of the period."""
 
 
 @dataclass(frozen=True)
@@ -69,14 +75,15 @@ class ArrayFile:
     def __init__(
         self, path: Path, kind: str, arrays: Sequence[NamedArray], left_out: Mapping[str, str], source: str
     ) -> None:
-        self.source, self._kind, self._left_out = source, kind, dict(left_out)
+        self.source, self._kind, self.left_out = source, kind, dict(left_out)
         self._packed = path.stat().st_size if path.is_file() else None
         repeated = {name for name, count in Counter(array.name for array in arrays).items() if count > 1}
-        self._left_out |= dict.fromkeys(repeated, "occurs more than once")
+        self.left_out |= dict.fromkeys(repeated, "occurs more than once")
         COLUMNS.check(len(arrays), source)
         arrays = _turned(arrays)
         usable = [array for array in arrays if array.shape and self._is_usable(array)]
         self.length = _common_length(usable)
+        usable += _clock(arrays, self.length)
         COLUMNS.check(
             sum(prod(a.shape[1:]) * _count_numbers(a.kind) for a in usable if a.shape[0] == self.length), source
         )
@@ -86,19 +93,19 @@ class ArrayFile:
                 self._columns.update(_columns(array))
             else:
                 problem = f"has {array.shape[0]} rows where most arrays of the file have {self.length}"
-                self._left_out[array.name] = problem
+                self.left_out[array.name] = problem
         for array in arrays:
             if not array.shape:
-                self._left_out[array.name] = "is a single value, not a value per row"
+                self.left_out[array.name] = "is a single value, not a value per row"
         self.names: tuple[str, ...] = tuple(self._columns)
         if not self.names or not self.length:
-            reasons = "; ".join(f"'{name}' {reason}" for name, reason in list(self._left_out.items())[:4])
+            reasons = "; ".join(f"'{name}' {reason}" for name, reason in list(self.left_out.items())[:4])
             problem = f"holds no arrays of numbers with a row per sample{reasons and f': {reasons}'}"
             raise InputError(problem, source=source)
 
     def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
         """Pieces of the file."""
-        chosen = selected(self.source, names, self.names, self._left_out)
+        chosen = selected(self.source, names, self.names, self.left_out)
         picked = {name: self._columns[name] for name in chosen}
         self._check_memory([column.array for column in picked.values()])
         with decoding(self.source, self._kind):
@@ -118,13 +125,13 @@ class ArrayFile:
     def _is_usable(self, array: NamedArray) -> bool:
         entries, numbers = prod(array.shape[1:]), _count_numbers(array.kind)
         if not entries:
-            self._left_out[array.name] = "has rows without entries"
+            self.left_out[array.name] = "has rows without entries"
         elif not numbers:
-            self._left_out[array.name] = f"holds {_described(array.kind)}, not real numbers"
+            self.left_out[array.name] = f"holds {_described(array.kind)}, not real numbers"
         elif entries * numbers > ARRAY_COLUMNS.most:
             problem = f"has {entries * numbers} columns; at most {ARRAY_COLUMNS.most} are read (is it transposed?)"
-            self._left_out[array.name] = problem
-        return array.name not in self._left_out
+            self.left_out[array.name] = problem
+        return array.name not in self.left_out
 
 
 def _turned(arrays: Sequence[NamedArray]) -> list[NamedArray]:
@@ -137,6 +144,19 @@ def _turned(arrays: Sequence[NamedArray]) -> list[NamedArray]:
         return replace(array, shape=array.shape[::-1], load=lambda: array.load().T)
 
     return [turned(array) for array in arrays]
+
+
+def _clock(arrays: Sequence[NamedArray], length: int) -> list[NamedArray]:
+    """The time of every row, s, where a single number says the period or the rate and there is no time."""
+    words = {array.name: re.split(r"[^a-z]+", array.name.lower())[-1] for array in arrays}
+    if any(_TIME.fullmatch(words[array.name]) and prod(array.shape) > 1 for array in arrays):
+        return []
+    for array in arrays:
+        power = _PERIODS.get(words[array.name])
+        if power is not None and prod(array.shape) == 1 and array.kind.kind in "iuf":
+            times = np.arange(length) * float(np.ravel(array.load())[0]) ** power
+            return [NamedArray("time [s]", times.shape, times.dtype, times.view)]
+    return []
 
 
 def _common_length(arrays: Sequence[NamedArray]) -> int:
@@ -266,8 +286,10 @@ def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
 
 
 def is_samples(log: object) -> bool:
-    """Whether something is a dict of arrays or a data frame."""
-    return isinstance(log, Mapping) or (hasattr(log, "columns") and hasattr(log, "shape"))
+    """Whether something is a dict of arrays, a data frame, a matrix or a structured array."""
+    if isinstance(log, np.ndarray):
+        return log.ndim == 2 or log.dtype.names is not None
+    return isinstance(log, Mapping) or hasattr(log, "collect") or (hasattr(log, "columns") and hasattr(log, "shape"))
 
 
 class MemoryLog(_Path):
@@ -304,7 +326,15 @@ class MemoryLog(_Path):
 def _by_name(samples: Any) -> dict[str, Any]:
     """Columns of a dict, of a table, or of a data frame with what its index says of time."""
     if isinstance(samples, Mapping):
-        return dict(samples)
+        found: dict[str, Any] = {}
+        for name, some in samples.items():
+            inner = _by_name(some) if isinstance(some, Mapping) else {"": some}
+            found |= {f"{name}/{key}" if key else str(name): values for key, values in inner.items()}
+        return found
+    if isinstance(samples, np.ndarray):
+        return {"": samples}
+    if hasattr(samples, "collect"):  # a lazy frame of polars
+        return _by_name(samples.collect())
     if hasattr(samples, "column_names"):  # a table of pyarrow
         return {name: samples.column(name).to_numpy() for name in samples.column_names}
     # several levels of names are one, such as position/elbow
@@ -324,7 +354,7 @@ def _by_name(samples: Any) -> dict[str, Any]:
 def _plain(values: Any) -> npt.NDArray[Any]:
     """Numbers as they are, vectors in rows as matrices, and times in seconds from the whole second of the first one."""
     array = np.asarray(values)
-    if array.dtype == object and len(array) and np.ndim(array[0]) == 1:
+    if array.dtype == object and array.size and np.ndim(array[0]) < 2:
         try:
             array = np.stack([np.asarray(row, dtype=float) for row in array])
         except (ValueError, TypeError):

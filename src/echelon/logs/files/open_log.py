@@ -104,7 +104,7 @@ def log_paths(logs: object) -> list[Path]:
         return _paths(logs)
     if is_samples(logs):
         return [MemoryLog.of(logs)]
-    if not isinstance(logs, Iterable):
+    if not isinstance(logs, Iterable) or isinstance(logs, np.ndarray) or hasattr(logs, "read"):
         raise InputError(f"expected paths, data frames or dicts of arrays as logs, found {type(logs).__name__}")
     return [path for log in logs for path in log_paths(log)]
 
