@@ -10,7 +10,6 @@ import flint
 import numpy as np
 import numpy.typing as npt
 
-from echelon.errors import InputError
 from echelon.exact.expressions import PI, parse
 from echelon.exact.polynomial import is_trigonometric, multiple_of, symbol_of
 from echelon.program.schedule import BallArithmetic, Schedule, ball
@@ -77,8 +76,7 @@ def _closed_states(
     forms: LinearForms, schedule: Schedule, at: Mapping[str, str], poses: int, rng: np.random.Generator, motions: int
 ) -> dict[int, Balls]:
     loops, inputs = forms.loops, forms.program.inputs.values()
-    if loops is None or loops.real is None:
-        raise InputError("no real states are known on which the loops close")
+    assert loops is not None
     real = loops.real(rng, poses)
     names = [given.name for given in inputs if given.role == "symbol"]
     symbols = {name: stated_ball(at[name]) if name in at else ball(float(real[name][0])) for name in names}

@@ -65,7 +65,7 @@ def find_modes(
     order, poses, failure = _FIRST_ORDER, _POSES, ""
     confirmed: list[Mode] = []
     wanted: Mode | None = None
-    fixed = bool(rows.forms.loops and rows.forms.loops.fixed)  # there is one pose, and no other to be drawn
+    fixed = bool(rows.forms.loops and rows.forms.loops.mechanism.closed_at)  # there is one pose, and no other
     for attempt in range(_ATTEMPTS if own is None else _MORE_ATTEMPTS):
         try:
             prime = PrimeField.random(rng)

@@ -54,7 +54,7 @@ class OwnPose:
 
     def __init__(self, mechanism: Mechanism, rows: Rows, columns: Sequence[int], moved: bool = False) -> None:
         self.mechanism, self._rows, self._columns, self._moved = mechanism, rows, list(columns), moved
-        self._tables = dict[int, npt.NDArray[Any] | None]()  # rows in balls, by their precision
+        self._tables = dict[tuple[int, int], npt.NDArray[Any] | None]()  # rows in balls, by number and precision
 
     def mode(self, modes: Sequence[Mode]) -> Mode | None:
         """The one of some modes that the pose is in; None if it is in none of them, as far as can be told."""
@@ -102,7 +102,7 @@ class OwnPose:
     def rank(self) -> int | None:
         """Rank of the columns there; None if balls do not tell."""
         for bits in _BITS:
-            table = self._balls(bits)
+            table = self._balls(len(self._columns), bits)
             if table is None:
                 return None
             with flint.ctx.workprec(bits):
@@ -127,16 +127,18 @@ class OwnPose:
 
     @cached_property
     def _assembly(self) -> Assembly:
-        return Assembly(self.mechanism)
+        loops = self._rows.forms.loops
+        return Assembly(self.mechanism, equations=loops.equations if loops else None)
 
     @cached_property
     def _table(self) -> tuple[Floats, Floats]:
         """Rows with columns of size one, and the sizes."""
-        forms, rng = virtual_power_form(self.mechanism), random_generator(DEFAULT_SEED)
+        energies, rng = self._rows.auxiliary, random_generator(DEFAULT_SEED)  # which would cost digits
+        forms = virtual_power_form(self.mechanism).columns(self._columns) if energies else self._rows.forms
         names = [given.name for given in forms.program.inputs.values() if given.name.startswith("i[")]
         inputs = {name[2:-1]: rng.uniform(-1.0, 1.0, len(self._real[0])) for name in names}
         values = evaluate_floats(forms, self.mechanism, *self._real, inputs=inputs, assembly=self._assembly)
-        table = values.reshape(-1, values.shape[2])[:, self._columns]
+        table = values.reshape(-1, values.shape[2])
         # columns that vanish but for rounding stay small
         sizes = np.maximum(np.abs(table).max(axis=0), _SMALLEST * np.abs(table).max())
         return table / sizes, sizes
@@ -160,17 +162,17 @@ class OwnPose:
 
     # -- balls -----------------------------------------------------------------------------------------------------
 
-    def _balls(self, bits: int) -> npt.NDArray[Any] | None:
-        """Rows in ball arithmetic, auxiliary columns first, enough for all columns to be independent.
+    def _balls(self, wanted: int, bits: int) -> npt.NDArray[Any] | None:
+        """So many rows in ball arithmetic, and some more; auxiliary columns first.
 
         None if the loops are not proved to close; redundant constraints that miss by rounding are not.
         """
         forms = self._rows.forms
         assert forms.loops is not None
         motions = max(2, len(self.mechanism.independent_velocities))  # energies show at least as much at one pose
-        rows = forms.shape[1] + _STATES  # with as many as the rank needs, relations are not told from rounding
+        rows = self._rows.auxiliary + wanted + _STATES
         states = int(_SURPLUS * -(-rows // forms.shape[0])) + 2 * motions
-        if bits not in self._tables:
+        if (states, bits) not in self._tables:
             near = replace(forms, loops=replace(forms.loops, real=self._inputs))
             texts = value_texts(self.mechanism, all_symbols(self.mechanism))
             try:
@@ -178,8 +180,8 @@ class OwnPose:
                     found = ball_rows(near, texts, states, random_generator(DEFAULT_SEED), motions)
             except InputError:
                 found = None
-            self._tables[bits] = found
-        return self._tables[bits]
+            self._tables[states, bits] = found
+        return self._tables[states, bits]
 
     def _inputs(self, rng: np.random.Generator, count: int) -> dict[str, Floats]:
         """Inputs of closed states near the pose, those of the rows in doubles where these are enough."""
@@ -190,10 +192,13 @@ class OwnPose:
 
     def _holds(self, mode: Mode) -> bool:
         """Whether the representatives of a mode are independent there, and its relations and no others hold."""
-        for bits in _BITS:
-            table = self._balls(bits)
+        rank = len(self._columns) - len(mode.dependence)
+        # with few more rows than the rank, relations are not told from rounding; as many as there are columns always do
+        enough = len(self._columns)
+        for wanted, bits in [(min(2 * rank, enough), _BITS[0]), *((enough, bits) for bits in _BITS)]:
+            table = self._balls(wanted, bits)
             if table is None:  # there is no exact pose of the stated frames
-                return self._moved and not self.shows_less(len(self._columns) - len(mode.dependence))
+                return self._moved and not self.shows_less(rank)
             with flint.ctx.workprec(bits):
                 verdict = self._holds_in_balls(mode, table, bits)
             if verdict is not None:

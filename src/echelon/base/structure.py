@@ -86,7 +86,8 @@ class Structure:
         if forms.loops is None:
             return forms
         # few freedoms that have to show many parameters need more
-        order = max(forms.loops.order, self.order, self.rank // max(1, len(forms.loops.preferred)) + _SURPLUS_ORDER)
+        each = self.rank // max(1, len(forms.loops.mechanism.independent))
+        order = max(forms.loops.order, self.order, each + _SURPLUS_ORDER)
         return in_mode(replace(forms, loops=replace(forms.loops, order=order)), self.accepted)
 
 

@@ -69,7 +69,9 @@ class CompiledAssembly(Assembly):
         pivots = self.run("closure_pivots", **found)
         singular = ~(pivots > _SINGULAR).all(axis=1)
         if singular.any():
-            self._refuse_singular(int(singular.argmax()), pivots)
+            sample = int(singular.argmax())
+            place = int(np.argmin(np.nan_to_num(pivots[sample])))
+            self._refuse_singular(sample, self._kernels["closure_pivots"].function.axes[0][place])
         trust = np.sqrt(pivots.min(axis=1, initial=1.0))
         self._check_closed(found["q"], trust)
         if len(trust) and not self._determined:
@@ -120,14 +122,6 @@ class CompiledAssembly(Assembly):
                 f"the positions of sample {sample} do not keep the loops closed: {problem}; give those of the "
                 f"independent coordinates only ({', '.join(self.mechanism.independent_velocities)})"
             )
-
-    def _refuse_singular(self, sample: int, pivots: Floats) -> None:
-        place = int(np.argmin(np.nan_to_num(pivots[sample])))
-        loose = self._kernels["closure_pivots"].function.axes[0][place]
-        raise InputError(
-            f"sample {sample} is a singular configuration: the independent coordinates "
-            f"({', '.join(self.mechanism.independent_velocities)}) do not determine the motion of '{loose}' there"
-        )
 
     def run(self, name: str, **state: Floats) -> Floats:
         """Evaluate a recorded function at ``q`` of all coordinates, ``qd`` and ``qdd`` of the independent ones."""

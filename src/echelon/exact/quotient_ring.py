@@ -1,16 +1,12 @@
-"""Quotient rings of polynomials over GF(p): normal forms modulo the ideal of some polynomials, and its points.
+"""Polynomials over GF(p), and the points of their ideals.
 
-Modulo the polynomials known so far every monomial is a combination of a few *free* ones.  The table of these
-combinations grows by degree (a multiple of a monomial that is not free follows from lower degrees) and shrinks the set
-of free monomials by elimination (a polynomial of the ideal expresses its leading monomial by smaller ones).
-
-Where finitely many are free, the points are read from traces of the multiplications by the variables, for many samples
-at once (Rouillier's rational univariate representation), which works for multiple points, too.
+Where the quotient ring has finite dimension, the points are read from traces of the multiplications by the variables,
+for many samples at once (Rouillier's rational univariate representation), which works for multiple points, too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
@@ -19,14 +15,8 @@ import numpy as np
 
 from echelon.arrays import Flags, Integers
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.series import matrix_product
 
 Exponents = tuple[int, ...]
-
-
-def multiply(left: Residues, right: Residues, field: PrimeField) -> Residues:
-    """Product of matrices over GF(p)."""
-    return matrix_product(left[..., None], right[..., None], field)[..., 0]
 
 
 @dataclass(frozen=True)
@@ -89,65 +79,6 @@ class Monomials:
 def raised(monomial: Exponents, variable: int) -> Exponents:
     """A monomial times a variable."""
     return (*monomial[:variable], monomial[variable] + 1, *monomial[variable + 1 :])
-
-
-@dataclass(frozen=True)
-class Product:
-    """Variable times known monomials."""
-
-    variable: int
-    factors: list[int]
-
-
-class NormalForms:
-    """Normal forms of all monomials up to a degree, at one sample."""
-
-    def __init__(self, monomials: Monomials, field: PrimeField) -> None:
-        self.monomials, self.field = monomials, field
-        self.free: Integers = np.zeros(1, dtype=np.int64)
-        self.table: Residues = np.ones((1, 1), dtype=np.int64)
-
-    def grow(self, count: int, free: Sequence[int]) -> None:
-        """Make room for ``count`` monomials, of which the new ones in ``free`` are free and the others undefined."""
-        monomials, columns = self.table.shape
-        table = np.zeros((count, columns + len(free)), dtype=np.int64)
-        table[:monomials, :columns] = self.table
-        table[list(free), range(columns, columns + len(free))] = 1
-        self.table, self.free = table, np.concatenate([self.free, np.array(free, dtype=np.int64)])
-
-    def define(self, product: Product) -> None:
-        """Set the normal form of a product that has none yet."""
-        self.table[self.monomials.times[product.variable, product.factors]] = self._product(product)
-
-    def defect(self, product: Product) -> Residues:
-        """Elements of the ideal: the normal forms of products in the table less those computed from the factors."""
-        known = self.table[self.monomials.times[product.variable, product.factors]]
-        return (known - self._product(product)) % self.field.p
-
-    def _product(self, product: Product) -> Residues:
-        coefficients = self.table[product.factors]
-        columns = np.flatnonzero(coefficients.any(axis=0))
-        rows = self.table[self.monomials.times[product.variable, self.free[columns]]]
-        return multiply(coefficients[:, columns], rows, self.field)
-
-    def reduce(self, equation: Equation) -> Residues:
-        """Normal form of a polynomial of one sample, of shape (1, free)."""
-        terms = [self.monomials.number[exponents] for exponents in equation.exponents]
-        return multiply(equation.coefficients, self.table[terms], self.field)
-
-    def multiplications(self) -> Residues:
-        """Matrices of the multiplications by the variables, of shape (variables, free, free)."""
-        return self.table[self.monomials.times[:, self.free]]
-
-    def eliminate(self, pivots: Sequence[int], replacement: Residues) -> None:
-        """Replace some free monomials by combinations of the others."""
-        columns = np.searchsorted(self.free, pivots)
-        rest = np.delete(np.arange(len(self.free)), columns)
-        touched = self.table[:, columns].any(axis=1)
-        change = multiply(self.table[touched][:, columns], replacement, self.field)
-        self.table = self.table[:, rest]
-        self.table[touched] = (self.table[touched] + change) % self.field.p
-        self.free = self.free[rest]
 
 
 # -- points; matrices have the samples along their last axis ---------------------------------------------------------

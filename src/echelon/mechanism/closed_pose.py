@@ -32,7 +32,7 @@ def angle_parts(mechanism: Mechanism) -> dict[str, int]:
 def loop_motions(mechanism: Mechanism, closures: Sequence[Closure] | None = None) -> set[str]:
     """Names of the motions that all loops or those of some closures involve, of leaders instead of coupled ones."""
     closures = mechanism.closures if closures is None else closures
-    bodies = {body for closure in closures for chain in _ends(mechanism, closure) for body in chain}
+    bodies = {body for closure in closures for chain in ends_of(mechanism, closure) for body in chain}
     names = {motion.name for body in bodies for motion in mechanism.bodies[body].joint.motions}
     leaders = {c.coordinate: {name for name, _ in c.terms} for c in mechanism.couplings}
     return {leader for name in names for leader in leaders.get(name, {name})}
@@ -67,7 +67,7 @@ class _Placed:
 
     def followed(self, closure: Closure) -> Closure:
         """The closure with its second frame where the first one is."""
-        inward, outward = _ends(self.mechanism, closure)
+        inward, outward = ends_of(self.mechanism, closure)
         back = [step.inverse() for body in outward for step in reversed(self._steps(body))]
         there = [step for body in reversed(inward) for step in self._steps(body)]
         mount = tuple(step for step in (*back, *there) if not step.is_identity)
@@ -107,7 +107,7 @@ class _Placed:
         return point
 
 
-def _ends(mechanism: Mechanism, closure: Closure) -> tuple[list[int], list[int]]:
+def ends_of(mechanism: Mechanism, closure: Closure) -> tuple[list[int], list[int]]:
     """The bodies between each end of a closure and what carries both, the outermost first."""
     return parted(closure.first, closure.second, lambda body: mechanism.bodies[body].parent)
 

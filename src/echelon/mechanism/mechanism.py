@@ -226,14 +226,19 @@ class Mechanism:
         return frozenset(coupling.coordinate for coupling in self.couplings)
 
     @cached_property
+    def free_motions(self) -> tuple[Motion, ...]:
+        """The motions that no coupling makes dependent."""
+        return tuple(motion for motion in self.motions if motion.name not in self.dependent)
+
+    @cached_property
     def positions(self) -> tuple[str, ...]:
         """Names of the position coordinates that no coupling makes dependent, the columns of ``q``."""
-        return tuple(name for m in self.motions if m.name not in self.dependent for name in m.positions)
+        return tuple(name for motion in self.free_motions for name in motion.positions)
 
     @cached_property
     def velocities(self) -> tuple[str, ...]:
         """Names of the velocity coordinates that no coupling makes dependent, the columns of ``qd`` and ``qdd``."""
-        return tuple(name for m in self.motions if m.name not in self.dependent for name in m.velocities)
+        return tuple(name for motion in self.free_motions for name in motion.velocities)
 
     @property
     def independent_velocities(self) -> tuple[str, ...]:

@@ -11,19 +11,43 @@ follow are treated by themselves.  Every point is checked against all equations.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from echelon.arrays import Flags, Integers
 from echelon.exact.field import PrimeField, Residues, reduced_echelon
-from echelon.exact.quotient_ring import Equation, Exponents, Monomials, NormalForms, Product, commute, quotient_points
+from echelon.exact.quotient_ring import Equation, Exponents, Monomials, commute, quotient_points
 from echelon.program.schedule import Array, ModularArithmetic, Schedule
 from echelon.program.tape import Op, Program
 
 Row = dict[int, int]
-"""Monomials and the numbers, of a recorder, by which they are multiplied."""
+"""Monomials and the numbers by which they are multiplied."""
+
+Product = tuple[int, int]
+"""A variable and a known monomial."""
+
+
+class Residue:
+    """Computes with the residues of one sample; numbers are these."""
+
+    zero, one = 0, 1
+
+    def __init__(self, field: PrimeField) -> None:
+        self._field, self.minus_one = field, field.p - 1
+
+    def sum(self, terms: Iterable[tuple[int, int]]) -> int:
+        """Sum of products of two numbers."""
+        return sum(a * b for a, b in terms) % self._field.p
+
+    def minus_inverse(self, number: int) -> int:
+        """−1/x."""
+        return self._field.p - self._field.invert(number)
+
+    def require(self, number: int) -> None:
+        """All is computed at this sample."""
 
 
 class Recorder:
@@ -101,58 +125,60 @@ class _Noting(ModularArithmetic):
         return super().binary(op, a, b)
 
 
-class RecordedForms:
-    """Normal forms of monomials, without entries that vanish.
+class NormalForms:
+    """Normal forms of all monomials up to a degree modulo the ideal of some polynomials, without entries that vanish.
 
-    It repeats the steps of :class:`~echelon.exact.quotient_ring.NormalForms`.
+    Modulo the polynomials known so far every monomial is a combination of a few *free* ones.  The table of these
+    combinations grows by degree (a multiple of a monomial that is not free follows from lower degrees) and shrinks the
+    set of free monomials by elimination (a polynomial of the ideal expresses its leading monomial by smaller ones).
     """
 
-    def __init__(self, monomials: Monomials, recorder: Recorder) -> None:
-        self._monomials, self._recorder = monomials, recorder
-        self._rows: dict[int, Row] = {0: {0: recorder.one}}
+    def __init__(
+        self, monomials: Monomials, numbers: Residue | Recorder, polynomials: Sequence[Mapping[Exponents, int]]
+    ) -> None:
+        self.monomials, self._numbers, self._polynomials = monomials, numbers, polynomials
+        self._rows: dict[int, Row] = {0: {0: numbers.one}}
+        self.free = [0]
 
-    def grow(self, free: Iterable[int]) -> None:
-        """Add free monomials."""
-        self._rows.update({monomial: {monomial: self._recorder.one} for monomial in free})
+    def size(self, monomial: int) -> int:
+        """Number of terms of a monomial's normal form."""
+        return len(self._rows[monomial])
 
-    def define(self, product: Product) -> None:
-        """Add products."""
-        for factor in product.factors:
-            self._rows[self._times(product.variable, factor)] = self._combined(self._product(product.variable, factor))
+    def grow(self, free: Sequence[int], products: Iterable[Product]) -> None:
+        """Add monomials of a higher degree: free ones, and products of known ones."""
+        self.free = [*self.free, *free]
+        self._rows.update({monomial: {monomial: self._numbers.one} for monomial in free})
+        for product in products:
+            self._rows[self._times(*product)] = self._combined(self._product(product))
 
-    def defects(self, product: Product) -> list[Row]:
-        """Normal forms computed from the factors less those known."""
-        variable = product.variable
-        return [
-            self._combined(
-                [
-                    *self._product(variable, factor),
-                    (self._recorder.minus_one, self._rows[self._times(variable, factor)]),
-                ]
-            )
-            for factor in product.factors
-        ]
+    def defect(self, product: Product) -> Row:
+        """An element of the ideal: the normal form computed from the factor less the known one."""
+        known = self._rows[self._times(*product)]
+        return self._combined([*self._product(product), (self._numbers.minus_one, known)])
 
-    def reduce(self, polynomial: Mapping[Exponents, int]) -> Row:
-        """Normal form of a polynomial."""
-        monomials = self._monomials.number
-        return self._combined((c, self._rows[monomials[e]]) for e, c in polynomial.items() if c != self._recorder.zero)
+    def reduce(self, polynomial: int) -> Row:
+        """Normal form of one of the polynomials."""
+        number, terms = self.monomials.number, self._polynomials[polynomial].items()
+        return self._combined((c, self._rows[number[e]]) for e, c in terms if c != self._numbers.zero)
 
-    def eliminate(self, polynomials: list[Row], pivots: Sequence[int]) -> None:
-        """Solve polynomials of the ideal for as many monomials, which cease to be free."""
-        solved = self._solved(polynomials, pivots)
+    def eliminate(self, products: Sequence[Product], polynomials: Sequence[int], pivots: Sequence[int]) -> None:
+        """Solve defects of products, and polynomials, for as many monomials, which cease to be free."""
+        rows = [*(self.defect(product) for product in products), *(self.reduce(k) for k in polynomials)]
+        solved = self._solved(rows, pivots)
         for monomial, row in self._rows.items():
             self._rows[monomial] = self._substituted(row, solved)
+        self.free = [monomial for monomial in self.free if monomial not in solved]
 
-    def multiplications(self, free: Sequence[int]) -> list[int]:
-        """Entries of an array of shape (variables, free, free)."""
-        rows = [self._rows[self._times(i, m)] for i in range(self._monomials.variables) for m in free]
-        return [row.get(m, self._recorder.zero) for row in rows for m in free]
+    def multiplications(self) -> list[int]:
+        """Entries of the multiplications by the variables, an array of shape (variables, free, free)."""
+        rows = [self._rows[self._times(i, m)] for i in range(self.monomials.variables) for m in self.free]
+        return [row.get(m, self._numbers.zero) for row in rows for m in self.free]
 
     def _times(self, variable: int, monomial: int) -> int:
-        return int(self._monomials.times[variable, monomial])
+        return int(self.monomials.times[variable, monomial])
 
-    def _product(self, variable: int, factor: int) -> list[tuple[int, Row]]:
+    def _product(self, product: Product) -> list[tuple[int, Row]]:
+        variable, factor = product
         return [(number, self._rows[self._times(variable, m)]) for m, number in self._rows[factor].items()]
 
     def _combined(self, parts: Iterable[tuple[int, Row]]) -> Row:
@@ -161,8 +187,8 @@ class RecordedForms:
         for factor, row in parts:
             for monomial, number in row.items():
                 terms.setdefault(monomial, []).append((factor, number))
-        sums = {monomial: self._recorder.sum(products) for monomial, products in terms.items()}
-        return {monomial: number for monomial, number in sums.items() if number != self._recorder.zero}
+        sums = {monomial: self._numbers.sum(products) for monomial, products in terms.items()}
+        return {monomial: number for monomial, number in sums.items() if number != self._numbers.zero}
 
     def _substituted(self, row: Row, solved: dict[int, Row]) -> Row:
         """A row with some monomials replaced by what they are equal to."""
@@ -170,7 +196,7 @@ class RecordedForms:
             return row
         rest = {m: number for m, number in row.items() if m not in solved}
         return self._combined(
-            [(self._recorder.one, rest), *((number, solved[m]) for m, number in row.items() if m in solved)]
+            [(self._numbers.one, rest), *((number, solved[m]) for m, number in row.items() if m in solved)]
         )
 
     def _solved(self, polynomials: list[Row], pivots: Sequence[int]) -> dict[int, Row]:
@@ -182,14 +208,14 @@ class RecordedForms:
             left.remove(shortest)
             pivot = min(waiting & shortest.keys(), key=lambda m: sum(m in row for row in left))
             waiting.remove(pivot)
-            inverted[pivot] = self._recorder.minus_inverse(shortest[pivot])
+            inverted[pivot] = self._numbers.minus_inverse(shortest[pivot])
             rest = {m: number for m, number in shortest.items() if m != pivot}
             solved[pivot] = self._combined([(inverted[pivot], rest)])
             left = [self._substituted(row, {pivot: solved[pivot]}) for row in left]
         for pivot in reversed(solved):
             solved[pivot] = self._substituted(solved[pivot], solved)
             if not solved[pivot]:
-                self._recorder.require(inverted[pivot])
+                self._numbers.require(inverted[pivot])
         return solved
 
 
@@ -241,7 +267,7 @@ class Solver:
             if ring is None:
                 try:
                     sample = [equation.at(left[:1]) for equation in system]
-                    ring = _recorded(*_explore(sample, variables, field, self._limit), sample)
+                    ring = _recorded(*_explore(sample, variables, field, self._limit), sample, field)
                 except _UnsolvedSystemError:
                     failures += 1
                     left = left[1:]
@@ -286,128 +312,92 @@ class _Ring:
         return np.concatenate(others)
 
 
-@dataclass(frozen=True)
-class _Extension:
-    """Step to ``count`` monomials, some of the new ones free and others defined as products."""
-
-    count: int
-    free: list[int]
-    definitions: list[Product]
+_Step = Callable[[NormalForms], None]
 
 
-@dataclass(frozen=True)
-class _Elimination:
-    """Step that solves defects of products, and equations, for as many pivots."""
-
-    products: list[Product]
-    equations: list[int]
-    pivots: list[int]
-
-
-_Step = _Extension | _Elimination
-
-
-def _recorded(steps: list[_Step], forms: NormalForms, sample: list[Equation]) -> _Ring:
+def _recorded(steps: list[_Step], monomials: Monomials, sample: list[Equation], field: PrimeField) -> _Ring:
     """The steps, done once more at the sample where they were found."""
-    recorder = Recorder(forms.field, [c for equation in sample for c in equation.coefficients[0].tolist()])
+    recorder = Recorder(field, [c for equation in sample for c in equation.coefficients[0].tolist()])
     inputs = iter(recorder.inputs)
-    polynomials = [dict(zip(equation.exponents, inputs, strict=False)) for equation in sample]
-    recorded = RecordedForms(forms.monomials, recorder)
+    forms = NormalForms(monomials, recorder, [dict(zip(e.exponents, inputs, strict=False)) for e in sample])
     for step in steps:
-        if isinstance(step, _Extension):
-            recorded.grow(step.free)
-            for product in step.definitions:
-                recorded.define(product)
-        else:
-            rows = [row for product in step.products for row in recorded.defects(product)]
-            rows += [recorded.reduce(polynomials[k]) for k in step.equations]
-            recorded.eliminate(rows, step.pivots)
-    recording = recorder.recording(recorded.multiplications(forms.free.tolist()))
-    return _Ring(recording, forms.monomials.variables, len(forms.free))
+        step(forms)
+    return _Ring(recorder.recording(forms.multiplications()), monomials.variables, len(forms.free))
 
 
 def _explore(
     system: list[Equation], variables: int, field: PrimeField, monomial_limit: int
-) -> tuple[list[_Step], NormalForms]:
-    """The steps for a single sample, and where they lead."""
-    forms = NormalForms(Monomials(variables), field)
-    steps: list[_Step] = []
+) -> tuple[list[_Step], Monomials]:
+    """The steps for a single sample, and the monomials that they need."""
+    monomials = Monomials(variables)
+    polynomials = [dict(zip(e.exponents, e.coefficients[0].tolist(), strict=True)) for e in system]
+    forms, steps = NormalForms(monomials, Residue(field), polynomials), list[_Step]()
     degree, highest = 0, max(equation.degree for equation in system)
     while True:
-        steps += _complete(forms, system, degree)
-        if not forms.free.size or (degree >= highest and _is_finite(forms)):
-            return steps, forms
+        steps += _complete(forms, system, degree, field)
+        if not forms.free or (degree >= highest and _is_finite(forms, field)):
+            return steps, monomials
         if degree >= highest + _DEGREES:
             raise _UnsolvedSystemError
         degree += 1
-        steps.append(_extend(forms, monomial_limit))
+        monomials.raise_degree()
+        if monomials.start[-1] > monomial_limit:
+            raise _UnsolvedSystemError
+        steps.append(_extension(forms))
+        steps[-1](forms)
 
 
-def _is_finite(forms: NormalForms) -> bool:
+def _is_finite(forms: NormalForms, field: PrimeField) -> bool:
     """Whether the free monomials are a basis of the quotient ring."""
     if forms.free[-1] >= forms.monomials.start[-2]:
         return False
-    return bool(commute(forms.multiplications()[..., None], forms.field).all())
+    size = len(forms.free)
+    matrices = np.array(forms.multiplications(), dtype=np.int64).reshape(-1, size, size, 1)
+    return bool(commute(matrices, field).all())
 
 
-def _extend(forms: NormalForms, monomial_limit: int) -> _Extension:
+def _extension(forms: NormalForms) -> _Step:
     """Step to the next degree: multiples of a monomial that is not free are products, of the one with fewest terms."""
     monomials = forms.monomials
-    monomials.raise_degree()
-    low, count = monomials.start[-2:]
-    if count > monomial_limit:
-        raise _UnsolvedSystemError
-    size = np.count_nonzero(forms.table, axis=1)
-    size[forms.free] = low
-    best: dict[int, tuple[int, int]] = {}
-    for factor in sorted(set(range(monomials.start[-3], low)) - set(forms.free.tolist()), key=lambda m: int(size[m])):
+    before, low, count = monomials.start[-3:]
+    best: dict[int, Product] = {}
+    for factor in sorted(set(range(before, low)) - set(forms.free), key=forms.size):
         for variable, multiple in enumerate(monomials.times[:, factor].tolist()):
             best.setdefault(multiple, (variable, factor))
-    step = _Extension(count, [m for m in range(low, count) if m not in best], [])
-    forms.grow(step.count, step.free)
-    for multiple in sorted(best):
-        variable, factor = best[multiple]
-        step.definitions.append(Product(variable, [factor]))
-        forms.define(step.definitions[-1])
-    return step
+    free = [m for m in range(low, count) if m not in best]
+    return partial(NormalForms.grow, free=free, products=[best[multiple] for multiple in sorted(best)])
 
 
-def _complete(forms: NormalForms, system: list[Equation], degree: int) -> list[_Elimination]:
+def _complete(forms: NormalForms, system: list[Equation], degree: int, field: PrimeField) -> list[_Step]:
     """Eliminate all that follows from the equations without monomials above a degree."""
-    monomials, steps = forms.monomials, []
-    free = set(forms.free.tolist())
-    fresh = [m for m in range(monomials.start[max(degree - 1, 0)], monomials.start[degree]) if m not in free]
+    start, steps = forms.monomials.start, list[_Step]()
+    fresh = [m for m in range(start[max(degree - 1, 0)], start[degree]) if m not in set(forms.free)]
     pending = [k for k, equation in enumerate(system) if equation.degree == degree]
     while fresh or pending:
-        step, replacement = _choose(forms, system, fresh, pending)
-        if not step.pivots:
+        products, polynomials, pivots = _chosen(forms, fresh, pending, field)
+        if not pivots:
             break
-        steps.append(step)
-        forms.eliminate(step.pivots, replacement)
-        fresh, pending = [m for m in step.pivots if m < monomials.start[degree]], []
+        steps.append(partial(NormalForms.eliminate, products=products, polynomials=polynomials, pivots=pivots))
+        steps[-1](forms)
+        fresh, pending = [m for m in pivots if m < start[degree]], []
     return steps
 
 
-def _choose(
-    forms: NormalForms, system: list[Equation], fresh: list[int], pending: list[int]
-) -> tuple[_Elimination, Residues]:
-    """Step that eliminates independent ones among the equations and the products of fresh monomials.
-
-    It comes with the combinations of the other free monomials that the pivots are equal to.
-    """
-    variables = range(forms.monomials.variables) if fresh else range(0)
-    labels = [(i, m) for i in variables for m in fresh] + [(-1, k) for k in pending]
-    rows = np.concatenate(
-        [forms.defect(Product(i, fresh)) for i in variables] + [forms.reduce(system[k]) for k in pending]
+def _chosen(
+    forms: NormalForms, fresh: list[int], pending: list[int], field: PrimeField
+) -> tuple[list[Product], list[int], list[int]]:
+    """Independent ones among the products of fresh monomials and the equations, and monomials to solve them for."""
+    products = [(variable, m) for variable in range(forms.monomials.variables) for m in fresh]
+    rows = [*(forms.defect(product) for product in products), *(forms.reduce(k) for k in pending)]
+    order = sorted((k for k, row in enumerate(rows) if row), key=lambda k: len(rows[k]))
+    table, place = np.zeros((len(order), len(forms.free)), dtype=np.int64), {m: k for k, m in enumerate(forms.free)}
+    for number, k in enumerate(order):
+        table[number, [place[m] for m in rows[k]]] = list(rows[k].values())
+    independent = list(reduced_echelon(table.T, field)[1])
+    leading = reduced_echelon(table[independent, ::-1], field)[1]
+    chosen = sorted(order[k] for k in independent)
+    return (
+        [products[k] for k in chosen if k < len(products)],
+        [pending[k - len(products)] for k in chosen if k >= len(products)],
+        [forms.free[-1 - k] for k in leading][::-1],
     )
-    terms = np.count_nonzero(rows, axis=1)
-    order = np.argsort(terms, kind="stable")[np.count_nonzero(terms == 0) :]
-    chosen = order[reduced_echelon(rows[order].T, forms.field)[1]]
-    solved, leading = reduced_echelon(rows[chosen][:, ::-1], forms.field)
-    rest = np.delete(np.arange(len(forms.free)), leading)
-    table = np.array([int(x) for x in solved.entries()], dtype=np.int64).reshape(len(chosen), len(forms.free))
-    factors = {i: sorted(labels[row][1] for row in chosen if labels[row][0] == i) for i in variables}
-    products = [Product(i, monomials) for i, monomials in factors.items() if monomials]
-    equations = [labels[row][1] for row in chosen if labels[row][0] < 0]
-    pivots = forms.free[::-1][leading][::-1].tolist()
-    return _Elimination(products, equations, pivots), -table[::-1, rest[::-1]] % forms.field.p

@@ -257,17 +257,21 @@ def into_frame(step: Step, v: Vec) -> Vec:
     return apply(transposed(step.rotation), v)
 
 
+def cut_names(mechanism: Mechanism) -> dict[Cut, str]:
+    """Names of the freedoms of sensors, which no coordinate can have."""
+    names: dict[Cut, str] = {}
+    for output in mechanism.outputs:
+        for cut, _ in output.terms:
+            if isinstance(cut, Cut):
+                names.setdefault(cut, f"output '{output.name}' #{len(names)}")
+    return names
+
+
 class Probes:
     """The cuts of a mechanism's outputs."""
 
     def __init__(self, mechanism: Mechanism, recorder: Recorder) -> None:
-        self.recorder = recorder
-        self.names: dict[Cut, str] = {}
-        for output in mechanism.outputs:
-            for cut, _ in output.terms:
-                if isinstance(cut, Cut):
-                    # no coordinate can have this name
-                    self.names.setdefault(cut, f"output '{output.name}' #{len(self.names)}")
+        self.recorder, self.names = recorder, cut_names(mechanism)
 
     def steps(self, body: int, on_parent: bool) -> list[Step]:
         """Steps of the cuts at a body: into the sensor's frame, the freedom, and back."""

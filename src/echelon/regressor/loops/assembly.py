@@ -173,14 +173,6 @@ class Assembly(ClosedMotion):
         moved = self.mechanism.velocities[int(np.abs(motion).argmax())]
         return moved, owner, float(singular[stopped] / singular[0])
 
-    @property
-    def closes(self) -> bool:
-        """Whether the loops close near the assembly pose."""
-        try:
-            return self.pose is not None
-        except OpenLoopsError:
-            return False
-
     @cached_property
     def assembled(self) -> Assembled | None:
         """What was moved from the stated assembly pose to :attr:`pose`; None if nothing but rounding."""
@@ -238,9 +230,9 @@ class Assembly(ClosedMotion):
             q[left] = self._moved(q[left], change)
         return q, ~np.isin(np.arange(len(q)), left)
 
-    def from_independent(self, q_independent: Floats, start: Floats | None = None) -> Floats:
-        """Configurations (N, positions) at positions of the independent coordinates, followed from a closed one."""
-        starts = np.repeat((self.pose if start is None else start)[None], len(q_independent), axis=0)
+    def from_independent(self, q_independent: Floats) -> Floats:
+        """Configurations (N, positions) at positions of the independent coordinates, followed from :attr:`pose`."""
+        starts = np.repeat(self.pose[None], len(q_independent), axis=0)
         q, gone = self.followed(starts, q_independent, _SHORTEST)
         if (gone < 1).any():
             stuck = int(np.argmax(gone < 1))

@@ -96,8 +96,9 @@ class ClosedBalls:
 
     def __init__(self, program: Program, loops: Loops, symbols: Mapping[str, Any]) -> None:
         self.program, self.loops, self.symbols = program, loops, symbols
-        self._names = [name for motion in loops.motions for name in motion.velocities]
-        self._balls = [(m.positions, m.velocities) for m in loops.motions if m.kind is MotionKind.BALL]
+        self._names = loops.mechanism.velocities
+        motions = loops.mechanism.free_motions
+        self._balls = [(m.positions, m.velocities) for m in motions if m.kind is MotionKind.BALL]
         self._closing = Schedule(program, [*loops.equations.equations, *loops.equations.jacobian.values()])
         self._speeds = Schedule(program, list((loops.speeds or {}).values()))
         self._arithmetic = BallArithmetic()
@@ -134,7 +135,7 @@ class ClosedBalls:
     # -- poses -----------------------------------------------------------------------------------------------------
 
     def _poses(self, real: Mapping[str, Floats]) -> tuple[Values, _Choice]:
-        names = [name for motion in self.loops.motions for name in motion.positions]
+        names = self.loops.mechanism.positions
         q: Values = {n: np.array([flint.arb(x) for x in real[f"q[{n}]"].tolist()], dtype=object) for n in names}
         none = _zeros((len(self._names), len(q[names[0]])))
         q = self._moved(q, none)

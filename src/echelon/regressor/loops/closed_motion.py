@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import NoReturn
 
 import numpy as np
 import numpy.typing as npt
@@ -21,8 +22,8 @@ from echelon.mechanism.mechanism import Cut, Mechanism
 from echelon.mechanism.stated import characteristic_length, symbol_values
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program
-from echelon.regressor.loops.closures import record_closures
-from echelon.regressor.steps import Probes, Recorder, quaternion_times, virtual_motion
+from echelon.regressor.loops.closures import ClosureEquations, record_closures
+from echelon.regressor.steps import Probes, Recorder, cut_names, quaternion_times, virtual_motion
 
 RANK_TOLERANCE = 1e-6
 """Singular values below this part of the largest one count as zero."""
@@ -48,24 +49,29 @@ class ClosureValues:
     Lengths count in units of the mechanism's characteristic length, so that all equations and all speeds are alike.
     """
 
-    def __init__(self, mechanism: Mechanism, symbols: Mapping[str, float] | None = None) -> None:
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        symbols: Mapping[str, float] | None = None,
+        equations: ClosureEquations | None = None,
+    ) -> None:
         self.mechanism = mechanism
-        program = Program()
-        recorder = Recorder(mechanism, program)
-        probes = Probes(mechanism, recorder)
-        equations = record_closures(mechanism, recorder, probes)
-        self._schedule = Schedule(program, [*equations.equations, *equations.jacobian.values()])
-        used = [program.inputs[n] for n in self._schedule.leaves]
+        if equations is None:
+            recorder = Recorder(mechanism, Program())
+            equations = record_closures(mechanism, recorder, Probes(mechanism, recorder))
+        self._schedule = Schedule(equations.program, [*equations.equations, *equations.jacobian.values()])
+        used = [equations.program.inputs[n] for n in self._schedule.leaves]
         self._constants = symbol_values(mechanism, [i.name for i in used if i.role == "symbol"], symbols)
         self._columns = {f"q[{name}]": k for k, name in enumerate(mechanism.positions)}
         # velocity coordinates, then the cuts of sensors
-        self.freedoms = (*mechanism.velocities, *probes.names.values())
+        cuts = cut_names(mechanism)
+        self.freedoms = (*mechanism.velocities, *cuts.values())
         place = {name: k for k, name in enumerate(self.freedoms)}
         self._entries = [(row, place[name]) for row, name in equations.jacobian]
         self.owners, self.length = equations.owners, _length(mechanism, symbols or {})
         self.is_length = np.array(equations.is_length)
         sliding = {m.name for m in mechanism.motions if m.kind is MotionKind.TRANSLATION}
-        sliding |= {name for cut, name in probes.names.items() if not cut.angular}
+        sliding |= {name for cut, name in cuts.items() if not cut.angular}
         self.units = np.array([self.length if name in sliding else 1.0 for name in self.freedoms])
 
     def at(self, q: Floats) -> tuple[Floats, Floats]:
@@ -102,20 +108,29 @@ class ClosureValues:
 class ClosedMotion:
     """How a mechanism can move in closed configurations."""
 
-    def __init__(self, mechanism: Mechanism, symbols: Mapping[str, float] | None = None) -> None:
-        self.mechanism, self.closures = mechanism, ClosureValues(mechanism, symbols)
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        symbols: Mapping[str, float] | None = None,
+        equations: ClosureEquations | None = None,
+    ) -> None:
+        self.mechanism, self.closures = mechanism, ClosureValues(mechanism, symbols, equations)
         self.symbols = symbols
         names = mechanism.velocities
         self._independent = [names.index(name) for name in mechanism.independent_velocities]
         self._dependent = [k for k in range(len(names)) if k not in self._independent]
 
-    def mobility(self, q: Floats, tolerance: float = RANK_TOLERANCE) -> npt.NDArray[np.intp]:
+    def singular_values(self, q: Floats, columns: Sequence[int] | None = None) -> Floats:
+        """Singular values of the closure equations by velocities, all or some, about the largest, shape (N, values)."""
+        chosen = range(len(self.mechanism.velocities)) if columns is None else columns
+        found = np.linalg.svd(self.closures.at(q)[1][:, :, list(chosen)], compute_uv=False)
+        relative: Floats = found / found[:, :1]
+        return relative
+
+    def mobility(self, q: Floats) -> npt.NDArray[np.intp]:
         """Degrees of freedom in closed configurations, shape (N,)."""
-        _, jacobian = self.closures.at(q)
-        velocities = len(self.mechanism.velocities)
-        singular = np.linalg.svd(jacobian[:, :, :velocities], compute_uv=False)
-        freedoms: npt.NDArray[np.intp] = velocities - (singular > tolerance * singular[:, :1]).sum(axis=1)
-        return freedoms
+        ranks: npt.NDArray[np.intp] = (self.singular_values(q) > RANK_TOLERANCE).sum(axis=1)
+        return len(self.mechanism.velocities) - ranks
 
     def free_velocities(self, q: Floats) -> Floats:
         """Orthonormal velocities that keep the loops closed in one configuration, shape (velocities, freedoms)."""
@@ -126,11 +141,8 @@ class ClosedMotion:
 
     def determined(self, q: Floats) -> Floats:
         """The smallest singular value of the equations for the dependent velocities, about the largest, shape (N,)."""
-        if not self._dependent:
-            return np.ones(len(q))
-        singular = np.linalg.svd(self.closures.at(q)[1][:, :, self._dependent], compute_uv=False)
-        smallest: Floats = singular[:, len(self._dependent) - 1] / singular[:, 0]
-        return smallest
+        unknown = len(self._dependent)
+        return self.singular_values(q, self._dependent)[:, unknown - 1] if unknown else np.ones(len(q))
 
     def virtual_velocities(self, q: Floats) -> Floats:
         """Virtual velocities of all coordinates that belong to each output, shape (N, velocities, outputs)."""
@@ -155,14 +167,7 @@ class ClosedMotion:
         if (rank < unknown).any():
             sample = int(np.argmax(rank < unknown))
             null = np.linalg.svd(jacobian[sample][:, self._dependent])[2][-1]
-            loose = names[self._dependent[int(np.abs(null).argmax())]]
-            raise InputError(
-                f"sample {sample} is a singular configuration of "
-                f"{shown_loops(self.mechanism, loose)}: the independent coordinates "
-                f"({', '.join(self.mechanism.independent_velocities)}) do not determine the motion of '{loose}' there "
-                f"(singular value {singular[sample, -1]:.1g} of the equations).  Leave the sample out, or state other "
-                "independent coordinates"
-            )
+            self._refuse_singular(sample, names[self._dependent[int(np.abs(null).argmax())]])
         solved: Floats = turned.swapaxes(1, 2) @ ((left.swapaxes(1, 2) @ right) / singular[:, :, None])
         return solved
 
@@ -183,6 +188,13 @@ class ClosedMotion:
         return found
 
     # -- checks ----------------------------------------------------------------------------------------------------
+
+    def _refuse_singular(self, sample: int, loose: str) -> NoReturn:
+        raise InputError(
+            f"sample {sample} is a singular configuration of {shown_loops(self.mechanism, loose)}: the independent "
+            f"coordinates ({', '.join(self.mechanism.independent_velocities)}) do not determine the motion of "
+            f"'{loose}' there.  Leave the sample out, or state other independent coordinates"
+        )
 
     def _check_determined(self, missed: Floats, driven: Floats) -> None:
         # an output may move nothing that the loops are closed by, such as a body that is folded onto a closing joint
@@ -245,11 +257,10 @@ def normalised(mechanism: Mechanism, q: Floats) -> Floats:
 def places(mechanism: Mechanism) -> Iterator[tuple[Motion, slice, slice]]:
     """Motions that no coupling makes dependent, with the places of their positions and of their velocities."""
     position = velocity = 0
-    for motion in mechanism.motions:
-        if motion.name not in mechanism.dependent:
-            ends = position + len(motion.positions), velocity + len(motion.velocities)
-            yield motion, slice(position, ends[0]), slice(velocity, ends[1])
-            position, velocity = ends
+    for motion in mechanism.free_motions:
+        ends = position + len(motion.positions), velocity + len(motion.velocities)
+        yield motion, slice(position, ends[0]), slice(velocity, ends[1])
+        position, velocity = ends
 
 
 def _length(mechanism: Mechanism, symbols: Mapping[str, float]) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from math import inf
@@ -87,7 +88,10 @@ def closable_as_stated(mechanism: Mechanism) -> Mechanism:
     if not mechanism.closed_at:
         return mechanism
     stated = as_stated(mechanism)
-    return stated if Assembly(stated).closes else mechanism
+    with suppress(OpenLoopsError):
+        _ = Assembly(stated).pose
+        return stated
+    return mechanism
 
 
 def closing_notes(mechanism: Mechanism) -> list[str]:
@@ -276,7 +280,7 @@ def _independent(count: int) -> str:
 
 
 def _locked(mechanism: Mechanism, freedom: int, real: _Real) -> str:
-    sizes = _singular(real.assembly, real.states)
+    sizes = real.assembly.singular_values(real.states).max(axis=0)
     size = sizes[sizes <= RANK_TOLERANCE].max(initial=0.0)
     return (
         f"rounding has locked {shown_loops(mechanism)}: a mobility of {real.mobility} is meant, which their equations "
@@ -314,7 +318,7 @@ def _moved(mechanism: Mechanism, assembly: Assembly) -> str:
 def _nearly_free(mechanism: Mechanism, assembly: Assembly) -> list[str]:
     """Motions that the loops nearly allow."""
     states, _, _ = assembly.random_closed_states(random_generator(DEFAULT_SEED), _STATES, _NEAR)
-    sizes = _singular(assembly, np.vstack([assembly.pose[None], states]))
+    sizes = assembly.singular_values(np.vstack([assembly.pose[None], states])).max(axis=0)
     near = sizes[(sizes > RANK_TOLERANCE) & (sizes < _NEARLY_FREE)]
     if not near.size:
         return []
@@ -326,11 +330,3 @@ def _nearly_free(mechanism: Mechanism, assembly: Assembly) -> list[str]:
         f"it, the mechanism is meant to have {freedoms + len(near)} degrees of freedom instead of {freedoms}: write "
         "directions and angles as expressions such as pi/3, lengths exactly"
     ]
-
-
-def _singular(assembly: Assembly, q: Floats) -> Floats:
-    """The largest of each singular value over some states, about the largest one."""
-    jacobian = assembly.closures.at(q)[1][:, :, : len(assembly.mechanism.velocities)]
-    found = np.linalg.svd(jacobian, compute_uv=False)
-    largest: Floats = (found / found[:, :1]).max(axis=0)
-    return largest

@@ -9,17 +9,18 @@ entries are generalised forces, and sensors, which are freedoms that never move,
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import inf
 
 import numpy as np
 import numpy.typing as npt
 
 from echelon.exact.field import PrimeField, Residues
+from echelon.mechanism.closed_pose import ends_of
 from echelon.mechanism.closure import Closure, ClosureKind
-from echelon.mechanism.joint import GROUND, Motion, Placement
+from echelon.mechanism.joint import Placement
 from echelon.mechanism.mechanism import Mechanism
-from echelon.program.tape import Scalar
+from echelon.program.tape import Program, Scalar
 from echelon.regressor.loops.moving import Pose
 from echelon.regressor.steps import (
     Mat,
@@ -45,6 +46,7 @@ Wrench = tuple[Vec, Vec]
 class ClosureEquations:
     """Recorded closure equations."""
 
+    program: Program
     equations: tuple[int, ...]  # nodes that vanish where the loops are closed
     # for an equation and a freedom (a velocity coordinate of the tree, or a sensor), the node of its derivative
     jacobian: Mapping[tuple[int, str], int]
@@ -71,26 +73,21 @@ Accepts = Callable[[PrimeField, np.random.Generator, Mapping[str, Residues], Pos
 class Loops:
     """What keeps the motions of recorded forms on closed configurations."""
 
+    mechanism: Mechanism
     equations: ClosureEquations
     wrists: tuple[Wrist, ...]
-    motions: tuple[Motion, ...]  # those whose coordinates no coupling makes dependent
     # virtual velocities of some freedoms, by node; those of the others are the inputs v[...].  None where all are, and
     # every virtual motion that keeps the loops closed is wanted
     speeds: Mapping[str, int] | None
-    # coordinates that should rather be drawn than solved for where a closed pose is looked for
-    preferred: tuple[str, ...] = ()
-    stated: bool = True  # whether poses may be taken from the following where they are closed
     # nodes of exact positions of motions, those of the assembly pose if it has some
-    closed_at: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
-    fixed: bool = False  # whether frames follow there, so that the loops are closed by construction
-    parts: Mapping[str, int] = field(default_factory=dict)  # in how many parts the angles of these count, if not one
+    closed_at: Mapping[str, tuple[int, ...]]
+    real: RealInputs  # random real inputs of the program on closed configurations, by name, from (rng, count)
+    stated: bool = True  # whether poses may be taken from there where they are closed
     order: int = 24  # coefficients taken along curves; more where few freedoms have to show many parameters
     # the most operations that may be needed to write down what has to be solved, where a pose is looked for
     work: float = inf
     # which of some poses are in the wanted assembly mode, from (field, rng, geometry, poses); None for all
     accepts: Accepts | None = None
-    # random real inputs of the program on closed configurations, by name, from (rng, count); for signs
-    real: RealInputs | None = None
 
 
 def record_closures(mechanism: Mechanism, recorder: Recorder, probes: Probes | None = None) -> ClosureEquations:
@@ -112,7 +109,9 @@ def record_closures(mechanism: Mechanism, recorder: Recorder, probes: Probes | N
             owners.append(closure.name)
             wrenches.append((_negative(on_first[0]), _negative(on_first[1])))
     jacobian = {key: value.node for key, value in sums.items() if not value.is_zero}
-    return ClosureEquations(tuple(equations), jacobian, tuple(owners), tuple(is_length), tuple(wrenches))
+    return ClosureEquations(
+        recorder.program, tuple(equations), jacobian, tuple(owners), tuple(is_length), tuple(wrenches)
+    )
 
 
 def record_wrists(mechanism: Mechanism, recorder: Recorder) -> Iterator[Wrist]:
@@ -140,12 +139,9 @@ class _Loop:
 
     def __init__(self, mechanism: Mechanism, recorder: Recorder, probes: Probes | None, closure: Closure) -> None:
         self.recorder, self.closure = recorder, closure
-        first, second = _ancestors(mechanism, closure.first), _ancestors(mechanism, closure.second)
-        shared = set(first) & set(second)
-        self.first = _chain(recorder, probes, [b for b in first if b not in shared], closure.first_frame)
-        self.second = _chain(
-            recorder, probes, [b for b in second if b not in shared], *closure.second_mount, closure.second_frame
-        )
+        first, second = ends_of(mechanism, closure)
+        self.first = _chain(recorder, probes, first[::-1], closure.first_frame)
+        self.second = _chain(recorder, probes, second[::-1], *closure.second_mount, closure.second_frame)
 
     def conditions(self) -> Iterator[tuple[Scalar, tuple[Wrench, Wrench]]]:
         """Every equation with its unit wrench: on the first body, and on the second, each in the axes of its frame."""
@@ -193,15 +189,6 @@ class _Loop:
             if step.shift is not None:
                 origin = add(step.shift, origin)
         return axes, origin
-
-
-def _ancestors(mechanism: Mechanism, body: int) -> list[int]:
-    """A body and those that carry it, the outermost first; the ground, which carries all, is left out."""
-    found: list[int] = []
-    while body != GROUND:
-        found.append(body)
-        body = mechanism.bodies[body].parent
-    return found[::-1]
 
 
 def _chain(recorder: Recorder, probes: Probes | None, bodies: list[int], *frames: Placement) -> list[Step]:

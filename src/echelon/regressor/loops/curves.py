@@ -21,6 +21,7 @@ from echelon.arrays import Floats
 from echelon.errors import ShakyPoseError, SingularPoseError, UnknownRelationsError
 from echelon.exact import series
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank
+from echelon.mechanism.closed_pose import angle_parts
 from echelon.program.canonical import Turn
 from echelon.program.region import COMPLETE, SAMPLED, IndependentRegions, RegionReport, one_sided
 from echelon.program.sampling import FieldSampler, GeneratorValues, generators_of
@@ -55,7 +56,7 @@ class CurveSampler(FieldSampler):
         parts = [outputs, closing.equations, closing.jacobian.values(), known, (loops.speeds or {}).values(), centres]
         super().__init__(program, [node for part in parts for node in part])
         self.loops, self.order = loops, loops.order
-        layout = Layout(loops.motions)
+        layout = Layout(loops.mechanism.free_motions)
         functions = [n for n in self._schedule.leaves if n not in self.program.inputs]
         nodes = iter(self.outputs)  # the same on the program of the sampler
         main, equations, slopes, known, speeds, centres = (list(islice(nodes, len(part))) for part in parts)
@@ -65,6 +66,7 @@ class CurveSampler(FieldSampler):
         self._main = Schedule(self.program, main, functions)
         self._speeds = Schedule(self.program, speeds, functions)
         turns, turning = self._moving_turns(layout)
+        angles = angle_parts(loops.mechanism) if loops.closed_at else {}
         moving = [n for n in self._functions if self.program.ops[n] == Op.EXP and self._moves(n)]
         self._exponentials = Exponentials(self.canonical, moving, self._sign_leaves, functions)
         units = np.ones(len(layout.turning), dtype=np.int64)
@@ -81,13 +83,12 @@ class CurveSampler(FieldSampler):
             closing.owners,
             [replace(wrist, centre=tuple(centres[3 * k : 3 * k + 3])) for k, wrist in enumerate(loops.wrists)],
             Schedule(self.program, known, functions),
-            [(name, loops.parts.get(name, 1), len(nodes)) for name, nodes in loops.closed_at.items()],
+            [(name, angles.get(name, 1), len(nodes)) for name, nodes in loops.closed_at.items()],
             turns,
             turning,
             units,
         )
-        preferred = [layout.names.index(name) for name in loops.preferred]
-        self._poses = PoseFinder(preferred, loops.stated, loops.work, loops.accepts)
+        self._poses = PoseFinder(loops, layout.names)
 
     def with_order(self, order: int | None) -> CurveSampler:
         """The sampler with another number of coefficients along curves; both know the poses that were found."""
@@ -192,8 +193,6 @@ class CurveSampler(FieldSampler):
         """Signs that occur together on closed configurations, (regions, nodes that are signs), and what is said."""
         if not self._sign_leaves:
             return np.ones((1, 0), dtype=np.int64), RegionReport(1, COMPLETE)
-        if self.loops.real is None:
-            raise UnknownRelationsError("signs of what moves in a mechanism with loops")
         states = self.loops.real(random_generator(DEFAULT_SEED), _REAL_STATES)
         return _regions_at(self.program, self._main_outputs, self._sign_leaves, states)
 

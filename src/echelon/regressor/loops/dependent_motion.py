@@ -172,7 +172,7 @@ class DependentMotion:
 
     def _moved(self, speeds: Mapping[str, Scalar]) -> Iterator[tuple[tuple[Scalar, ...], list[Scalar]]]:
         """The positions of every motion and their rates; a quaternion's is half its product with the velocity."""
-        for motion in (m for m in self.mechanism.motions if m.name not in self.mechanism.dependent):
+        for motion in self.mechanism.free_motions:
             position = self._recorder.coordinates[motion.name].position
             rate = [speeds.get(name, self.program.zero) for name in motion.velocities]
             if motion.kind is MotionKind.BALL:

@@ -16,7 +16,7 @@ from echelon.errors import DegenerateSampleError, SingularPoseError
 from echelon.exact.field import Residues, rank
 from echelon.regressor.loops.closed_curve import choose
 from echelon.regressor.loops.closure_block import ClosureBlock
-from echelon.regressor.loops.closures import Accepts, Wrist
+from echelon.regressor.loops.closures import Loops, Wrist
 from echelon.regressor.loops.moving import Pose
 from echelon.regressor.loops.positions import Positions, Recorded
 
@@ -33,15 +33,9 @@ Indices = npt.NDArray[np.intp]
 class PoseFinder:
     """Finds closed poses of one mechanism."""
 
-    def __init__(
-        self,
-        preferred: Sequence[int],
-        stated: bool,
-        work: float,
-        accepts: Accepts | None,
-    ) -> None:
-        self._preferred, self._accepts, self._work = preferred, accepts, work
-        self._stated = stated
+    def __init__(self, loops: Loops, names: Sequence[str]) -> None:
+        self._preferred = [names.index(name) for name in loops.mechanism.independent]
+        self._accepts, self._work, self._stated = loops.accepts, loops.work, loops.stated
         self.takes_stated = False  # whether the poses that are found are the stated one
         self._blocks: list[ClosureBlock] | None = None
         self._spent = 0.0  # work since a pose was found last, over all primes

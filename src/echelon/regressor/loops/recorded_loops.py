@@ -9,7 +9,6 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.mechanism.closed_pose import angle_parts
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, known_values
 from echelon.program.tape import Scalar
@@ -25,20 +24,15 @@ def loops_of(
     mechanism: Mechanism, recorder: Recorder, probes: Probes | None = None, speeds: Mapping[str, Scalar] | None = None
 ) -> Loops:
     """What keeps forms that were recorded for a mechanism with loops on closed configurations."""
-    equations = record_closures(mechanism, recorder, probes)
-    motions = tuple(m for m in mechanism.motions if m.name not in mechanism.dependent)
     nodes = None if speeds is None else {name: speed.node for name, speed in speeds.items()}
     record, closed_at = recorder.program.polynomial, mechanism.closed_at or stated_exactly(mechanism)
     return Loops(
-        equations,
+        mechanism,
+        record_closures(mechanism, recorder, probes),
         tuple(record_wrists(mechanism, recorder)),
-        motions,
         nodes,
-        mechanism.independent,
-        closed_at={name: tuple(record(x).node for x in value) for name, value in closed_at.items()},
-        parts=angle_parts(mechanism) if closed_at else {},
-        fixed=bool(mechanism.closed_at),
-        real=partial(real_inputs, mechanism),
+        {name: tuple(record(x).node for x in value) for name, value in closed_at.items()},
+        partial(real_inputs, mechanism),
     )
 
 
