@@ -59,7 +59,7 @@ slow: $(DEV) $(DOCS)
 faults: $(DEV)
 	$(BIN)/pytest -n auto tests/cli/test_faults.py
 
-# EXPLORER="--wheels DIR" names a folder with NumPy for Pyodide, where its release cannot be reached
+# EXPLORER="--wheels DIR" names a folder with NumPy for Pyodide; otherwise its release is fetched, or NumPy is built
 explorer: $(CORE)
 	$(BIN)/python site/build_explorer.py build/site/explorer $(EXPLORER)
 

@@ -4,8 +4,8 @@
 
 Everything from elsewhere is named with its hash in ``site/explorer/lock.json`` and fetched through npm and pip, into a
 cache.  NumPy for Pyodide is on no package index; Pyodide's own release has it, under a hash that the npm package
-states.  A folder may hold an own build of it (``--wheels``).  Without it the page is built, and says that it cannot
-answer.
+states.  Where that cannot be reached, NumPy is built from its source (see ``numpy_wheel.py``), or a folder holds an own
+build of it (``--wheels``).  Without any the page is built, and says that it cannot answer.
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parent.parent
-sys.path.insert(0, str(ROOT / "src"))
+sys.path[:0] = [str(ROOT / "src"), str(ROOT / "site")]
+
+import numpy_wheel  # noqa: E402  needs the path above
 
 from echelon.zoo.exhibit import robot_files, stands_alone, usual_folders  # noqa: E402  needs the path above
 
@@ -132,13 +134,15 @@ def _unpack(package: Path, patterns: list[str], vendor: Path) -> None:
 def _python(vendor: Path, cache: Path, wheels: Path | None) -> list[str]:
     """All wheels, and the list of them that Pyodide loads by."""
     version = LOCK["npm"]["pyodide"][0]
-    with tarfile.open(cache / f"pyodide-{version}.tgz") as archive:
+    packed = cache / f"pyodide-{version}.tgz"
+    with tarfile.open(packed) as archive:
         stated = json.load(archive.extractfile("package/pyodide-lock.json"))  # type: ignore[arg-type]
     files = [*_downloaded(LOCK["wheels"], BROWSER, cache), *map(_stripped, _downloaded(_compiled(), NATIVE, cache))]
     missing = []
     for name in LOCK["from Pyodide's release"]:
         entry = stated["packages"][name]
         found = _released(entry["file_name"], entry["sha256"], version, cache, wheels)
+        found = found or numpy_wheel.built(packed, entry["file_name"], cache)
         files += [found] if found else []
         missing += [] if found else [name]
     for file in files:

@@ -70,8 +70,8 @@ def plot(figure: Any, alt: str) -> Picture:
     return Picture(text[text.index("<svg") :], alt)
 
 
-def axes(width: float = 7.0, height: float = 3.0) -> Any:
-    """A figure of matplotlib with axes that look alike everywhere."""
+def axes(width: float = 7.0, height: float = 3.0, count: int = 1) -> Any:
+    """A figure of matplotlib with axes, side by side, that look alike everywhere."""
     import matplotlib
 
     matplotlib.use("svg")
@@ -79,7 +79,7 @@ def axes(width: float = 7.0, height: float = 3.0) -> Any:
     matplotlib.rcParams |= {"axes.spines.top": False, "axes.spines.right": False}
     from matplotlib import pyplot
 
-    return pyplot.subplots(figsize=(width, height))
+    return pyplot.subplots(1, count, figsize=(width, height), layout="constrained")
 
 
 def write(folder: Path) -> None:

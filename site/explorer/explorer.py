@@ -85,8 +85,8 @@ def read(name: str, text: str, changes: Changes) -> Mechanism:
     if file.is_linear_model:
         raise InputError("this is a linear model; the explorer shows robots", source=name)
     if not file.is_description and file.root.tag == "mujoco":
-        problem = f"MJCF is read by MuJoCo, which no browser has: echelon derive {name} does so on a computer"
-        raise InputError(problem, source=name)
+        on_a_computer = f'pip install "echelon-robotics[mjcf]", then echelon derive {name}'
+        raise InputError(f"MJCF is read by MuJoCo, which no browser has; on a computer: {on_a_computer}", source=name)
     return file.mechanism(ReadingOptions(floating=changes.floating, gravity=changes.gravity))
 
 

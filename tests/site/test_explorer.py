@@ -134,7 +134,8 @@ def test_bad_files_give_the_line_of_the_command(name: str, text: str, tmp_path: 
 
 def test_models_of_mujoco_are_refused_in_one_line() -> None:
     """No browser has MuJoCo, which reads them."""
-    line = "MJCF is read by MuJoCo, which no browser has: echelon derive two_link.xml does so on a computer"
+    there = 'on a computer: pip install "echelon-robotics[mjcf]", then echelon derive two_link.xml'
+    line = f"MJCF is read by MuJoCo, which no browser has; {there}"
     assert asked(EXAMPLES / "two_link.xml")["error"] == f"echelon: two_link.xml: {line}"
 
 
@@ -402,7 +403,7 @@ def test_everything_is_reached_by_keyboard(visit: Visit, explorer: Explorer) -> 
 
 @pytest.mark.slow
 def test_echelon_in_pyodide(tmp_path: Path) -> None:
-    """With NumPy for Pyodide at hand, the page's own worker answers; under CI it must be there."""
+    """The page's own worker answers, where NumPy for Pyodide can be had or built; under CI it must be."""
     builder = module("build_explorer", "build_explorer.py")
     wheels = os.environ.get("ECHELON_WHEELS")
     missing = builder.build(

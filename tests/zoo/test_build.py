@@ -77,9 +77,24 @@ def test_names_of_files_cannot_become_markup(robots: Path, tmp_path: Path) -> No
             assert not re.match("https?:|javascript:|//", attributes.get("href") or attributes.get("src") or "")
 
 
-def test_a_floating_base_is_not_floated_again(tmp_path: Path) -> None:
-    task = Task(Found(ROOT / "examples/floating_tree.yaml", "tree", "tree"), True, tmp_path)
-    assert build_exhibit(task) is None
+@pytest.mark.parametrize("joint", ["", "<freejoint/>", "<joint type='slide' axis='0 0 1'/>"])
+def test_a_base_that_moves_is_not_floated(joint: str, tmp_path: Path) -> None:
+    path = tmp_path / "robot.xml" if joint else ROOT / "examples/floating_tree.yaml"
+    if joint:
+        arm = "<body><joint/><inertial pos='0 0 1' mass='1' diaginertia='1 1 1'/></body>"
+        path.write_text(f"<mujoco><worldbody><body>{joint}<geom size='1'/>{arm}</body></worldbody></mujoco>")
+    assert build_exhibit(Task(Found(path, path.name, "robot"), True, tmp_path)) is None
+
+
+def test_a_coupling_to_an_absent_joint_is_a_fault(tmp_path: Path) -> None:
+    text = (ROOT / "examples/so101.urdf").read_text(encoding="utf-8")
+    path = tmp_path / "robot.urdf"
+    path.write_text(text.replace("<limit ", '<mimic joint="none"/><limit ', 1), encoding="utf-8")
+    row, html = exhibit(path, tmp_path)
+    problem = "it follows joint 'none', which does not exist"
+    assert [fault["problem"] for fault in row["faults"] if fault["matters"] is None] == [problem]  # type: ignore[attr-defined]
+    assert row["rank"] == ec.base_parameters(ec.load(path, independent_mimics=True)).rank
+    assert html.count("which does not exist") == 1
 
 
 @pytest.mark.slow

@@ -158,10 +158,11 @@ class RobotFile:
         if locked:
             with locating(self.source):
                 mechanism = lock_joints(mechanism, locked)
+        tree = None if self.robot is None else self.robot.tree(mimics=not options.independent_mimics)
         stated = self.description.effects if self.is_description else None
         if options.usual_effects if stated is None else "usual" in stated:
-            mechanism = with_usual_effects(mechanism, {} if self.robot is None else self.robot.tree().drives)
-        couples = self.robot is not None and self.robot.tree(mimics=not options.independent_mimics).has_mimics
+            mechanism = with_usual_effects(mechanism, {} if tree is None else tree.drives)
+        couples = tree is not None and tree.has_mimics
         return mechanism.as_read(Reading(built.snaps, built.notes, self, options, couples))
 
     def built(self, options: ReadingOptions, literal: Collection[str] = ()) -> Built:

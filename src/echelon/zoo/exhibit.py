@@ -26,6 +26,7 @@ from echelon.codegen.source import generate
 from echelon.conventions import PARAMETERS
 from echelon.errors import EchelonError, InputError, one_line
 from echelon.files import write_atomically, written_into
+from echelon.formats.literal import LiteralPlacement
 from echelon.formats.robot_file import load
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
@@ -35,7 +36,7 @@ from echelon.report.page import ClosedForms, Context
 from echelon.report.page import render as render_page
 from echelon.results.saved import to_json
 from echelon.version import __version__
-from echelon.zoo.faults import faults
+from echelon.zoo.faults import Fault, faults, read_from
 
 _ROOTS = {
     ".urdf": rb"",
@@ -165,15 +166,15 @@ def _program() -> bytes:
 
 
 def build_exhibit(task: Task) -> Row | None:
-    """Derive one robot and write its folder; None for a floating base where the base floats anyway."""
-    robot = load(task.found.path)
+    """Derive one robot and write its folder; None for a floating base where the base moves by itself."""
+    robot, wrong = _read(task.found.path)
     if task.floating:
-        if _floats(robot):
+        if _moves(robot):
             return None
-        robot = load(task.found.path, floating=True)
+        robot, wrong = _read(task.found.path, floating=True)
     base = base_parameters(robot)
     sources, missing = _sources(base)
-    sensors, wrong = _sensors(base), [asdict(fault) for fault in faults(base)]
+    sensors, wrong = _sensors(base), [*wrong, *(asdict(fault) for fault in faults(base))]
     reading = base.reading
     row: Row = {
         **task.start,
@@ -205,11 +206,27 @@ def _in_explorer(task: Task) -> str:
     return f"{task.site}explorer/index.html#{urlencode(chosen)}"
 
 
-def _floats(robot: Mechanism) -> bool:
-    """Whether the base floats already: a body on the ground has a ball in its joint."""
-    return any(
-        motion.kind is MotionKind.BALL for body in robot.bodies if body.parent < 0 for motion in body.joint.motions
-    )
+def _read(path: Path, **reading: Any) -> tuple[Mechanism, list[Any]]:
+    """The robot, and the fault of couplings that cannot be read, without which it is read then."""
+    try:
+        return load(path, **reading), []
+    except InputError as error:
+        try:
+            robot = load(path, **reading, independent_mimics=True)
+        except EchelonError:
+            raise error from None
+        problem = error.problem.partition(" (--mimic")[0]
+        reason = "all joints are taken as independent here, and couplings would leave fewer base parameters"
+        return robot, [asdict(Fault(one_line(error.element or "couplings"), one_line(problem), None, reason))]
+
+
+def _moves(robot: Mechanism) -> bool:
+    """Whether the base moves already: a body on the ground floats, or the file has it on a joint to the world."""
+    if any(motion.kind is MotionKind.BALL for body in robot.bodies if body.parent < 0 for motion in body.joint.motions):
+        return True
+    _, tree = read_from(robot)
+    hanging = [link for link in tree.links if link.parent == 0] if tree is not None and tree.root_is_world else []
+    return len(hanging) == 1 and any(not isinstance(step, LiteralPlacement) for step in hanging[0].steps)
 
 
 def _sources(base: BaseModel) -> tuple[dict[str, str], str]:

@@ -16,9 +16,11 @@ from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.conventions import PER_BODY
 from echelon.errors import EchelonError, one_line
+from echelon.formats.literal import LiteralTree
 from echelon.formats.robot_file import RobotFile
 from echelon.inertia import convert, pseudo_inertia
 from echelon.mechanism.joint import GROUND
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import characteristic_length
 
 _ROUNDED = 1e-6  # relative; decimals of a file cannot help smaller violations
@@ -54,13 +56,11 @@ def faults(base: BaseModel) -> list[Fault]:
 def _problems(base: BaseModel) -> Iterator[tuple[str, int, str]]:
     """Links with a problem: name, the body that it is part of, and the problem."""
     size, bodies = characteristic_length(base.mechanism), base.mechanism.bodies
-    reading = base.mechanism.reading
-    file = reading.file if reading is not None else None
-    robot = file.robot if isinstance(file, RobotFile) else None
-    if robot is None:
+    robot, tree = read_from(base.mechanism)
+    if tree is None:
         stated = [(body.name, k, body.inertial) for k, body in enumerate(bodies)]
     else:
-        stated = list(_links(base, robot))
+        stated = list(_links(base, tree))
     for name, body, inertial in stated:
         problem = "" if inertial is None else problem_of(np.array(inertial), size)
         if problem:
@@ -70,9 +70,18 @@ def _problems(base: BaseModel) -> Iterator[tuple[str, int, str]]:
         yield from ((body.name, k, MISSING) for k, body in enumerate(bodies) if body.inertial is None and k in shown)
 
 
-def _links(base: BaseModel, robot: RobotFile) -> Iterator[tuple[str, int, tuple[float, ...] | None]]:
+def read_from(mechanism: Mechanism) -> tuple[RobotFile | None, LiteralTree | None]:
+    """The URDF, SDF or MJCF file that a robot was read from, and its links; None where a description states both."""
+    reading = mechanism.reading
+    robot = reading.file.robot if reading is not None and isinstance(reading.file, RobotFile) else None
+    if reading is None or robot is None:
+        return None, None
+    return robot, robot.tree(mimics=not reading.options.independent_mimics)
+
+
+def _links(base: BaseModel, tree: LiteralTree) -> Iterator[tuple[str, int, tuple[float, ...] | None]]:
     """Name of every link, the body that it is part of, and its stated inertia."""
-    bodies, tree = {body.name: k for k, body in enumerate(base.mechanism.bodies)}, robot.tree()
+    bodies = {body.name: k for k, body in enumerate(base.mechanism.bodies)}
     for link in tree.links:
         host = link
         while host.name not in bodies and host.parent != GROUND:
