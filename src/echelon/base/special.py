@@ -8,9 +8,10 @@ from itertools import combinations
 
 from echelon.base.structure import find_structure
 from echelon.exact.field import DEFAULT_SEED, random_generator
-from echelon.exact.polynomial import Polynomial, cosine, is_trigonometric, sine, symbol_of
-from echelon.mechanism.joint import Placement, Vector
-from echelon.mechanism.mechanism import Mechanism, setup_expressions
+from echelon.exact.polynomial import Polynomial, cosine, sine
+from echelon.mechanism.joint import Vector
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.stated import symbol_roles
 from echelon.mechanism.substitute import substituted
 
 _ZERO, _ONE = Polynomial({}), Polynomial.constant(1)
@@ -118,7 +119,8 @@ def special_geometry(mechanism: Mechanism, *, seed: int = DEFAULT_SEED) -> Speci
 
 
 def _conditions(mechanism: Mechanism) -> Iterator[_Condition]:
-    plain, angles = _symbols(mechanism)
+    roles = symbol_roles(mechanism)
+    plain, angles = sorted(roles.symbols - roles.angles), sorted(roles.symbols & roles.angles)
     for name in plain:
         yield _Condition(f"{name} = 0", frozenset({name}), {name: _ZERO})
     for first, second in combinations(plain, 2):
@@ -133,19 +135,3 @@ def _conditions(mechanism: Mechanism) -> Iterator[_Condition]:
         x, y, z = (Polynomial.constant(component) for component in direction)
         yield _Condition(f"gravity along {axis}", own, {}, (x, y, z))
     yield _Condition("no gravity", own, {}, None)
-
-
-def _symbols(mechanism: Mechanism) -> tuple[list[str], list[str]]:
-    """Symbols of the geometry and of gravity: lengths and other constants, and angles."""
-    found: dict[str, bool] = {}
-    expressions = [*(mechanism.gravity or ()), *setup_expressions(mechanism)]
-    for body in mechanism.bodies:
-        for step in body.joint.steps:
-            if isinstance(step, Placement):
-                expressions += [*step.translation, *(entry for row in step.rotation for entry in row)]
-            else:
-                expressions.append(step.pitch)
-    for expression in expressions:
-        for name in expression.generators():
-            found[symbol_of(name)] = is_trigonometric(name)
-    return sorted(s for s, angle in found.items() if not angle), sorted(s for s, angle in found.items() if angle)

@@ -394,11 +394,6 @@ def setup_ratios(mechanism: Mechanism) -> list[Polynomial]:
     return found + [weight for output in mechanism.measured or () for _, weight in output.terms]
 
 
-def setup_expressions(mechanism: Mechanism) -> list[Polynomial]:
-    """Expressions beside those of the joints and of gravity: of couplings, transmission, outputs and closures."""
-    return setup_ratios(mechanism) + [e for placement in setup_placements(mechanism) for e in placement.entries()]
-
-
 def _check_tree(mechanism: Mechanism) -> None:
     coordinates: set[str] = set()
     for index, body in enumerate(mechanism.bodies):

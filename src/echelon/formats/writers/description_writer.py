@@ -31,7 +31,15 @@ from echelon.mechanism.joint import (
     Symbol,
     Vector,
 )
-from echelon.mechanism.mechanism import ActuatorForce, Cut, JointForce, Mechanism, Output, setup_expressions
+from echelon.mechanism.mechanism import (
+    ActuatorForce,
+    Cut,
+    JointForce,
+    Mechanism,
+    Output,
+    setup_placements,
+    setup_ratios,
+)
 
 if TYPE_CHECKING:
     from echelon.formats.description.description_builder import Joints
@@ -189,7 +197,8 @@ def _function(function: Spline) -> str | dict[str, Any]:
 def _used(mechanism: Mechanism) -> list[str]:
     """Symbols that need a declaration, in order of appearance."""
     found = [name for body in mechanism.bodies for name in body.joint.symbols()]
-    found += [name for value in setup_expressions(mechanism) for name in value.symbols()]
+    found += [name for value in setup_ratios(mechanism) for name in value.symbols()]
+    found += [name for placed in setup_placements(mechanism) for e in placed.entries() for name in e.symbols()]
     if mechanism.gravity != GENERIC:
         found += [name for part in mechanism.gravity or () for name in part.symbols()]
     return list(dict.fromkeys(found))
