@@ -120,6 +120,13 @@ def test_a_lowpass_of_no_position_is_refused() -> None:
         fitted(log(100.0, 1e-6, 0.03, 0), Preparation(band=5.0, measured=(), still=0.0, delays={}, lowpass={"j9": 1.0}))
 
 
+def test_settings_that_the_log_cannot_have_are_named() -> None:
+    signals = Signals.of([log(100.0, 1e-6, 0.03, 0)], pendulum().mechanism)
+    for given, problem in (({"band": 1e-9}, "band: 1e-09 Hz is slower than"), ({"measured": ("qdd",)}, "has no qdd")):
+        with pytest.raises(InputError, match=problem):
+            with_band(chosen(Preparation(**given), signals), signals, pendulum())
+
+
 def test_the_band_ends_where_the_model_explains_no_more() -> None:
     """A vibration of the outputs that no parameter knows stays outside."""
     segment = log(100.0, 1e-6, 1e-3, 1)

@@ -166,6 +166,8 @@ def test_columns_taken_twice() -> None:
     assert "output of 'j2'" in found.text
     same = replace(recorded, signals={**recorded.signals, "reference": recorded.signals["q"]})
     assert [finding.kind for finding in examine(same, ARM)[0]] == ["duplicate", "duplicate"]
+    load = replace(recorded, inputs={"j1": recorded.signals["y"][:, 0]})
+    assert not examine(load, ARM)[0]
 
 
 def test_quaternions_that_are_none() -> None:

@@ -67,6 +67,12 @@ def test_time_in_smaller_units(scale: float, unit: str) -> None:
     assert "is time in s?" in found.text
 
 
+def test_rates_that_show_no_dynamics() -> None:
+    (found,) = check_plausible(clean(), ARM, replace(MAP, time=None, rate=1e6))
+    assert found.text.startswith("at the stated rate of 1e+06 Hz there is a sample every 1e-06 s")
+    assert not check_plausible(clean(), ARM, replace(MAP, time=None, rate=RATE))
+
+
 def test_millimetres_taken_for_metres() -> None:
     names = GRIPPER.positions
     time = np.arange(1000) / RATE

@@ -96,6 +96,10 @@ class Noisy:
 
 def with_band(preparation: Preparation, log: Signals, base: BaseModel) -> tuple[Preparation, Noisy | None]:
     """The preparation with the band narrowed as the model asks, and what noise does where it biases nevertheless."""
+    longest = max(len(segment) for segment in log.segments) / log.rate
+    if preparation.band is not None and preparation.band * longest < 1:
+        problem = f"{preparation.band:g} Hz is slower than the {longest:.3g} s that a stretch lasts"
+        raise InputError(problem, source=log.source, element="band")
     trials = Trials.of(log, preparation, base)
     if not trials.usable(trials.bands[0]):
         return preparation, None

@@ -119,7 +119,10 @@ class ReadyEffect(Model):
                 raise refusal(f"a {self.type} effect has no '{name}'")
         for name, default in needed.items():
             if getattr(self, name) is None and default is None:
-                raise refusal(f"a {self.type} effect needs '{name}'")
+                example = (type(self).model_fields[name].examples or [""])[0]
+                raise refusal(f"a {self.type} effect needs '{name}', such as {name}: {example}")
+        if self.velocity is not None and self.velocity.strip(" 0.") == "":
+            raise refusal("a Stribeck velocity is not 0")
         return self
 
 
@@ -148,7 +151,7 @@ def usual_ready_or_own(value: object) -> str:
     """Tag of an effect."""
     if value == "usual":
         return "usual"
-    return "own" if isinstance(value, dict) and "parameter" in value else "ready"
+    return "own" if isinstance(value, dict) and value.keys() & {"parameter", "acts", "term"} else "ready"
 
 
 EffectEntry = Annotated[

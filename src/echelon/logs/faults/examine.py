@@ -157,7 +157,11 @@ def _duplicates(recording: Recording, channels: Sequence[Series], usable: Flags,
         groups.setdefault(channel.values[usable].tobytes(), []).append(channel)
     for group in groups.values():
         # two joints may well be asked to move alike, but they will not
-        if len(group) > 1 and any(channel.signal != "reference" for channel in group):
+        told = {channel.signal for channel in group}
+        loads = (
+            told == {"y", "input"} and len({channel.name for channel in group}) == 1
+        )  # of friction that grows with it
+        if len(group) > 1 and told != {"reference"} and not loads:
             others = listed(channel.label for channel in group[1:])
             text = f"has the same values as {others} in every sample: was one column taken twice?"
             findings.append(warning("duplicate", f"{recording.source}, {group[0].label}", text))

@@ -100,6 +100,9 @@ def surplus_columns(columns: ColumnMap, names: Sequence[str], mechanism: Mechani
 def _check_time(recording: Recording, columns: ColumnMap) -> list[Finding]:
     time = recording.time[np.isfinite(recording.time)]
     steps = np.diff(time)
+    if columns.rate is not None and fitting_units(1 / columns.rate)[:1] != ["s"]:
+        text = f"at the stated rate of {columns.rate:g} Hz there is a sample every {1 / columns.rate:.4g} s"
+        return [warning("time", f"{recording.source}, time", f"{text}, a rate that shows no dynamics")]
     if columns.rate is not None or len(time) < 3 or np.mean(steps > 0) < _FORWARD:
         return []  # that stamps are in no order is said where segments are made
     period = nominal_period(time)

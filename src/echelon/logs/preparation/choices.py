@@ -19,7 +19,7 @@ from echelon.errors import InputError, locating
 from echelon.formats.schema.schema_log import PreparationEntry
 from echelon.logs.columns.column_map import quaternion_columns, signal_names
 from echelon.logs.preparation.prepare import rubs, speed_rows
-from echelon.logs.preparation.states import Preparation, cutoffs, usable, velocity_names
+from echelon.logs.preparation.states import Preparation, cutoffs, measured_signal, usable, velocity_names
 from echelon.logs.recording import Segment
 from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.filters import NEAR, PASSED, REACH, butterworth, derivative, lowpass
@@ -113,7 +113,8 @@ class Signals:
     def spectra_of(self, signal: str) -> list[Spectrum]:
         """Spectra of every column of a signal."""
         with locating(self.source):
-            return spectra([segment.signals[signal] for segment in self.segments], self.rate)
+            some = (s.signals["q"] if signal == "q" else measured_signal(s, signal) for s in self.segments)
+            return spectra(list(some), self.rate)
 
     @cached_property
     def moving(self) -> list[int]:

@@ -95,7 +95,7 @@ def states(segment: Segment, preparation: Preparation, mechanism: Mechanism) -> 
         raise InputError(f"there is no position '{strange}' (valid: {', '.join(positions)})", element="lowpass")
     x = _smoothed(segment.signals["q"], preparation, rate, positions)
     measured = {
-        name: _smoothed(_measured(segment, name), preparation, rate, names) for name in preparation.measured or ()
+        name: _smoothed(measured_signal(segment, name), preparation, rate, names) for name in preparation.measured or ()
     }
     if "qd" not in measured:
         q, qd, qdd = _by_kind(x, *_without_rounding(x, *derivatives(x, rate), rate), mechanism)
@@ -140,7 +140,8 @@ def _without_rounding(x: Floats, xd: Floats, xdd: Floats, rate: float) -> tuple[
     return np.where(np.abs(xd) <= rounding * rate, 0.0, xd), np.where(np.abs(xdd) <= rounding * rate**2, 0.0, xdd)
 
 
-def _measured(segment: Segment, name: str) -> Floats:
+def measured_signal(segment: Segment, name: str) -> Floats:
+    """Derivatives of a log as they are; an error where it has none."""
     if name not in MEASURED:
         raise InputError(f"'{name}' cannot be taken from a log; expected qd or qdd", element="measured")
     if name not in segment.signals:
