@@ -13,7 +13,8 @@ import pytest
 import echelon as ec
 from echelon.formats.robot_file import read_description
 from echelon.formats.snapping import ReadingOptions
-from echelon.identification.gains import drive_gains, gain_names
+from echelon.identification.estimators.least_squares import irls
+from echelon.identification.gains import contradicting_gains, drive_gains, gain_names
 from echelon.identification.payload import JoinedRows, Payload, loaded_rows, with_zeros
 from echelon.identification.rows.rows import ModelRows
 from echelon.logs.columns.column_map import Channel, ColumnMap
@@ -22,6 +23,7 @@ from echelon.mechanism.effect import Side, ready_made
 from echelon.mechanism.joint import translation
 from echelon.setup.setup import Setup
 from support.observation_rows import ArrayRows
+from support.paths import EXAMPLES
 from support.payloads import LOAD, Truth, truth, with_drives
 from support.simulated_systems import SYSTEMS, motion_of
 from support.textbook_arms import body, modified_dh, tree
@@ -290,13 +292,34 @@ def test_gains_from_logs(three: Truth, tmp_path: Path) -> None:
         ec.gains_from_logs(setup, [free])
 
 
+@pytest.mark.parametrize(("robot", "wrong", "factor"), [("cart_pole", "pole", 7.0), ("scara", "j4", 50.0)])
+def test_one_output_of_few_contradicts_the_others(robot: str, wrong: str, factor: float) -> None:
+    """Two outputs are enough, and outputs that share nothing with the others are left out."""
+    base = ec.base_parameters(ec.load(EXAMPLES / f"{robot}.yaml"))
+    rng, names = np.random.default_rng(3), [output.name for output in base.mechanism.outputs]
+    q, qd, qdd = rng.normal(size=(3, 400, len(names)))
+    y = base.predict(q, qd, qdd, base.values(rng.uniform(0.5, 2, len(base.parameters))))
+    y += 0.01 * y.std(axis=0) * rng.normal(size=y.shape)
+
+    def apart(values: np.ndarray) -> dict[str, float]:
+        rows = ModelRows.of(base, [Samples("", 0.0, 100.0, q, qd, qdd, values)]).observation()
+        return contradicting_gains(rows, base.units, irls(rows, base.units).noise)[0]
+
+    assert apart(y) == {}
+    found = apart(y / np.where(np.array(names) == wrong, factor, 1.0))
+    assert found == {wrong: pytest.approx(factor, rel=0.1)}
+
+
 def test_currents_that_are_given_as_torques_contradict_each_other(tmp_path: Path) -> None:
     """Drives of different gains: each would need inertias of its own."""
     system, constants = SYSTEMS["arm"], np.array([3.0, 2.5, 1.2, 0.5, 0.3])
     motion = motion_of(system)
     setup = system.load(tmp_path).with_settings(physical=False)
     log = system.log(replace(motion, y=motion.y / constants), tmp_path / "run", setup.mechanism)
-    (found,) = (f for f in ec.identify(setup, [log]).findings if f.kind == "gains")
+    result = ec.identify(setup, [log])
+    (found,) = (f for f in result.findings if f.kind == "gains")
+    assert "outputs contradict each other" in result.verdict.split(": ", 1)[1]
+    assert any("outputs contradict each other" in reason for reason in result.reasons)
     factors = dict(re.findall(r"(j\d) ([\d.]+) times", found.text))
     assert {"j1", "j2", "j4", "j5"} == {*factors}
     np.testing.assert_allclose([float(f) for f in factors.values()], (constants / 1.2)[[0, 1, 3, 4]], rtol=0.15)

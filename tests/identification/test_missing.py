@@ -11,6 +11,7 @@ import pytest
 
 import echelon as ec
 from echelon.logs.finding import Finding
+from support.simulated_models import Drive, Part
 from support.simulated_motions import RATE, fourier
 from support.simulated_systems import SYSTEMS, motion_of
 
@@ -93,3 +94,18 @@ def test_rotors_that_nobody_mentioned_are_tried(tmp_path: Path) -> None:
     assert min(score.r2 for score in result.validations[-1].scores) > 0.998
     assert "write effects: [usual, {type: rotor_inertia, at: [j3, j4, j5]}]" in result.findings[0].text
     assert [finding.kind for finding in result.findings].count("missing effect") == 1
+
+
+def test_rotors_that_are_left_out_are_no_wrong_clock(tmp_path: Path) -> None:
+    """Where gravity says nothing, more inertia looks like a faster clock."""
+    parts = (
+        Part("upper", "", (0, 0, 0), "j1", (0, 0, 1), 4.0, 0.3),
+        Part("fore", "upper", (0.4, 0, 0), "j2", (0, 0, 1)),
+    )
+    drives = {"j1": Drive(0.5, 0.4, 0.3), "j2": Drive(0.3, 0.2, 0.2)}
+    effects = [{"type": "viscous", "at": "all"}, {"type": "coulomb", "at": "all"}]
+    system = replace(SYSTEMS["arm"], name="flat", parts=parts, drives=drives, noise=(0.05, 0.03), simulated=False)
+    setup = system.load(tmp_path, effects=effects)
+    result = ec.identify(setup, [system.log(system.motion(11), tmp_path / "run", setup.mechanism)])
+    assert "{type: rotor_inertia, at: [j2]}" in result.findings[0].text
+    assert not {"culprit", "gains"} & {finding.kind for finding in result.findings}

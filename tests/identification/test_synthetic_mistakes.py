@@ -154,6 +154,7 @@ MISTAKES: dict[str, tuple[Callable[[Motion], Motion], str]] = {
         lambda m: replace(m, q=m.q[:, [0, 2, 1, 3, 4]]),
         "position of 'j2' (column 'q_2') and the position of 'j3' (column 'q_3') are exchanged",
     ),
+    "a slow clock": (lambda m: replace(m, time=1.5 * m.time), "the clock is wrong: the rate is about 1.5"),
     "another robot": (_stranger, ""),
 }
 

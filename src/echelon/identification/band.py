@@ -31,6 +31,7 @@ from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
+from echelon.identification.rows.plan import SAMPLED
 from echelon.identification.rows.rows import ModelRows
 from echelon.logs.finding import Finding, note, warning
 from echelon.logs.preparation.choices import NARROWEST, ROWS, Signals, reasoned, with_lowpass, with_still
@@ -42,8 +43,6 @@ from echelon.signals.spectrum import Spectrum
 
 _WIDER = 1.4
 """Ratio of neighbouring bands that are tried."""
-SAMPLED = 12.0
-"""Rate at which a band is looked at, by its edge: filters of states pass a quarter of it unchanged."""
 _LONGEST = 6_000
 """Samples, at that rate, from which the band is chosen."""
 _EXPLAINED = 0.5

@@ -1,7 +1,8 @@
 """The one mistake in a set-up that explains why its data contradict physics, or predict badly.
 
 A column with the wrong sign, two columns exchanged, a wrong unit, rate or side of a gear: each is one change of what
-was read.  All of them are tried on a thousand rows of the logs.  For each, base parameters are fitted by weighted least
+was read.  All of them are tried on some samples of the logs, whose rows pass the filter of both sides: of unfiltered
+ones the steps of dry friction would be all that is left.  For each change base parameters are fitted by weighted least
 squares from the normal matrices of the outputs, then moved to those of the nearest physical robot; how well these
 predict is the mark of the change.  Least squares alone would not do: an output whose parameters are its own is fitted
 as well with the wrong sign, by a negative inertia.  The mark without physics is never worse, so changes are taken in
@@ -24,6 +25,7 @@ from echelon.arrays import Flags, Floats, Integers
 from echelon.base.model import BaseModel
 from echelon.errors import EchelonError
 from echelon.identification.physics.feasibility import nearest_physical
+from echelon.identification.rows.plan import begun
 from echelon.identification.rows.rows import rows_taken
 from echelon.logs.columns.column_map import Channel, ColumnMap, motion_of
 from echelon.logs.recording import Samples
@@ -31,8 +33,9 @@ from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.motor_side import transmission_matrix
 from echelon.observe.observation import Observation
 
-ROWS = 1000
-"""Rows that changes are tried on: some twenty per parameter of an arm, of every output."""
+SAMPLES = 4000
+"""Samples that changes are tried on, of which filters leave a third: some twenty per parameter of an arm, of every
+output."""
 BETTER = 0.75
 """Residual that a change leaves, relative to what was read, from which on it is named."""
 _MUCH_BETTER = 0.5
@@ -64,17 +67,35 @@ class Culprit:
     before: float
     after: float
 
+    @property
+    def reduction(self) -> float:
+        """Logarithm by which it reduces residuals, the mean of all outputs."""
+        return log(self.before / self.after)
+
 
 @dataclass(frozen=True)
 class States:
-    """Rows of the logs that changes are tried on."""
+    """Samples of the logs that changes are tried on."""
 
     q: Floats
     qd: Floats
     qdd: Floats
     y: Floats
-    fitted: Flags  # shape (N, outputs)
     inputs: Mapping[str, Floats]
+    pieces: tuple[Samples, ...]  # stretches that the samples are, with the filter of both sides
+
+    def rows(self, values: Floats) -> Floats:
+        """Signals (samples, …) after the filter of both sides, shape (rows, …)."""
+        ends = np.cumsum([len(piece) for piece in self.pieces])
+        parts = zip(self.pieces, np.split(values, ends[:-1]), strict=True)
+        return np.concatenate([rows_taken(piece, part)[1] for piece, part in parts])
+
+    @cached_property
+    def fitted(self) -> Flags:
+        """Rows that are fitted, shape (rows, outputs)."""
+        found = [rows_taken(piece, piece.q[:, :1]) for piece in self.pieces]
+        every = (np.ones((len(rows), self.y.shape[1]), dtype=bool) for _, rows, _ in found)
+        return np.concatenate([a if flags is None else flags for a, (_, _, flags) in zip(every, found, strict=True)])
 
 
 @dataclass(frozen=True)
@@ -89,25 +110,12 @@ class _Change:
     rate: float = 1.0  # times the rate that was taken
 
 
-def rows_of(samples: Iterable[Samples]) -> States:
-    """Some rows of prepared samples, after the filter of both sides."""
-    values: list[Floats] = []
-    flags: list[Flags] = []
-    names: tuple[str, ...] = ()
-    widths: list[int] = []
-    for some in samples:
-        if some.y is not None:
-            names = tuple(some.inputs)
-            signals = [some.q, some.qd, some.qdd, some.y]
-            widths = [part.shape[1] for part in signals]
-            inputs = [part[:, None] for part in some.inputs.values()]
-            _, rows, fitted = rows_taken(some, np.hstack([*signals, *inputs]))
-            values.append(rows)
-            flags.append(np.ones((len(rows), widths[3]), dtype=bool) if fitted is None else fitted)
-    every, fitted = np.concatenate(values), np.concatenate(flags)
-    chosen = np.unique(np.linspace(0, len(every) - 1, min(ROWS, len(every))).astype(np.intp))
-    q, qd, qdd, y, rest = np.split(every[chosen], np.cumsum(widths), axis=1)
-    return States(q, qd, qdd, y, fitted[chosen], dict(zip(names, rest.T, strict=True)))
+def states_of(samples: Iterable[Samples], band: float) -> States:
+    """Prepared samples on a clock that is no faster than the band needs."""
+    pieces = tuple(piece for piece in begun(samples, band, SAMPLES) if piece.y is not None)
+    q, qd, qdd, y = (np.concatenate([getattr(p, name) for p in pieces]) for name in ("q", "qd", "qdd", "y"))
+    inputs = {name: np.concatenate([piece.inputs[name] for piece in pieces]) for name in pieces[0].inputs}
+    return States(q, qd, qdd, y, inputs, pieces)
 
 
 def culprit(
@@ -115,17 +123,20 @@ def culprit(
     samples: Iterable[Samples],
     columns: Sequence[ColumnMap] = (),
     *,
+    band: float = inf,
     velocities: bool = False,
     values: Floats | None = None,
     prior: Floats | None = None,
+    only_rate: bool = False,
 ) -> Culprit | None:
     """The one change that restores physics and prediction, if there is one, or two that do alike.
 
-    ``velocities`` says whether the samples' velocities were measured, not differentiated from positions.  With the
-    ``values`` of base parameters from other logs a change is to restore their prediction.  Of changes that do alike the
-    ``prior`` decides.
+    ``band`` is that of both sides, Hz; ``velocities`` says whether the samples' velocities were measured, not
+    differentiated from positions.  With the ``values`` of base parameters from other logs a change is to restore their
+    prediction.  Of changes that do alike the ``prior`` decides.  ``only_rate`` tries nothing but the clock.
     """
-    return _Search(base, rows_of(samples), columns[0] if columns else ColumnMap(), velocities, values, prior).found()
+    search = _Search(base, states_of(samples, band), columns[0] if columns else ColumnMap(), velocities, values, prior)
+    return search.found(list(search.of_rate() if only_rate else search.changes()))
 
 
 def common_unit(observation: Observation, prior: Floats) -> Culprit | None:
@@ -164,13 +175,13 @@ class _Search:
         self.marks = _Marks(base, rows.y.shape[1])
         self._read = self.marks.products(rows)
 
-    def found(self) -> Culprit | None:
+    def found(self, changes: Sequence[_Change]) -> Culprit | None:
         """The best change, if it is far better than none and than all others."""
+        if not changes:
+            return None
         before = best = self._mark(self.marks.normals(self._read), physical=True)
         # of changes that physics alone tells apart, those that happen more often come first
-        free = sorted(
-            ((round(self._free(change), 2), change) for change in self._changes()), key=lambda entry: entry[0]
-        )
+        free = sorted(((round(self._free(change), 2), change) for change in changes), key=lambda entry: entry[0])
         marks: list[tuple[float, _Change]] = []
         for mark, change in free[:_PROGRAMMES]:
             if mark > best - log(APART):
@@ -209,12 +220,13 @@ class _Search:
 
     # -- changes -------------------------------------------------------------------------------------------------
 
-    def _changes(self) -> Iterator[_Change]:
+    def changes(self) -> Iterator[_Change]:
+        """Everything that is tried."""
         yield from self._of_outputs()
         yield from self._of_positions()
         if self.velocities:
             yield from self._of_velocities()
-        yield from self._of_rate()
+        yield from self.of_rate()
 
     def _of_outputs(self) -> Iterator[_Change]:
         m, label = len(self.outputs), self._named("output", self.outputs, self.columns.outputs)
@@ -293,7 +305,7 @@ class _Search:
                     text = f"the position of '{name}' is on {side}"
                     yield _Change(text, _scaled(len(self._keys), self._keys.index(name), factor))
 
-    def _of_rate(self) -> Iterator[_Change]:
+    def of_rate(self) -> Iterator[_Change]:
         """The rate that explains most, if it is not the one that was taken."""
         rate = 1.0
         for width, count in _RATES:
@@ -438,10 +450,11 @@ class _Marks:
     def products(self, rows: States) -> list[Floats]:
         """Of each output [W Y 1]ᵀ[W Y 1] over its rows, with the measured values Y of all outputs."""
         entries = self._base.regressor_entries(rows.q, rows.qd, rows.qdd, None, dict(rows.inputs), threads=1)
+        filtered = rows.rows(np.column_stack([entries, rows.y, np.ones(len(rows.y))]))
+        beside = np.arange(entries.shape[1], filtered.shape[1])
         found = []
         for i, chosen in enumerate(self._entries):
-            used = rows.fitted[:, i]
-            whole = np.column_stack([entries[np.ix_(used, chosen)], rows.y[used], np.ones(used.sum())])
+            whole = filtered[np.ix_(rows.fitted[:, i], np.append(chosen, beside))]
             found.append(whole.T @ whole)
         return found
 

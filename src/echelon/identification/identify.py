@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from itertools import chain
 from pathlib import Path
@@ -24,7 +24,7 @@ from echelon.identification.estimators.estimate import Estimate, solved
 from echelon.identification.estimators.fit import fitted, usable_noise
 from echelon.identification.estimators.least_squares import minimum_norm, noise_estimate
 from echelon.identification.gains import contradicting_gains, gain_names
-from echelon.identification.missing import Missing, missing_effects
+from echelon.identification.missing import Missing, explained, missing_effects
 from echelon.identification.passes_over_data import PassesOverData, Task
 from echelon.identification.physics.bounds import Bounds
 from echelon.identification.physics.feasibility import Feasibility, feasibility
@@ -57,6 +57,8 @@ _PIECES = 5
 """Stretches of the data that are predicted from one another to weigh the prior."""
 _BIASED = ("ols", "wls", "irls", "huber")
 """Estimators that noise of the positions biases as it biases least squares."""
+_CLEARLY = 5.0
+"""Residual, relative to the noise of a sensor in the band, that is more than noise."""
 _SAME_UNIT = 0.5
 """Decades that a factor between outputs may be off that of a unit."""
 
@@ -158,6 +160,7 @@ def _fitted(
             feasible = _tried(lambda: _feasibility(base, observation, estimate, noise), unsolved)
 
         step("validating")
+        band = plan.preparation.band or np.inf
         models = {"model": _predicting(settings, estimate, reduced, physical)}
         models |= {} if prior_base is None else {"prior": prior_base}
         plain = _without_friction(base, observation, noise)
@@ -165,10 +168,16 @@ def _fitted(
         validations = _validations(data, models, unseen_logs)
         columns = setup.columns
         culprit = None if prior_base is None else common_unit(observation, prior_base)
-        if culprit is None and (unsolved or _is_doubtful(validations, feasible)):
+        if culprit is None:
             step("looking for a mistake in the set-up")
             measured = "qd" in (plan.preparation.measured or ())
-            culprit = find_culprit(base, data.fitted(), columns, velocities=measured, prior=prior_base)
+            doubtful = bool(unsolved) or _is_doubtful(validations, feasible)
+            if doubtful:
+                culprit = find_culprit(base, data.fitted(), columns, band=band, velocities=measured, prior=prior_base)
+            elif _is_above_noise(by_role(validations)[0]):
+                culprit = find_culprit(
+                    base, data.fitted(), columns, band=band, velocities=measured, prior=prior_base, only_rate=True
+                )
         elsewhere = _culprits_of_unseen(data, models["model"], validations, unseen_logs, columns)
         step("looking for effects that the model lacks")
         lacking = _lacking(data, estimate, unseen_logs)
@@ -176,17 +185,20 @@ def _fitted(
     findings = [note("assumed", setup.source, text) for text in setup.assumed]
     findings += [*surveyed.findings, *(() if prior is None else prior.findings), *unsolved]
     comparable = conditions.is_complete and not gain_names(base)
-    apart = contradicting_gains(observation, base.units, noise) if comparable else {}
-    if culprit is not None and not _is_explained(apart, culprit):
+    apart, by_gains = contradicting_gains(observation, base.units, noise) if comparable else ({}, 0.0)
+    outputs = len(base.mechanism.outputs)
+    by_usual_effects = explained([missing for missing in lacking if missing.usual], outputs)
+    if culprit is not None and not (_is_explained(apart, culprit) and culprit.reduction > by_usual_effects):
         culprit = None
-    told = [] if culprit is not None else list(_contradicting(apart))
-    if told or culprit is not None:  # what residuals follow then is no effect
+    if culprit is not None or by_gains < explained(lacking, outputs):
+        apart = {}
+    if apart or culprit is not None:  # what residuals follow then is no effect
         lacking = [missing for missing in lacking if missing.usual]
-    findings += [*told, *elsewhere]
+    findings += elsewhere
     if physical is not None and prior is not None:
         findings += departures(base.mechanism, physical.standard, prior.values, physical.prior_weight)
-    facts = contradictions(feasible, culprit, findings)
-    findings += fit_findings(estimate, conditions, feasible, physical, validations, culprit)
+    facts = contradictions(feasible, culprit, apart, findings)
+    findings += fit_findings(estimate, conditions, feasible, physical, validations, culprit, apart)
     judgement = overall_verdict(by_role(validations)[-1], facts)
     ranges = fitted_ranges(plan.preparation, by_role(validations)[0])
     speeds = enumerated([found.speeds for found in ranges], "; ")
@@ -371,6 +383,11 @@ def _is_doubtful(validations: Sequence[Validation], feasible: Feasibility | None
     return poor or (feasible is not None and feasible.feasible is False and feasible.distance > FAR)
 
 
+def _is_above_noise(fitted: Validation) -> bool:
+    """Whether more is left of some output than noise of its sensor, so that a wrong clock may be behind it."""
+    return any(s.rms > _CLEARLY * s.noise * np.sqrt(s.rows / max(s.raw.rows, 1)) for s in fitted.scores)
+
+
 def _validations(data: PassesOverData, models: Models, unseen_logs: Sequence[Path]) -> tuple[Validation, ...]:
     seen: list[Task] = [(path, "first", "identification") for path in data.paths]
     unseen: list[Task] = [(path, "all", "validation") for path in unseen_logs]
@@ -394,9 +411,9 @@ def _culprits_of_unseen(
     for log, validation in zip(unseen_logs, [v for v in validations if v.role == "validation"], strict=False):
         pairs = zip(fitted, validation.scores, strict=True)
         if any(seen.r2 >= USABLE > unseen.r2 for seen, unseen in pairs):
-            measured = "qd" in (data.plan.preparation.measured or ())
+            measured, band = "qd" in (data.plan.preparation.measured or ()), data.plan.preparation.band or np.inf
             mistake = find_culprit(
-                data.plan.base, data.samples(log, "all"), columns, velocities=measured, values=values
+                data.plan.base, data.samples(log, "all"), columns, band=band, velocities=measured, values=values
             )
             if mistake is not None:
                 text = f"in this log, other than in those that were fitted, {mistake.text}"
@@ -410,18 +427,6 @@ def _is_explained(apart: Mapping[str, float], culprit: Culprit) -> bool:
         return True
     thousand = any(abs(abs(np.log10(factor)) - 3) < _SAME_UNIT for factor in apart.values())
     return not apart or (len(apart) == 1 and (thousand or "N·m" not in culprit.text))
-
-
-def _contradicting(factors: Mapping[str, float]) -> Iterator[Finding]:
-    """Outputs whose units differ from those of the others, as those of currents that are given as torques."""
-    if factors:
-        shown = ", ".join(f"{name} {factor:.3g} times" for name, factor in factors.items())
-        text = (
-            "outputs contradict each other through the inertias that they share, unless some are multiplied "
-            f"({shown}): are they currents, or in other units? State scales, or map currents under 'input' and add "
-            "{type: drive_gain, at: all} to 'effects'"
-        )
-        yield warning("gains", "", text)
 
 
 def _lacking(data: PassesOverData, estimate: Estimate, unseen_logs: Sequence[Path]) -> list[Missing]:

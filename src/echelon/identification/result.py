@@ -244,11 +244,15 @@ _COSTLY = 1.5
 """Ratio of misfits from which on physical consistency costs more than noise does."""
 
 
-def contradictions(feasible: Feasibility | None, culprit: Culprit | None, findings: Sequence[Finding]) -> list[str]:
+def contradictions(
+    feasible: Feasibility | None, culprit: Culprit | None, apart: Mapping[str, float], findings: Sequence[Finding]
+) -> list[str]:
     """Facts that contradict a model however well it predicts."""
     facts = []
     if culprit is not None:
         facts.append(f"it would be explained if {culprit.text}")
+    if apart:
+        facts.append(_contradicting(apart))
     if feasible is not None and feasible.feasible is False and feasible.distance > IMPOSSIBLE:
         away = f"{feasible.distance:.2g} standard deviations away"
         facts.append(f"no robot can have its parameters, the nearest is {away}")
@@ -263,10 +267,22 @@ def fit_findings(
     physical: PhysicalFit | None,
     validations: Sequence[Validation],
     culprit: Culprit | None = None,
+    apart: Mapping[str, float] | None = None,
 ) -> list[Finding]:
-    """What is wrong with a fit, or worth knowing."""
+    """What is wrong with a fit, or worth knowing; ``apart`` are outputs whose units contradict those of the others."""
     found = [*_of_scores(validations), *_of_estimate(estimate, seen), *_of_physics(feasible, physical, estimate)]
+    if apart:
+        text = (
+            f"{_contradicting(apart)}: are they currents, or in other units? State scales, or map currents under "
+            "'input' and add {type: drive_gain, at: all} to 'effects'"
+        )
+        found.insert(0, warning("gains", "", text))
     return found if culprit is None else [_of_culprit(culprit), *found]
+
+
+def _contradicting(apart: Mapping[str, float]) -> str:
+    shown = ", ".join(f"{name} {factor:.3g} times" for name, factor in apart.items())
+    return f"outputs contradict each other through the inertias that they share, unless some are multiplied ({shown})"
 
 
 def limited(findings: Iterable[Finding]) -> tuple[Finding, ...]:

@@ -24,10 +24,10 @@ from echelon.arrays import Floats
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
-from echelon.identification.band import SAMPLED, Noisy, slower, with_band
+from echelon.identification.band import Noisy, slower, with_band
 from echelon.identification.conditioning import Conditioning, conditioning, without_rounding
 from echelon.identification.estimators.least_squares import noise_estimate
-from echelon.identification.rows.plan import Plan
+from echelon.identification.rows.plan import SAMPLED, Plan
 from echelon.identification.rows.rows import ModelRows, rows_taken
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.finding import Finding, counted, note, warning

@@ -11,7 +11,7 @@ that logs can be spread over several.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -29,6 +29,8 @@ from echelon.logs.preparation.prepare import PreparationPlan, prepare
 from echelon.logs.preparation.states import Preparation
 from echelon.logs.read_log import read_log
 from echelon.logs.recording import Samples, Segment
+from echelon.signals.clock import low_passed
+from echelon.signals.filters import reduction
 
 
 def split(samples: Samples, share: float) -> tuple[Samples, Samples]:
@@ -65,6 +67,42 @@ def part_of(samples: Samples, begin: int, end: int) -> Samples:
         moving=None if samples.moving is None else samples.moving[begin:end],
         first=max(samples.first - begin, 0),
         stop=None if samples.stop is None else min(samples.stop, end) - begin,
+    )
+
+
+SAMPLED = 12.0
+"""Rate at which a band is looked at, by its edge: filters of states pass a quarter of it unchanged."""
+
+
+def begun(samples: Iterable[Samples], band: float, count: int) -> Iterator[Samples]:
+    """The beginnings of some stretches, on clocks no faster than a band needs: any motion shows what is wrong."""
+    left = count
+    for stretch in samples:
+        if left <= 0:
+            return
+        factor = max(1, int(stretch.rate / (SAMPLED * band)))
+        end = min(len(stretch), stretch.first + factor * count // 3)
+        yield _slower(part_of(stretch, 0, end), factor, band)
+        left -= end // factor
+
+
+def _slower(samples: Samples, factor: int, band: float) -> Samples:
+    """Samples on a clock that is a whole number of times slower, whose states the preparation has filtered enough."""
+    if factor == 1:
+        return samples
+    rate = samples.rate / factor
+    stop = len(samples) if samples.stop is None else samples.stop
+    assert samples.y is not None
+    return replace(
+        samples,
+        rate=rate,
+        **{name: getattr(samples, name)[::factor] for name in ("q", "qd", "qdd")},
+        y=low_passed(samples.y, 1 / factor)[::factor],
+        inputs={name: values[::factor] for name, values in samples.inputs.items()},
+        reduction=reduction(band, rate),
+        moving=None if samples.moving is None else samples.moving[::factor],
+        first=-(-samples.first // factor),
+        stop=-(-stop // factor),
     )
 
 
