@@ -292,7 +292,7 @@ def test_gains_from_logs(three: Truth, tmp_path: Path) -> None:
         ec.gains_from_logs(setup, [free])
 
 
-@pytest.mark.parametrize(("robot", "wrong", "factor"), [("cart_pole", "pole", 7.0), ("scara", "j4", 50.0)])
+@pytest.mark.parametrize(("robot", "wrong", "factor"), [("cart_pole", "pole", 7.0), ("scara", "forearm", 50.0)])
 def test_one_output_of_few_contradicts_the_others(robot: str, wrong: str, factor: float) -> None:
     """Two outputs are enough, and outputs that share nothing with the others are left out."""
     base = ec.base_parameters(ec.load(EXAMPLES / f"{robot}.yaml"))

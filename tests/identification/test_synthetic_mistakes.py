@@ -159,7 +159,9 @@ MISTAKES: dict[str, tuple[Callable[[Motion], Motion], str]] = {
 }
 
 
-@pytest.mark.parametrize("name", MISTAKES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n == "a slow clock" else n for n in MISTAKES]
+)
 def test_mistakes_are_named(name: str, tmp_path: Path) -> None:
     """Least squares would have 42 numbers for anything, but they are those of no robot, or predict badly."""
     plant, words = MISTAKES[name]
