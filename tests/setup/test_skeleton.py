@@ -148,6 +148,10 @@ def test_rates_come_from_velocities_or_coarse_stamps(motion: Motion, tmp_path: P
         assert "  rate: 300 " in found.text
         assert any(why in line for line in found.report)
         assert not any("time" in question for question in found.undecided)
+    still = {**both, "qd0": 0 * both["qd0"], "qd1": 0 * both["qd1"]}
+    for damaged in ({"t": 0 * motion["t"]} | both, still):  # a clock that stands, velocities that say nothing
+        written(tmp_path, pd.DataFrame(damaged))
+        assert "rate: 300 " not in skeleton(tmp_path / "arm.urdf", [tmp_path / "log.csv"], tmp_path).text
 
 
 @pytest.mark.parametrize("order", ["quantities", "joints"])

@@ -94,8 +94,8 @@ def _with_rate(found: Understood, log: LogFile) -> Understood:
     """With a rate where stamps are coarser than samples, or where there are none, by what velocities say."""
     columns, table = found.columns, first_table(log)
     time = None if columns.time is None else table.columns[columns.time.column] * factor(columns.time.unit, "s")
-    if time is not None and columns.time is not None and np.mean(np.diff(time) == 0) > _COARSE:
-        rate = float(len(time) - 1) / float(time[-1] - time[0])
+    if columns.time is not None and time is not None and np.sum(np.diff(time) == 0) > _COARSE * (len(time) - 1):
+        period = float(time[-1] - time[0]) / (len(time) - 1)
         why = f"the stamps in '{columns.time.column}' repeat and are coarser than the samples, which so take"
     elif time is None and not table.clocks and columns.positions.keys() <= columns.velocities.keys():
         q, v = (
@@ -103,14 +103,15 @@ def _with_rate(found: Understood, log: LogFile) -> Understood:
             for some in (columns.positions, {name: columns.velocities[name] for name in columns.positions})
         )
         moved, speed = np.diff(q, axis=0), 0.5 * (v[1:] + v[:-1])
-        rate = float(np.sum(speed * speed) / np.sum(speed * moved))
+        squares = float(np.sum(speed * speed))
+        period = float(np.sum(speed * moved)) / squares if squares else 0.0
         why = "positions change by what the velocities say if the samples take"
     else:
         return found
-    if not PERIODS[0] < 1 / rate < PERIODS[1]:
+    if not PERIODS[0] < period < PERIODS[1]:
         return found
-    note = f"{why} {1000 / rate:.4g} ms: the rate is {round_rate(1 / rate):.4g} Hz"
-    return replace(found, columns=replace(columns, time=None, rate=round_rate(1 / rate)), notes=(*found.notes, note))
+    note = f"{why} {1000 * period:.4g} ms: the rate is {round_rate(period):.4g} Hz"
+    return replace(found, columns=replace(columns, time=None, rate=round_rate(period)), notes=(*found.notes, note))
 
 
 def _questions(columns: ColumnMap) -> list[str]:
