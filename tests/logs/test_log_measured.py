@@ -20,7 +20,7 @@ from echelon.logs.faults.plausibility import check_plausible
 from echelon.logs.files.log_file import Table
 from echelon.logs.preparation.segments import segments
 from support.column_maps import PENDULUM, TX40, Floats, N, guess_columns
-from support.measured_logs import ELSEWHERE, SHIPPED, measured
+from support.measured_logs import ELSEWHERE, SHIPPED, absent, measured
 
 PANDA = load("examples/panda.yaml")
 
@@ -74,7 +74,7 @@ def test_tx40_on_the_joints_side() -> None:
 def test_real_logs_are_sound(folder: str, robot: ec.Mechanism) -> None:
     files = {file.name: file for place in (ELSEWHERE, SHIPPED) for file in (place / folder).glob("*.parquet")}
     if not files:
-        pytest.skip(f"{ELSEWHERE / folder} is not there: set ECHELON_DATA to the folder of the measured logs")
+        absent(ELSEWHERE / folder)
     for file in files.values():
         table = table_of(file)
         recorded = recording(table, guess_columns(list(table.columns), robot), robot)
