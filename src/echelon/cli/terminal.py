@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from echelon.identification.estimators.estimate import Estimate
     from echelon.identification.result import Identification
     from echelon.identification.servos.servo_fit import ServoFit
-    from echelon.identification.validation import Score, Validation
+    from echelon.identification.validation import Validation
 
 _COLOURS = {
     Identifiability.ALONE: "green",
@@ -122,14 +122,11 @@ def _scores(validation: Validation) -> Table:
     columns = ("output", "rms", "% of range", "R²", "moving", "unfiltered", *models)
     table = plain_table(*columns, left=("output",), title=f"{validation.role}: {one_line(validation.source)}")
     for k, score in enumerate(validation.scores):
-        cells = [Text(one_line(score.output)), _rms(score), _number(score.percent, 2)]
+        rms = f"{score.rms:.4g} {one_line(score.unit)}" if math.isfinite(score.rms) else "–"
+        cells = [Text(one_line(score.output)), Text(rms), _number(score.percent, 2)]
         r2 = [score.r2, score.moving.r2, score.raw.r2, *(beside[name][k].r2 for name in models)]
         table.add_row(*cells, *(_number(value, 5) for value in r2))
     return table
-
-
-def _rms(score: Score) -> Text:
-    return Text(f"{score.rms:.4g} {one_line(score.unit)}" if math.isfinite(score.rms) else "–")
 
 
 def _number(value: float, digits: int) -> Text:

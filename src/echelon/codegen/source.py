@@ -282,7 +282,7 @@ def printed(
         "zero": language.literal(0, precision),
         "one": language.literal(1, precision),
         "trigonometric": any(shown.angles for shown in views),
-        "operations": _operations(functions),
+        "operations": {Op(f.program.ops[node]).name for f in functions for node in f.needed},
     }
     files: dict[str, str] = {}
     for pattern, template in language.files.items():
@@ -293,11 +293,6 @@ def printed(
             own = {"function": shown, "doc": documentation(subject, [shown], language)}
             files[pattern.format(robot=robot, function=shown.name)] = _render(template, {**context, **own})
     return files
-
-
-def _operations(functions: Sequence[Function]) -> set[str]:
-    """Names of all operations that occur."""
-    return {Op(f.program.ops[node]).name for f in functions for node in f.needed}
 
 
 def _layout(functions: Sequence[Function], known: Mapping[str, object]) -> dict[str, list[str]]:

@@ -32,21 +32,18 @@ class Arguments:
 
     def of(self, names: Sequence[str], outputs: Iterable[int]) -> tuple[Argument, ...]:
         """Arguments by name, of ``q qd qdd inputs parameters symbols``; the last and ``inputs`` only where needed."""
-        made = {
-            "q": self._positions,
-            "qd": self._velocities,
-            "qdd": self._accelerations,
-            "parameters": self._parameters,
-        }
         used = [n for n in self.program.needed(outputs) if self.program.ops[n] == Op.INPUT]
         found: list[Argument] = []
         for name in names:
-            if name == "inputs":
-                found += self._inputs(used)
-            elif name == "symbols":
-                found += self._symbols(used)
-            else:
-                found.append(made[name]())
+            match name:
+                case "q":
+                    found.append(self._positions())
+                case "qd" | "qdd":
+                    found.append(self._rates(name))
+                case "parameters":
+                    found.append(self._parameters())
+                case _:
+                    found += self._inputs(used) if name == "inputs" else self._symbols(used)
         return tuple(found)
 
     def function(
@@ -70,13 +67,8 @@ class Arguments:
         meaning = "joint positions" + (", all of them, which close the loops" if self.mechanism.closures else "")
         return self._named("q", self.mechanism.positions, coordinate_units(self.mechanism, "q"), meaning)
 
-    def _velocities(self) -> Argument:
-        return self._rates("qd", "joint velocities")
-
-    def _accelerations(self) -> Argument:
-        return self._rates("qdd", "joint accelerations")
-
-    def _rates(self, kind: str, meaning: str) -> Argument:
+    def _rates(self, kind: str) -> Argument:
+        meaning = {"qd": "joint velocities", "qdd": "joint accelerations"}[kind]
         units = dict(zip(self.mechanism.velocities, coordinate_units(self.mechanism, kind), strict=True))
         labels = self.mechanism.independent_velocities
         of = ", independent" if self.mechanism.closures else ""

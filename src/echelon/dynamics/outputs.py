@@ -58,7 +58,8 @@ class RecordedOutputs:
         self.mechanism, self.program, self._sums = mechanism, Program(), sums
         self._reframed = reframed(mechanism)
         self.parameters = {columns[p].name: columns[p].unit for p in pivots}
-        self._values = {p: self._parameter(columns[p].name, dependent) for p in pivots}
+        inputs = {p: parameter_input(columns[p].name, standard=dependent) for p in pivots}
+        self._values = {p: self.program.input(name, "symbol") for p, name in inputs.items()}
         self.dependent_motion = DependentMotion(mechanism, self.program) if mechanism.closures else None
         self.names = row_names(mechanism)
         self._dependent = dependent
@@ -74,9 +75,6 @@ class RecordedOutputs:
     def arguments(self) -> Arguments:
         """Of functions of these outputs."""
         return Arguments(self.mechanism, self.program, self.parameters, standard=self._dependent)
-
-    def _parameter(self, name: str, standard: bool) -> Scalar:
-        return self.program.input(parameter_input(name, standard=standard), "symbol")
 
     # -- parts -------------------------------------------------------------------------------------------------
 

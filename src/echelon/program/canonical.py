@@ -339,7 +339,7 @@ class CanonicalForms:
 
     def _applied(self, op: Op, argument: RationalFunction) -> Form:
         if op in (Op.SIN, Op.COS):
-            return self._turn(argument)
+            return Turn(self._multiples("angle", self._bases["angle"].combination(argument)))
         if op is Op.EXP:
             return self._exponential(argument)
         if op is Op.LOG:
@@ -351,9 +351,6 @@ class CanonicalForms:
         if op is Op.ATAN:
             raise UnknownRelationsError("the arc tangent of a constant other than 1")
         raise UnknownRelationsError(f"{op.name.lower()}, whose relations to other functions are not looked for")
-
-    def _turn(self, argument: RationalFunction) -> Turn:
-        return Turn(self._multiples("angle", self._bases["angle"].combination(argument)))
 
     def _multiples(self, kind: str, combination: Sequence[tuple[Fraction, Atom]]) -> dict[str, int]:
         """Integer multiples of the units of atoms."""

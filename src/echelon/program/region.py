@@ -147,7 +147,8 @@ class RegionSearch:
         """Search until nothing can be added, nothing more is found, or the budget is spent."""
         if not self.regions or self._settled():
             return
-        anchors = [r.points[0] for r in self._spread_out(_LINES)]
+        spread_out = self.regions[:: max(1, len(self.regions) // _LINES)][:_LINES]
+        anchors = [region.points[0] for region in spread_out]
         for points in along_axes(self.values, np.stack(anchors, axis=1)):
             self._visit(points)
         expanded = 0
@@ -182,9 +183,6 @@ class RegionSearch:
         """Rows of the surfaces whose signs are multiplied with that of one."""
         together = {n for product in self.surfaces.maximal if node in product for n in product}
         return [k for k, n in enumerate(self.surfaces.nodes) if n in together]
-
-    def _spread_out(self, count: int) -> list[Region]:
-        return self.regions[:: max(1, len(self.regions) // count)][:count]
 
     # -- regions -----------------------------------------------------------------------------------------------------
 

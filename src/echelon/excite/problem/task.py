@@ -75,18 +75,9 @@ class ResolvedLimits:
             return np.where(both, (self.low + self.high) / 2, np.clip(0.0, self.low, self.high))
 
 
-def resolved_limits(
-    mechanism: Mechanism,
-    entry: LimitsEntry,
-    stated: Mapping[str, StatedLimits],
-    source: str,
-    idle: Collection[str] = (),
-) -> ResolvedLimits:
-    """Limits of the coordinates that move."""
-    return _Resolver(mechanism, entry, stated, source, idle).resolved()
-
-
 class _Resolver:
+    """Limits of the coordinates that move."""
+
     def __init__(
         self,
         mechanism: Mechanism,
@@ -265,7 +256,7 @@ def task_of(setup: Setup, entry: ExcitationEntry) -> Task:
         if not base.rank:
             raise InputError("no output depends on a parameter, however the robot moves: the base set is empty")
         stated = stated_limits(setup.robot_file, mechanism) if setup.robot_file else {}
-        limits = resolved_limits(mechanism, entry.limits, stated, setup.source, names_of(setup.mechanism))
+        limits = _Resolver(mechanism, entry.limits, stated, setup.source, names_of(setup.mechanism)).resolved()
         findings += limits.findings
         smooth = _SMOOTH * min([limit.high for limit in limits.motion if limit.order == 1], default=1.0)
         constraints = _constraints(setup, entry, mechanism, limits, smooth, findings)

@@ -48,7 +48,7 @@ def start_pose(wanted: Floats, limits: ResolvedLimits, constraints: Sequence[Sta
         raise InputError(f"the centre of '{name}' is outside of its position limits", element="centre")
     free, over = np.isnan(wanted), broken(pose[None], constraints)[0]
     if over.any() and not free.any():
-        names = _names(constraints, over)
+        names = ", ".join(label for label, value in zip(_labels(constraints), over, strict=True) if value > 0)
         raise InputError(f"the pose at which motions start breaks the limits of {names}", element="centre")
     low, high = np.where(np.isfinite(low), low, pose - np.pi), np.where(np.isfinite(high), high, pose + np.pi)
     search = _PoseSearch(free, low, high, constraints, seed)
@@ -154,10 +154,6 @@ def _conflict(over: Flags, constraints: Sequence[StateConstraint]) -> str:
 
 def _labels(constraints: Sequence[StateConstraint]) -> list[str]:
     return [label for constraint in constraints for label in constraint.labels]
-
-
-def _names(constraints: Sequence[StateConstraint], over: Floats) -> str:
-    return ", ".join(label for label, value in zip(_labels(constraints), over, strict=True) if value > 0)
 
 
 DURATION = 8.0
