@@ -9,8 +9,8 @@ import pytest
 
 import echelon as ec
 from echelon.base.linear_base import LinearBase
-from echelon.program.region import IndependentRegions, RealPoints, RegionReport
-from echelon.program.surfaces import find_surfaces, impossible
+from echelon.program.region import RealPoints, RegionReport
+from echelon.program.surfaces import IndependentRegions, find_surfaces, impossible
 from echelon.program.tape import Program
 from echelon.program.text import record_expression
 from support.sign_models import sign_model

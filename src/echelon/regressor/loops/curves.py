@@ -23,10 +23,10 @@ from echelon.exact import series
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank
 from echelon.mechanism.closed_pose import angle_parts
 from echelon.program.canonical import Turn
-from echelon.program.region import COMPLETE, SAMPLED, IndependentRegions, RegionReport, one_sided
+from echelon.program.region import COMPLETE, SAMPLED, RegionReport, one_sided
 from echelon.program.sampling import FieldSampler, GeneratorValues, generators_of
 from echelon.program.schedule import FloatArithmetic, Schedule
-from echelon.program.surfaces import find_surfaces, monomials
+from echelon.program.surfaces import IndependentRegions, find_surfaces, monomials
 from echelon.program.tape import Op, Program
 from echelon.regressor.loops.closed_curve import ClosedCurve, Exponentials, lift
 from echelon.regressor.loops.closures import Loops
