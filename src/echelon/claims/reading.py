@@ -21,7 +21,7 @@ import csv
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from fractions import Fraction
 from math import floor, log10
@@ -230,12 +230,13 @@ class LinearReader:
 
     parameter: Callable[[str], str | None]  # for a name its standard parameter, or None if it is not one
     symbol: Callable[[str], Polynomial]  # the value of any other name; raises ValueError if there is none
+    data: bytes = b""  # the expression that is read
 
     def read(self, text: str) -> dict[str, RationalFunction]:
         """Non-zero coefficients by standard parameter, in the order of the text."""
         python = plain_text(text).strip()
         try:
-            terms = _Walk(self, python.encode()).read(expression_tree(python))
+            terms = replace(self, data=python.encode())._terms(expression_tree(python))
         except (SyntaxError, RecursionError):
             raise ValueError(f"'{text}' is not an expression such as XX2 - YY2 + 2*l1*MX3 - 0.0506*M3") from None
         except ZeroDivisionError:
@@ -245,32 +246,26 @@ class LinearReader:
             raise ValueError(f"the term {constant} stands without a standard parameter")
         return {name: value for name, value in terms.items() if value}
 
-
-@dataclass(frozen=True)
-class _Walk:
-    reader: LinearReader
-    data: bytes
-
-    def read(self, node: ast.expr) -> Terms:
+    def _terms(self, node: ast.expr) -> Terms:
         match node:
             case ast.BinOp(op=ast.Add() | ast.Sub()):
                 return self._sum(node)
             case ast.Constant(value=int() | float()):
                 return {"": RationalFunction(parse_decimal(self._source(node)))}
             case ast.Name(id=name):
-                parameter = self.reader.parameter(name)
+                parameter = self.parameter(name)
                 return {parameter: _ONE} if parameter else {"": RationalFunction(self._named(name))}
             case ast.UnaryOp(op=ast.USub(), operand=operand):
-                return _scaled(self.read(operand), RationalFunction(-1))
+                return _scaled(self._terms(operand), RationalFunction(-1))
             case ast.UnaryOp(op=ast.UAdd(), operand=operand):
-                return self.read(operand)
+                return self._terms(operand)
             case ast.BinOp(left=left, op=ast.Mult(), right=right):
-                return _product(self.read(left), self.read(right))
+                return _product(self._terms(left), self._terms(right))
             case ast.BinOp(left=left, op=ast.Div(), right=right):
                 divisor = self._coefficient(right)
                 if not divisor:
                     raise ZeroDivisionError
-                return _scaled(self.read(left), _ONE / divisor)
+                return _scaled(self._terms(left), _ONE / divisor)
             case ast.BinOp(left=left, op=ast.Pow(), right=right):
                 return {"": self._power(left, right)}
             case ast.Call():
@@ -283,25 +278,25 @@ class _Walk:
         while isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
             parts.append((node.right, 1 if isinstance(node.op, ast.Add) else -1))
             node = node.left
-        total = self.read(node)
+        total = self._terms(node)
         for part, sign in reversed(parts):
-            for name, value in self.read(part).items():
+            for name, value in self._terms(part).items():
                 signed = value if sign > 0 else -value
                 total[name] = total[name] + signed if name in total else signed
         return total
 
     def _named(self, name: str) -> Polynomial:
-        return Polynomial.generator(name) if name == "pi" else self.reader.symbol(name)
+        return Polynomial.generator(name) if name == "pi" else self.symbol(name)
 
     def _function(self, node: ast.expr) -> Polynomial:
         value = parse(self._source(node))
         for name in value.symbols():
-            if self.reader.symbol(name) != Polynomial.generator(name):
+            if self.symbol(name) != Polynomial.generator(name):
                 raise ValueError(f"'{name}' is defined by an expression and cannot stand in '{self._source(node)}'")
         return value
 
     def _coefficient(self, node: ast.expr) -> RationalFunction:
-        terms = self.read(node)
+        terms = self._terms(node)
         if set(terms) - {""}:
             raise ValueError(f"'{self._source(node)}' holds a standard parameter, which must be linear")
         return terms.get("", RationalFunction(0))

@@ -159,7 +159,21 @@ class Audit:
 
     def to_dict(self) -> dict[str, Any]:
         """The audit as JSON-able data, schema ``echelon.audit/1``."""
-        return _data(self)
+        return {
+            "schema": SCHEMA_NAME,
+            "name": self.name,
+            "verdict": self.verdict.value,
+            "equal": self.equal,
+            "claimed": len(self.findings),
+            "rank": self.rank,
+            "naming": self.naming,
+            "precision": self.precision,
+            "numeric": self.numeric,
+            "rows": [_finding(finding) for finding in self.findings],
+            "missing": [{"expression": str(m.expression), "witness": _witness(m.witness)} for m in self.missing],
+            "ignored": [claim.text for claim in self.ignored],
+            "notes": list(self.notes),
+        }
 
     def to_text(self) -> str:
         """The audit as plain text: verdict, wrong rows with witnesses, redundant rows, missing directions."""
@@ -239,25 +253,6 @@ def _change(witness: Witness) -> str:
     change = ", ".join(f"{value:+.6g} to {name}" for name, value in witness.change.items())
     assumed = ", ".join(f"{name} = {value:g}" for name, value in witness.symbols.items())
     return f"{change} (with {assumed})" if assumed else change
-
-
-def _data(audit: Audit) -> dict[str, Any]:
-    """JSON-able data of schema ``echelon.audit/1``."""
-    return {
-        "schema": SCHEMA_NAME,
-        "name": audit.name,
-        "verdict": audit.verdict.value,
-        "equal": audit.equal,
-        "claimed": len(audit.findings),
-        "rank": audit.rank,
-        "naming": audit.naming,
-        "precision": audit.precision,
-        "numeric": audit.numeric,
-        "rows": [_finding(finding) for finding in audit.findings],
-        "missing": [{"expression": str(m.expression), "witness": _witness(m.witness)} for m in audit.missing],
-        "ignored": [claim.text for claim in audit.ignored],
-        "notes": list(audit.notes),
-    }
 
 
 def _finding(finding: Finding) -> dict[str, Any]:

@@ -123,7 +123,7 @@ def _results(functions: Sequence[FunctionView], first: int) -> list[str]:
     """What the axes of results count, each said once."""
     groups: dict[tuple[tuple[str, ...], tuple[str, ...]], list[str]] = {}
     for shown in functions:
-        units = shown.function.units or ("",) * shown.shape[0]
+        units = shown.function.units or ("",) * shown.function.shape[0]
         groups.setdefault((shown.function.axes[0], units), []).append(shown.name)
     lines = []
     for (labels, units), names in groups.items():
@@ -131,8 +131,8 @@ def _results(functions: Sequence[FunctionView], first: int) -> list[str]:
         for k, (label, unit) in enumerate(zip(labels, units, strict=True), first):
             lines.append(f"  {k}: {label} [{unit_text(unit)}]" if unit else f"  {k}: {label}")
     for shown in functions:
-        size = " x ".join(map(str, shown.shape))
-        columns = f", columns: {_columns(shown)}" if len(shown.shape) > 1 else ""
+        size = " x ".join(map(str, shown.function.shape))
+        columns = f", columns: {_columns(shown)}" if len(shown.function.shape) > 1 else ""
         lines.append(f"{shown.name}: {size}{columns}")
     return [*lines, ""]
 

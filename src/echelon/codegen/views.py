@@ -166,16 +166,6 @@ class FunctionView:
         return [min(k, self.places - LANES) for k in range(0, self.places, LANES)]
 
     @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of the result."""
-        return self.function.shape
-
-    @property
-    def rank(self) -> int:
-        """Number of axes of the result."""
-        return len(self.function.shape)
-
-    @property
     def size(self) -> int:
         """Number of entries of the result."""
         return prod(self.function.shape)
