@@ -130,6 +130,25 @@ def test_gears_that_a_urdf_states_are_offered(motion: Motion, tmp_path: Path) ->
     assert "\n# actuators: {motor2: 100*elbow_joint}\n" in text
 
 
+def test_forces_of_actuators_of_mujoco_pass_their_gears(motion: Motion, tmp_path: Path) -> None:
+    hinge = '<joint name="{}" axis="0 1 0"/><geom type="box" size=".1 .1 .1" mass="1" pos=".1 0 0"/>'
+    bodies = f"<body>{hinge.format('up')}<body pos='.3 0 0'>{hinge.format('low')}</body></body>"
+    drives = '<motor name="m_low" joint="low" gear="20"/><motor name="m_up" joint="up" gear="50"/>'
+    text = f"<mujoco><worldbody>{bodies}</worldbody><actuator>{drives}</actuator></mujoco>"
+    (tmp_path / "arm.xml").write_text(text)
+    names = {"up": motion["q"][:, 0], "low": motion["q"][:, 1]}
+    names |= {"m_up": motion["tau"][:, 0], "m_low": motion["tau"][:, 1], "time": motion["t"]}
+    pd.DataFrame(names).to_csv(tmp_path / "log.csv", index=False)
+    found = skeleton(tmp_path / "arm.xml", [tmp_path / "log.csv"], tmp_path)
+    assert "# actuators: {m_low: 20*low, m_up: 50*up}" in found.text
+    (tmp_path / "setup.yaml").write_text(found.text)
+    outputs = ec.load_setup(tmp_path / "setup.yaml").columns[0].outputs
+    assert {name: (channel.column, channel.scale) for name, channel in outputs.items()} == {
+        "up": ("m_up", 50.0),
+        "low": ("m_low", 20.0),
+    }
+
+
 def test_a_description_gets_a_section(motion: Motion, tmp_path: Path) -> None:
     log = pd.DataFrame({"t": motion["t"], "q1": motion["q"][:, 0], "q2": motion["q"][:, 1]})
     log["tau1"], log["tau2"] = motion["tau"].T

@@ -6,6 +6,7 @@ the same.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from echelon.errors import InputError
+from echelon.formats.robot_file import RobotFile
 from echelon.formats.stated_limits import stated_limits
 from echelon.logs.columns.by_values import with_units
 from echelon.logs.columns.column_guess import guess
@@ -85,7 +87,8 @@ def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = Fal
     found = guess(
         file.names, setup.mechanism, lambda: first_table(file), units=stated, by_values=by_values, outputs=outputs
     )
-    notes, columns, silent = list(found.notes), found.columns, set(found.unmeasured)
+    columns, geared = _with_gears(found.columns, setup.robot_file)
+    notes, silent = [*found.notes, *geared], set(found.unmeasured)
     locked = _assumed(setup, found.unlogged)
     if locked:
         notes.append(f"the log has no columns for {listed(locked)}: taken to rest, {_line(locked)}")
@@ -115,6 +118,35 @@ def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = Fal
         locked,
         tuple(_assumed(setup, some) for some in found.choices),
     )
+
+
+def stated_gears(file: RobotFile) -> dict[str, tuple[str, str]]:
+    """Joints and ratios of the actuators that a URDF or MJCF file states with gears."""
+    found: dict[str, tuple[str, str]] = {}
+    for transmission in file.root.iter("transmission") if file.root.tag == "robot" else ():
+        joints, actuators = transmission.findall("joint"), transmission.findall("actuator")
+        if len(joints) == len(actuators) == 1:
+            ratio = transmission.findtext(".//mechanicalReduction") or "1"
+            found[str(actuators[0].get("name"))] = (str(joints[0].get("name")), ratio.strip())
+    for actuator in file.root.findall("actuator/*[@joint]") if file.root.tag == "mujoco" else ():
+        ratio = (actuator.get("gear") or "1").split()[0]
+        found[str(actuator.get("name"))] = (str(actuator.get("joint")), ratio)
+    return {name: (joint, ratio) for name, (joint, ratio) in found.items() if ratio not in ("1", "1.0")}
+
+
+def _with_gears(columns: ColumnMap, file: RobotFile | None) -> tuple[ColumnMap, list[str]]:
+    """Forces that are those of MuJoCo's actuators by their names, times their gears, as the joint feels them."""
+    outputs, notes = dict(columns.outputs), []
+    gears = {} if file is None or file.is_description or file.root.tag != "mujoco" else stated_gears(file)
+    for actuator, (joint, ratio) in gears.items():
+        channel = outputs.get(joint)
+        word = rf"(?<![A-Za-z0-9]){re.escape(actuator)}(?![A-Za-z0-9])"
+        if channel is not None and actuator != joint and re.search(word, channel.column):
+            outputs[joint] = replace(channel, scale=float(ratio) * channel.scale)
+            notes.append(
+                f"'{channel.column}' is the force of actuator '{actuator}' by its name: times its gear, {ratio}"
+            )
+    return replace(columns, outputs=outputs), notes
 
 
 def _line(locked: Mapping[str, float]) -> str:

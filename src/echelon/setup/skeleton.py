@@ -26,7 +26,7 @@ from echelon.logs.finding import Severity, counted, listed
 from echelon.logs.read_log import first_table, opened, read_log
 from echelon.logs.units import factor
 from echelon.mechanism.mechanism import Mechanism
-from echelon.setup.logs import Understood, joined, understood
+from echelon.setup.logs import Understood, joined, stated_gears, understood
 from echelon.setup.setup import load_setup
 from echelon.signals.clock import round_rate
 
@@ -151,13 +151,8 @@ def _locked_lines(found: Understood) -> list[str]:
 
 
 def _gears(file: RobotFile) -> list[str]:
-    """The gears that a URDF states, as a comment: they matter where columns were measured at motors."""
-    ratios = {}
-    for transmission in file.root.iter("transmission") if file.root.tag == "robot" else ():
-        joints, actuators = transmission.findall("joint"), transmission.findall("actuator")
-        ratio = transmission.findtext(".//mechanicalReduction") or "1"
-        if len(joints) == len(actuators) == 1 and ratio.strip() not in ("1", "1.0"):
-            ratios[str(actuators[0].get("name"))] = f"{ratio.strip()}*{joints[0].get('name')}"
+    """The gears that a robot file states, as a comment: they matter where columns were measured at motors."""
+    ratios = {actuator: f"{ratio}*{joint}" for actuator, (joint, ratio) in stated_gears(file).items()}
     if not ratios:
         return []
     return [

@@ -39,7 +39,7 @@ _OTHERS = {
     "state": "observation observations obs state states ist istwert",
     "rate": "dot",
     "neutral": "meas measured msr msrd act actual read present field data feedback fb sensor per log value values msg "
-    "header unix ros output est estimated sim robot arm out yout signal signals",
+    "header unix ros output est estimated sim robot main arm out yout signal signals",
 }
 _ROLES = {word: role for role, words in _OTHERS.items() for word in words.split()}
 _UNITS = {
