@@ -135,13 +135,13 @@ FAULTS = (
         "difference > max(self._tolerance(",
         "difference > 0 * max(self._tolerance(",
         "relations between axes are not read",
-        "formats/test_axis_relations.py::test_one_direction_in_several_spellings",
+        "formats/test_bodies.py::test_one_direction_in_several_spellings",
     ),
     Fault(
         "formats/bodies.py",
         "before @ turn(2, one) @ turn(0, twist) @ turn(2, two)",
         "before @ turn(2, two) @ turn(0, twist) @ turn(2, one)",
         "frames between related axes",
-        "formats/test_axis_relations.py::test_the_geometry_stays_where_it_was",
+        "formats/test_bodies.py::test_the_geometry_stays_where_it_was",
     ),
 )
