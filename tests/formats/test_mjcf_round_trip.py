@@ -106,3 +106,20 @@ def test_armatures_that_are_no_effects_are_in_the_inertias_alone(tmp_path: Path)
     written, result = identified(tmp_path, model(STATED, "armature=0.8"), model(TRUE, "armature=0.8"), effects="none")
     assert result.physical is not None
     np.testing.assert_allclose(torques(written, FRESH), result.base.predict(*FRESH, result.physical.base), atol=1e-9)
+
+
+GANTRY = """<mujoco><worldbody><body><joint name="a" type="slide" axis="1 0 0" {drive}/>
+    <inertial pos="0 0 0" mass="{0}" diaginertia="1 1 1"/><body><joint name="b" type="slide" axis="0 1 0" {drive}/>
+    <inertial pos="0 0 0" mass="{1}" diaginertia="1 1 1"/><body><joint name="c" type="slide" axis="0 0 1" {drive}/>
+    <inertial pos="0 0 0" mass="{2}" diaginertia="1 1 1"/></body></body></body></worldbody></mujoco>"""
+
+
+def test_the_rotor_of_a_vertical_slide_is_not_lifted_by_an_offset(tmp_path: Path) -> None:
+    """Its inertia weighs nothing: as mass it would need a constant force, for which MJCF has no place."""
+    given, true = GANTRY.format(30, 9, 4, drive=""), GANTRY.format(40, 15, 6, drive='armature="4" damping="30"')
+    written, result = identified(tmp_path, given, true)
+    assert "Ia3" in result.base.mechanism.parameters
+    assert any("a rotor inertia was taken in at c" in finding.text for finding in result.findings)
+    np.testing.assert_allclose(torques(written, FRESH), torques(true, FRESH), atol=0.3)
+    robot = mujoco.MjModel.from_xml_string(written)
+    np.testing.assert_allclose([robot.body_mass[3], robot.dof_armature[2]], [6, 4], rtol=0.01)

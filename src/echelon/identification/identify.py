@@ -15,7 +15,7 @@ from echelon.base.derive import base_parameters
 from echelon.base.matrix import Identifiability
 from echelon.base.model import BaseModel
 from echelon.errors import EchelonError, InputError, MissingExtraError
-from echelon.formats.usual_effects import with_rotors
+from echelon.formats.usual_effects import slides, with_rotors
 from echelon.identification.conditioning import Conditioning, conditioning, without_rounding
 from echelon.identification.culprit import Culprit, common_unit
 from echelon.identification.culprit import culprit as find_culprit
@@ -58,7 +58,8 @@ _PIECES = 5
 _BIASED = ("ols", "wls", "irls", "huber")
 """Estimators that noise of the positions biases as it biases least squares."""
 _CLEARLY = 5.0
-"""Residual, relative to the noise of a sensor in the band, that is more than noise."""
+"""Times a sensor's noise in the band, or an estimate's standard deviation, that is more than noise."""
+_ROTOR = "a rotor inertia was taken in at {}: it weighs nothing, which else a constant force would have to explain"
 _SAME_UNIT = 0.5
 """Decades that a factor between outputs may be off that of a unit."""
 
@@ -113,14 +114,30 @@ def identify(
     result, lacking = _fitted(setup, given, others, client, step, memory)
     remarks = [missing.finding(lists_effects=setup.states_effects) for missing in lacking]
     drives = {place for missing in lacking if missing.is_rotor for place in missing.places}
-    if drives and not setup.states_effects:
+    lifted = _lifted(result) - drives
+    if (drives or lifted) and not setup.states_effects:
         # nobody has said that there are none, so they are taken in
         step("trying rotors in the drives")
-        remarks = [remark for missing, remark in zip(lacking, remarks, strict=True) if missing.is_rotor]
-        setup = replace(setup, mechanism=with_rotors(setup.mechanism, drives))
+        remarks = [missing.finding(lists_effects=False, taken=True) for missing in lacking if missing.is_rotor]
+        remarks += [note("rotor", "", _ROTOR.format(", ".join(sorted(lifted))))] if lifted else []
+        setup = replace(setup, mechanism=with_rotors(setup.mechanism, drives | lifted))
         result, lacking = _fitted(setup, given, others, client, step, memory)
         remarks += [missing.finding(lists_effects=setup.states_effects) for missing in lacking]
     return replace(result, findings=limited([*remarks, *result.findings]))
+
+
+def _lifted(result: Identification) -> set[str]:
+    """Slides with a constant force that a rotor would explain: gravity acts along them, and not on its inertia."""
+    mechanism, estimate = result.base.mechanism, result.estimate
+    actions = [(effect.parameter, action) for effect in mechanism.effects for action in effect.actions]
+    rotors = {action.at for _, action in actions if action.term == "qdd"}
+    clear = dict(zip(estimate.parameters, np.abs(estimate.values) > _CLEARLY * estimate.std, strict=True))
+    offsets = {a.at: name for name, a in actions if a.term == "1" and clear.get(name) and slides(mechanism, a.at)}
+    offsets = {at: name for at, name in offsets.items() if at not in rotors}
+    if not offsets:
+        return set()
+    seen = base_parameters(with_rotors(mechanism, offsets)).classification
+    return {at for at, name in offsets.items() if seen[name] is Identifiability.COMBINATION}
 
 
 def _fitted(

@@ -60,8 +60,11 @@ class Missing:
         """Whether it is the inertia of rotors."""
         return "rotor_inertia" in self.entries[0]
 
-    def finding(self, *, lists_effects: bool) -> Finding:
-        """What is said of it, with what to write into a set-up that lists effects, or has only the usual ones."""
+    def finding(self, *, lists_effects: bool, taken: bool = False) -> Finding:
+        """What is said of it, with what to write into a set-up that lists effects, or has only the usual ones.
+
+        Of an effect that was ``taken`` in at once it is said how to state it.
+        """
         together = {
             entry: [p for p, e in zip(self.places, self.entries, strict=True) if e == entry] for entry in self.entries
         }
@@ -69,6 +72,7 @@ class Missing:
         line = (
             f"add {', '.join(lines)} to 'effects'" if lists_effects else f"write effects: [usual, {', '.join(lines)}]"
         )
+        line = f"it was taken in; to state it, {line}" if taken else line
         rises = zip(self.places, self.before, self.after, strict=True)
         gains = ", ".join(f"{name} {before:.4f} to {after:.4f}" for name, before, after in rises)
         text = f"residuals follow {self.follows}; with an effect for it R² on held-out rows rises ({gains}): {line}"

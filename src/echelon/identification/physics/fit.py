@@ -204,7 +204,9 @@ class _Problem:
     @staticmethod
     def of(base: BaseModel, triangle: Triangle, bounds: Bounds | None, prior: npt.ArrayLike | None) -> _Problem:
         B = base.B_float()
-        programme = Programme.of(base, triangle.R @ B, triangle.qty, bounds, prior, _told(base, triangle))
+        programme = Programme.of(
+            base, triangle.R @ B, triangle.qty, bounds, prior, _told(base, triangle), _shared(base)
+        )
         if bounds is not None:
             interior_point(programme)
         return _Problem(B, programme)
@@ -263,6 +265,12 @@ def _told(base: BaseModel, triangle: Triangle) -> dict[int, float]:
     alone = [base.classification[name] is Identifiability.ALONE for name in base.pivots]
     clear = np.flatnonzero(alone & (np.abs(values) > _CLEAR * noise))
     return {base.matrix.pivots[k]: float(abs(values[k])) for k in clear}
+
+
+def _shared(base: BaseModel) -> frozenset[int]:
+    """Columns of standard parameters that are seen in combinations only."""
+    seen = (base.classification[name] for name in base.parameters)
+    return frozenset(k for k, how in enumerate(seen) if how is Identifiability.COMBINATION)
 
 
 def _misfit(triangle: Triangle, values: Floats) -> float:

@@ -147,6 +147,8 @@ def _clarabel(program: ConeProgram, P: Any, q: Floats, A: Any, b: Floats) -> Con
 
 
 _LOGS = SIZE
+_SMALL = 0.1
+"""Size that is expected of an offset or a spring, by what it could explain alone, where bodies could as well."""
 _RIDGE = 1e-12
 """Relative weight that keeps parameters at rest on which neither data nor a prior say anything."""
 
@@ -159,6 +161,7 @@ class Programme:
     limits: LinearLimits
     reference: Reference
     told: Mapping[int, float] = field(default_factory=dict)  # magnitudes that data alone give to columns
+    shared: frozenset[int] = frozenset()  # columns that data do not tell from others, such as bodies
 
     @staticmethod
     def of(
@@ -168,11 +171,14 @@ class Programme:
         bounds: Bounds | None = None,
         prior: npt.ArrayLike | None = None,
         told: Mapping[int, float] | None = None,
+        shared: frozenset[int] = frozenset(),
     ) -> Programme:
         """Fits of a robot within bounds; where there is no prior, bodies are those that explain the target best."""
         role = roles(base.mechanism)
         mass = common_mass(role, design, target)
-        return Programme(role, linear_limits(role, bounds or Bounds()), reference(role, prior, mass), told or {})
+        return Programme(
+            role, linear_limits(role, bounds or Bounds()), reference(role, prior, mass), told or {}, shared
+        )
 
     @cached_property
     def roots(self) -> Floats:
@@ -221,7 +227,7 @@ class Programme:
             self._keep_inside(program, linear, signed, size)
         else:
             diagonal[size - k :] = 2.0
-        self._draw(diagonal, linear, matrix, drawing)
+        self._draw(diagonal, linear, matrix, target, drawing)
         found = solve_in_units(program, sparse_diagonal(diagonal), linear)
         return self.unwhiten @ found.x[:p], found
 
@@ -255,11 +261,18 @@ class Programme:
             linear[place] += 1 / scale
             linear[u] = -1.0
 
-    def _draw(self, diagonal: Floats, linear: Floats, matrix: Floats, drawing: float) -> None:
-        """Quadratic drawing of the parameters outside the bodies, and rest for what nothing determines."""
+    def _draw(self, diagonal: Floats, linear: Floats, matrix: Floats, target: Floats, drawing: float) -> None:
+        """Quadratic drawing of the parameters outside the bodies, and rest for what nothing determines.
+
+        What bodies may explain as well, they explain: an offset that could be the weight of a slide is drawn to zero.
+        """
         first = PER_BODY * len(self.role.bodies)
         for number, column in enumerate(self.others, first):
-            diagonal[number] = 2 * max(_RIDGE * float(matrix[:, number] @ matrix[:, number]), _RIDGE)
+            square = float(matrix[:, number] @ matrix[:, number])
+            diagonal[number] = 2 * max(_RIDGE * square, _RIDGE)
+            alone = abs(float(matrix[:, number] @ target)) / max(square, _RIDGE)
+            if column in self.shared and column in self.role.free and alone > 0:
+                diagonal[number] += 2 * drawing / (_SMALL * alone) ** 2
             prior = self.reference.values[column]
             if np.isfinite(prior) and prior != 0:
                 # a damping that a file states for a simulation may be a thousandth of what the data show
