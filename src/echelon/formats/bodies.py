@@ -281,7 +281,9 @@ class _Pair:
         else:
             first, second = atan2(matrix[1, 0], matrix[0, 0]), 0.0
         one, two = (
-            snapping.angle(angle, f"{element}, turn", f"turn{self.body.label}") if abs(angle) > _NOISE else Angle()
+            snapping.computed_angle(angle, f"{element}, turn", f"turn{self.body.label}")
+            if abs(angle) > _NOISE
+            else Angle()
             for angle in (first, second)
         )
         twist = Angle(Fraction(steps, STEPS_PER_HALF_TURN))

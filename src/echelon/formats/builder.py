@@ -60,7 +60,8 @@ class _Builder:
     def __init__(self, tree: LiteralTree, options: ReadingOptions, literal: Collection[str]) -> None:
         self.tree, self.options = tree, options
         lengths = (abs(float(x)) for k in tree.links for s in k.steps if isinstance(s, LiteralPlacement) for x in s.xyz)
-        self.snapping = Snapping(tree.source, options, literal, scale=max(lengths, default=0.0))
+        looped = replace(options, looped=options.looped or bool(tree.closures))
+        self.snapping = Snapping(tree.source, looped, literal, scale=max(lengths, default=0.0))
         self.notes = list(tree.notes)
         self.couplings = self._resolved_couplings()
         self.floating_link = self._floating_link() if options.floating else None
@@ -84,7 +85,11 @@ class _Builder:
         couplings = tuple(c.coupling for c in self.couplings.values())
         mechanism = Mechanism(self.tree.name, tuple(self.bodies), gravity, couplings, closures=closures)
         mechanism = replace(mechanism, measured=self._measured(mechanism))
-        used = {s for b in self.bodies for s in b.joint.symbols()}
+        if closures:
+            from echelon.formats.loop_axes import with_exact_axes  # robots without loops load without it
+
+            mechanism = with_exact_axes(replace(mechanism, symbols=self.snapping.symbols), self.snapping)
+        used = {s for b in mechanism.bodies for s in b.joint.symbols()}
         used.update(s for placement in setup_placements(mechanism) for s in placement.symbols())
         symbols = {name: symbol for name, symbol in self.snapping.symbols.items() if name in used}
         # a placement on the way to a closure is read once more

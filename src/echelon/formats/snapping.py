@@ -87,6 +87,7 @@ class ReadingOptions:
     # whether the forces of all drives are measured, or what the sensors of the file measure
     measured: Measured = "drives"
     joints: tuple[StatedJoint, ...] = ()  # joints that are of other types than the file says
+    looped: bool = False  # whether there are loops
     # give drives the usual effects where the file lists none
     usual_effects: bool = False
     # coordinates, or joints, that do not move, and where they stand (rad or m), beside those that the file names
@@ -153,6 +154,7 @@ def checked_size(value: AnyNumber, shown: str) -> AnyNumber:
 _STEP = pi / STEPS_PER_HALF_TURN
 _SAME = 1e-12
 _EXACT = 1e-15
+_FEW = 6  # digits of quaternions and angles in many files, of which other angles are computed
 _DIGITS, _DOUBLE = 12, 1e-15  # digits of a short decimal, and how far a double is from it, of the largest length
 
 
@@ -178,12 +180,25 @@ class Snapping:
     def placement(self, literal: LiteralPlacement, label: str) -> Placement:
         """A literal placement with exact rotation; translations stay numbers until :meth:`name_lengths`."""
         x, y, z = (as_polynomial(self._without_digits(v, literal.element)) for v in literal.xyz)
-        placed = shift(x, y, z)
-        for axis, word in ((2, "yaw"), (1, "pitch"), (0, "roll")):
-            value = literal.rpy[axis]
-            if value:
-                placed = placed @ turn(axis, self.angle(value, f"{literal.element} {word}", f"{word}{label}"))
+        placed = shift(x, y, z) @ self.rotation(literal.rpy, literal.element, label)
         return placed.inverse() if literal.inverse else placed
+
+    def rotation(self, angles: Triple, element: str, label: str) -> Placement:
+        """A rotation by roll, pitch and yaw."""
+        placed, general = Placement(), self._is_general(angles, element)
+        for axis, word in ((2, "yaw"), (1, "pitch"), (0, "roll")):
+            value = angles[axis]
+            if value:
+                chance = general and abs(value - _nearest(float(value))) > _written(value)
+                read = self.named_angle if chance else self.angle
+                placed = placed @ turn(axis, read(value, f"{element} {word}", f"{word}{label}"))
+        return placed
+
+    def _is_general(self, angles: Iterable[Rational | float], element: str) -> bool:
+        """Whether a frame of loops is turned generally, so that single angles are near multiples of 15° by chance."""
+        return self.options.looped and any(
+            abs(float(a) - _nearest(float(a))) > self.angle_tolerance(element) for a in angles
+        )
 
     def placements(self, literal: Iterable[LiteralPlacement], label: str) -> Placement:
         """Several of them, one after the other."""
@@ -273,6 +288,11 @@ class Snapping:
             return Angle(Fraction(steps, STEPS_PER_HALF_TURN))
         return self.named_angle(value, element, name)
 
+    def computed_angle(self, value: float, element: str, name: str) -> Angle:
+        """An angle that was computed; in loops it is near a multiple of 15° by chance unless it is very near."""
+        chance = self.options.looped and abs(value - _nearest(value)) > 10.0**-_FEW
+        return self.named_angle(value, element, name) if chance else self.angle(value, element, name)
+
     def named_angle(self, value: Rational | float | Angle, element: str, name: str) -> Angle:
         """A number of radians as a multiple of 90° and a symbol, however near to a multiple of 15° it is."""
         exact = value if isinstance(value, Angle) else None
@@ -342,8 +362,9 @@ class Snapping:
         if any(abs(a - round(a / _STEP) * _STEP) > self.angle_tolerance(element) for a in angles):
             with suppress(ValueError):
                 return _turned_to(direction)
-        azimuth = self.angle(angles[0], f"{element} azimuth", f"azimuth{label}")
-        elevation = self.angle(angles[1], f"{element} inclination", f"inclination{label}")
+        read = self.named_angle if self._is_general(angles, element) else self.angle
+        azimuth = read(angles[0], f"{element} azimuth", f"azimuth{label}")
+        elevation = read(angles[1], f"{element} inclination", f"inclination{label}")
         return turn(2, azimuth) @ turn(1, elevation), 2, 1
 
     # -- symbols -------------------------------------------------------------------------------------------------------
@@ -364,6 +385,18 @@ class Snapping:
             unique, suffix = name + suffix, chr(ord(suffix) + 1)
         self.symbols[unique] = replace(symbol, name=unique)
         return unique
+
+
+def _nearest(angle: float) -> float:
+    """The multiple of 15° next to an angle."""
+    return round(angle / _STEP) * _STEP
+
+
+def _written(value: Rational | float) -> float:
+    """How far an angle may be from what it is rounded from, by the digits that it is written with, rad."""
+    number = Fraction(value)
+    digits = next((d for d in range(_FEW) if (number * 10**d).denominator == 1), _FEW)
+    return 10.0**-digits
 
 
 def _turned_to(direction: Triple) -> tuple[Placement, int, int]:

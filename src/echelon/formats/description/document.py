@@ -328,6 +328,10 @@ class Expressions:
         if frame.rotation is not None:
             return placed @ Placement(self._rotation(frame.rotation, f"{path}.rotation"))
         if frame.rpy is not None:
+            found = [self.polynomial(text, f"{path}.rpy[{k}]").number for k, text in enumerate(frame.rpy)]
+            numbers = [number for number in found if isinstance(number, int | Fraction)]
+            if self.snapping.options.looped and len(numbers) == len(found):
+                return placed @ self.snapping.rotation((numbers[0], numbers[1], numbers[2]), f"{path}.rpy", stem)
             for axis, word in ((Z, "yaw"), (Y, "pitch"), (X, "roll")):
                 placed = placed @ self.turned(axis, frame.rpy[axis], f"{path}.rpy[{axis}]", f"{word}{stem}")
         return placed

@@ -37,7 +37,7 @@ def add_to_file(
     for name, entry in robot.robot.joints.items():
         axes = tuple(coordinate_axis(axis) for axis in (entry.axis, entry.axis2) if axis is not None)
         joints.append(StatedJoint(name, entry.type, axes, partial(document.error, f"robot.joints.{name}")))
-    options = replace(options, separate=cut_off(robot), joints=tuple(joints))
+    options = replace(options, separate=cut_off(robot), joints=tuple(joints), looped=bool(robot.loops))
     # the loops of a geometry in numbers close at these numbers only
     stated = base(replace(options, symbolic=False) if robot.loops else options)
     mechanism = stated.mechanism
@@ -47,7 +47,7 @@ def add_to_file(
     mechanism, notes = _labelled(replace(mechanism, symbols={**mechanism.symbols, **known}), robot, document)
     find = _FileParts(mechanism, stated.riders, expressions)
     mechanism = Additions(mechanism, robot, expressions, find).added()
-    snaps = tuple(dict.fromkeys((*stated.snaps, *find.snaps)))
+    snaps = tuple(dict.fromkeys((*stated.snaps, *find.snaps, *expressions.snapping.snaps)))
     return Built(mechanism, snaps, (*stated.notes, *notes))
 
 

@@ -244,6 +244,10 @@ class Additions:
         opened = replace(self.mechanism, closures=closures, independent=(), assembly=assembly, symbols=symbols)
         if self.robot.closed_at:
             opened = self._followed(opened)
+        elif self.robot.robot is not None:
+            from echelon.formats.loop_axes import with_exact_axes
+
+            opened = with_exact_axes(opened, self.expressions.snapping)
         from echelon.regressor.loops.closing import close  # robots without loops load without it
 
         return close(opened, self._independent(), prefer=prefer)
