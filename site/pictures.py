@@ -71,7 +71,7 @@ def plot(figure: Any, alt: str) -> Picture:
 
 
 def axes(width: float = 7.0, height: float = 3.0, count: int = 1) -> Any:
-    """A figure of matplotlib with axes, side by side, that look alike everywhere."""
+    """A figure of matplotlib with axes, one below the other, that look alike everywhere."""
     import matplotlib
 
     matplotlib.use("svg")
@@ -79,7 +79,7 @@ def axes(width: float = 7.0, height: float = 3.0, count: int = 1) -> Any:
     matplotlib.rcParams |= {"axes.spines.top": False, "axes.spines.right": False}
     from matplotlib import pyplot
 
-    return pyplot.subplots(1, count, figsize=(width, height), layout="constrained")
+    return pyplot.subplots(count, figsize=(width, height * count), sharex=True, layout="constrained")
 
 
 def write(folder: Path) -> None:
