@@ -47,6 +47,14 @@ def test_a_planted_delay_is_found(base: ec.BaseModel, delay: float) -> None:
     assert f"{1e3 * found.delays['j1']:.2g} ms" in found.reasons["delays"]
 
 
+def test_slow_logs_may_be_two_samples_late(base: ec.BaseModel) -> None:
+    whole = run(base, 0.04)
+    slow = Segment("run.csv", 0.0, 50.0, {name: values[::10] for name, values in whole.signals.items()})
+    found = with_delays(prepared(base, slow).model_copy(update={"delays": None}), [slow], base)
+    assert found.delays is not None
+    assert found.delays["j1"] == pytest.approx(0.04, abs=1e-3)
+
+
 def test_none_is_invented(base: ec.BaseModel) -> None:
     for seed in range(3):
         segment = run(base, 0.0, noise=0.1, seed=seed)

@@ -42,6 +42,8 @@ from echelon.signals.clock import shift_reach, shifted
 
 _LONGEST = 0.02
 """Longest delay that is looked for, s: beyond it the log is at fault."""
+_PERIODS = 2.5
+"""The same in periods, where that is longer: slow recorders pair positions with outputs of the sample before."""
 _STEPS = 20
 """Delays to either side that are tried before the parabola through the best ones."""
 _GAIN = 0.1
@@ -56,7 +58,9 @@ def with_delays(preparation: Preparation, segments: Sequence[Segment], base: Bas
     """The preparation with delays estimated, where it leaves them open."""
     if preparation.delays is not None:
         return preparation
-    tried = np.linspace(-_LONGEST, _LONGEST, 2 * _STEPS + 1)
+    rate = max(segments, key=len).rate
+    longest = max(_LONGEST, _PERIODS / rate)
+    tried = np.linspace(-longest, longest, 2 * _STEPS + 1)
     squares = _residuals(preparation.model_copy(update={"delays": {}}), segments, base, tried)
     delay, gain = _best(tried, squares)
     delay = delay if gain >= _GAIN else 0.0
@@ -64,7 +68,6 @@ def with_delays(preparation: Preparation, segments: Sequence[Segment], base: Bas
     text = f"outputs are {1e3 * delay:.2g} ms behind positions: undoing it removes {gain:.0%} of the residuals' squares"
     if not delay:
         text = f"none: no common delay would remove {_GAIN:.0%} of the residuals' squares"
-    rate = max(segments, key=len).rate
     for k, output in enumerate(base.mechanism.outputs):
         own, share = _best(tried, squares[:, [k]], np.interp(delay, tried, squares[:, k]))
         if share >= 2 * _GAIN and abs(own - delay) > 0.5 / rate:
