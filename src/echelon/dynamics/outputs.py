@@ -106,7 +106,7 @@ class RecordedOutputs:
         for row in range(len(self._motions)):
             slopes: list[Scalar] = []
             place = 0
-            for motion in (m for m in mechanism.motions if m.name not in mechanism.dependent):
+            for motion in mechanism.free_motions:
                 own = [by_angle[row, place + k] for k in range(len(motion.velocities))]
                 place += len(own)
                 ball = motion.kind is MotionKind.BALL

@@ -133,7 +133,7 @@ class _Builder:
                 unused = f"{len(self.tree.sensors)} sensors of forces in the file are not used"
                 self.notes.append(f"{unused}; --measured file takes them as outputs")
             return None
-        motions = {m.name: m for m in mechanism.motions if m.name not in mechanism.dependent}
+        motions = {m.name: m for m in mechanism.free_motions}
         outputs = tuple(output for sensor in self.sensors for output in self._outputs(sensor, motions))
         if not outputs:
             raise InputError("it has no sensors of forces that could be outputs", source=self.tree.source)

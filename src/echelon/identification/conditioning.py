@@ -23,7 +23,7 @@ from echelon.errors import InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.identification.estimators.estimate import sparse_basis
 from echelon.identification.verdict import enumerated
-from echelon.mechanism.joint import Motion, MotionKind
+from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.stated import characteristic_length
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import Triangle
@@ -260,15 +260,11 @@ def _input_names(mechanism: Mechanism) -> tuple[str, ...]:
     return tuple(dict.fromkeys([*mechanism.velocities, *(a.name for a in mechanism.transmission.actuators)]))
 
 
-def _moving(mechanism: Mechanism) -> list[Motion]:
-    return [motion for motion in mechanism.motions if motion.name not in mechanism.dependent]
-
-
 def _variables(mechanism: Mechanism) -> list[tuple[str, str, list[int]]]:
     """Kind, coordinate and columns of everything that varies."""
     found = []
     position = velocity = 0
-    for motion in _moving(mechanism):
+    for motion in mechanism.free_motions:
         q = list(range(position, position + len(motion.positions)))
         v = list(range(velocity, velocity + len(motion.velocities)))
         position, velocity = q[-1] + 1, v[-1] + 1
@@ -279,7 +275,7 @@ def _variables(mechanism: Mechanism) -> list[tuple[str, str, list[int]]]:
 def _random_states(mechanism: Mechanism, rng: np.random.Generator) -> State:
     """States as an arm may have them: any pose, and speeds and accelerations of usual size."""
     length = characteristic_length(mechanism)
-    moving = _moving(mechanism)
+    moving = mechanism.free_motions
     sizes = [length if m.kind is MotionKind.TRANSLATION else 1.0 for m in moving for _ in m.velocities]
     positions = []
     for motion in moving:

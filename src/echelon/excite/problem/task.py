@@ -277,7 +277,7 @@ def _held(setup: Setup, entry: ExcitationEntry, findings: list[Finding]) -> dict
     if mechanism.closures:
         check_loops(mechanism, entry.move, entry.hold, setup.source)
         return {}
-    motions = [m for m in mechanism.motions if m.name not in mechanism.dependent]
+    motions = mechanism.free_motions
     names = [m.name for m in motions]
     for name in (*(entry.move or ()), *entry.hold):
         if name not in names:

@@ -95,7 +95,7 @@ class Additions:
 
     def _linear(self, entry: str | LinearTerms, path: str) -> tuple[tuple[str, Polynomial], ...]:
         """A combination of coordinates that no coupling makes dependent; actuators may stand for what they are."""
-        moving = {m.name: m for m in self.mechanism.motions if m.name not in self.mechanism.dependent}
+        moving = {m.name: m for m in self.mechanism.free_motions}
         single = {name: m for name, m in moving.items() if m.kind is not MotionKind.BALL}
         reader = CouplingReader(self.expressions, single)
         if not isinstance(entry, str):

@@ -27,7 +27,7 @@ def unlogged_joints(
     names: Sequence[str], meanings: Mapping[str, Meaning], known: Mapping[str, str], mechanism: Mechanism
 ) -> list[tuple[str, ...]]:
     """Sets of motions that a log may lack; several where nothing tells which."""
-    motions = [m for m in mechanism.motions if m.name not in mechanism.dependent]
+    motions = mechanism.free_motions
     told = {name for alias, name in known.items() if any(_says(column, alias) for column in names)}
     said = {m.name for m in motions if told & {m.name, *m.positions, *m.velocities}}
     if said:

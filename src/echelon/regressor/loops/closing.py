@@ -20,6 +20,7 @@ from echelon.mechanism.substitute import with_numeric_ratios
 from echelon.program.tape import Program
 from echelon.regressor.loops.assembly import Assembled, Assembly, OpenLoopsError
 from echelon.regressor.loops.closed_motion import RANK_TOLERANCE
+from echelon.regressor.loops.closures import Loops
 from echelon.regressor.loops.coordinates import independent_coordinates
 from echelon.regressor.loops.curves import CurveSampler
 from echelon.regressor.loops.exact_pose import closed_exactly
@@ -57,7 +58,7 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
     first = list(wanted) if wanted is not None else [name for name in prefer if name in names]
     mechanism, real = _real(mechanism)
     if real is None:
-        field, jacobian = _jacobian(mechanism)
+        field, jacobian = _jacobian(_recorded(mechanism))
         freedom = np.array(null_vectors(jacobian, field), dtype=np.int64).reshape(-1, len(names))
         chosen = independent_coordinates(mechanism, lambda columns: rank(freedom[:, columns], field), first)
     else:
@@ -107,7 +108,8 @@ class _Real:
     """The mechanism in double precision, near its own pose."""
 
     def __init__(self, mechanism: Mechanism) -> None:
-        self.mechanism, self.assembly = mechanism, Assembly(mechanism)
+        self.mechanism, self.loops = mechanism, _recorded(mechanism)
+        self.assembly = Assembly(mechanism, equations=self.loops.equations)
         pose = self.assembly.pose
         if self.assembly.assembled is not None:
             self.assembly.assembled.check()
@@ -167,11 +169,12 @@ def _real(mechanism: Mechanism) -> tuple[Mechanism, _Real | None]:
 def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
     """The mechanism as it is if its loops close exactly and move as in doubles, else with frames that follow."""
     reasons, locked = [], ""
-    attempts: list[tuple[Callable[[], Mechanism], float]] = [
-        (lambda: mechanism, _LITTLE_WORK),
-        (lambda: _at(mechanism, real.assembly.pose), inf),
-        (lambda: mechanism, inf),
-        (lambda: in_numbers(mechanism), inf),
+    stated = replace(real.loops, mechanism=mechanism)
+    attempts: list[tuple[Callable[[], Loops], float]] = [
+        (lambda: stated, _LITTLE_WORK),
+        (lambda: _recorded(_at(mechanism, real.assembly.pose)), inf),
+        (lambda: stated, inf),
+        (lambda: _recorded(in_numbers(mechanism)), inf),
     ]
     for attempt, work in attempts[:1] if mechanism.closed_at else attempts:
         try:
@@ -182,7 +185,7 @@ def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
             continue
         freedom = jacobian.shape[1] - rank(jacobian, field)
         if freedom >= real.mobility:
-            return closed
+            return closed.mechanism
         locked = _locked(mechanism, freedom, real)
     raise InputError(locked or real.singular() or reasons[0])
 
@@ -194,14 +197,14 @@ def _at(mechanism: Mechanism, pose: Floats) -> Mechanism:
         raise InputError(unsolved(mechanism, str(error))) from None
 
 
-def _jacobian(mechanism: Mechanism, work: float = inf) -> tuple[PrimeField, Residues]:
+def _recorded(mechanism: Mechanism) -> Loops:
+    return loops_of(mechanism, Recorder(mechanism, Program()))
+
+
+def _jacobian(loops: Loops, work: float = inf) -> tuple[PrimeField, Residues]:
     """The Jacobian of the closures at a closed pose of a random geometry, found with a limited amount of work."""
-    program = Program()
-    recorder = Recorder(mechanism, program)
-    loops = loops_of(mechanism, recorder)
-    assert loops is not None
-    loops = replace(loops, work=work)
-    sampler, rng = CurveSampler(program, [], loops), random_generator(DEFAULT_SEED)
+    mechanism, rng = loops.mechanism, random_generator(DEFAULT_SEED)
+    sampler = CurveSampler(loops.equations.program, [], replace(loops, work=work))
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng)
         try:
