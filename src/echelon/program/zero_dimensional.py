@@ -38,9 +38,13 @@ class Residue:
     def __init__(self, field: PrimeField) -> None:
         self._field, self.minus_one = field, field.p - 1
 
-    def sum(self, terms: Iterable[tuple[int, int]]) -> int:
-        """Sum of products of two numbers."""
-        return sum(a * b for a, b in terms) % self._field.p
+    def combined(self, parts: Iterable[tuple[int, Row]]) -> Row:
+        """Sum of multiples of rows."""
+        total: Row = {}
+        for factor, row in parts:
+            for monomial, number in row.items():
+                total[monomial] = total.get(monomial, 0) + factor * number
+        return {monomial: rest for monomial, number in total.items() if (rest := number % self._field.p)}
 
     def minus_inverse(self, number: int) -> int:
         """−1/x."""
@@ -64,7 +68,16 @@ class Recorder:
         self._values = {self.zero: 0, self.one: 1, self.minus_one: -1}
         self.inputs = [self._number(record.input(f"x{k}").node, value) for k, value in enumerate(inputs)]
 
-    def sum(self, terms: Iterable[tuple[int, int]]) -> int:
+    def combined(self, parts: Iterable[tuple[int, Row]]) -> Row:
+        """Sum of multiples of rows."""
+        terms: dict[int, list[tuple[int, int]]] = {}
+        for factor, row in parts:
+            for monomial, number in row.items():
+                terms.setdefault(monomial, []).append((factor, number))
+        sums = {monomial: self._sum(products) for monomial, products in terms.items()}
+        return {monomial: number for monomial, number in sums.items() if number != self.zero}
+
+    def _sum(self, terms: Iterable[tuple[int, int]]) -> int:
         """Sum of products of two numbers; the number zero if it vanishes."""
         record, node, value = self.program, self.zero, 0
         for a, b in terms:
@@ -149,17 +162,17 @@ class NormalForms:
         self.free = [*self.free, *free]
         self._rows.update({monomial: {monomial: self._numbers.one} for monomial in free})
         for product in products:
-            self._rows[self._times(*product)] = self._combined(self._product(product))
+            self._rows[self._times(*product)] = self._numbers.combined(self._product(product))
 
     def defect(self, product: Product) -> Row:
         """An element of the ideal: the normal form computed from the factor less the known one."""
         known = self._rows[self._times(*product)]
-        return self._combined([*self._product(product), (self._numbers.minus_one, known)])
+        return self._numbers.combined([*self._product(product), (self._numbers.minus_one, known)])
 
     def reduce(self, polynomial: int) -> Row:
         """Normal form of one of the polynomials."""
         number, terms = self.monomials.number, self._polynomials[polynomial].items()
-        return self._combined((c, self._rows[number[e]]) for e, c in terms if c != self._numbers.zero)
+        return self._numbers.combined((c, self._rows[number[e]]) for e, c in terms if c != self._numbers.zero)
 
     def eliminate(self, products: Sequence[Product], polynomials: Sequence[int], pivots: Sequence[int]) -> None:
         """Solve defects of products, and polynomials, for as many monomials, which cease to be free."""
@@ -181,21 +194,12 @@ class NormalForms:
         variable, factor = product
         return [(number, self._rows[self._times(variable, m)]) for m, number in self._rows[factor].items()]
 
-    def _combined(self, parts: Iterable[tuple[int, Row]]) -> Row:
-        """Sum of multiples of rows."""
-        terms: dict[int, list[tuple[int, int]]] = {}
-        for factor, row in parts:
-            for monomial, number in row.items():
-                terms.setdefault(monomial, []).append((factor, number))
-        sums = {monomial: self._numbers.sum(products) for monomial, products in terms.items()}
-        return {monomial: number for monomial, number in sums.items() if number != self._numbers.zero}
-
     def _substituted(self, row: Row, solved: dict[int, Row]) -> Row:
         """A row with some monomials replaced by what they are equal to."""
         if solved.keys().isdisjoint(row):
             return row
         rest = {m: number for m, number in row.items() if m not in solved}
-        return self._combined(
+        return self._numbers.combined(
             [(self._numbers.one, rest), *((number, solved[m]) for m, number in row.items() if m in solved)]
         )
 
@@ -210,7 +214,7 @@ class NormalForms:
             waiting.remove(pivot)
             inverted[pivot] = self._numbers.minus_inverse(shortest[pivot])
             rest = {m: number for m, number in shortest.items() if m != pivot}
-            solved[pivot] = self._combined([(inverted[pivot], rest)])
+            solved[pivot] = self._numbers.combined([(inverted[pivot], rest)])
             left = [self._substituted(row, {pivot: solved[pivot]}) for row in left]
         for pivot in reversed(solved):
             solved[pivot] = self._substituted(solved[pivot], solved)

@@ -44,7 +44,7 @@ def evaluate_floats(
     if forms.loops is None:
         return _evaluated(forms, schedule, named | state_inputs(mechanism, q, qd, qdd), len(q))
     named |= state_inputs(mechanism, q, qd, qdd)
-    speeds = _virtual_speeds(assembly or Assembly(mechanism, symbols), q)
+    speeds = _virtual_speeds(assembly or Assembly(mechanism, symbols, forms.loops.equations), q)
     rows = [_evaluated(forms, schedule, named | given, len(q)) for given in speeds]
     return np.concatenate(rows, axis=1)
 
