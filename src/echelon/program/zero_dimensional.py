@@ -38,13 +38,14 @@ class Residue:
     def __init__(self, field: PrimeField) -> None:
         self._field, self.minus_one = field, field.p - 1
 
-    def combined(self, parts: Iterable[tuple[int, Row]]) -> Row:
-        """Sum of multiples of rows."""
-        total: Row = {}
+    def combined(self, parts: Iterable[tuple[int, Row]], begin: Row | None = None) -> Row:
+        """Sum of a row and multiples of rows."""
+        total, p = dict(begin or {}), self._field.p
+        known = total.get
         for factor, row in parts:
             for monomial, number in row.items():
-                total[monomial] = total.get(monomial, 0) + factor * number
-        return {monomial: rest for monomial, number in total.items() if (rest := number % self._field.p)}
+                total[monomial] = known(monomial, 0) + factor * number
+        return {monomial: rest for monomial, number in total.items() if (rest := number % p)}
 
     def minus_inverse(self, number: int) -> int:
         """−1/x."""
@@ -68,9 +69,9 @@ class Recorder:
         self._values = {self.zero: 0, self.one: 1, self.minus_one: -1}
         self.inputs = [self._number(record.input(f"x{k}").node, value) for k, value in enumerate(inputs)]
 
-    def combined(self, parts: Iterable[tuple[int, Row]]) -> Row:
-        """Sum of multiples of rows."""
-        terms: dict[int, list[tuple[int, int]]] = {}
+    def combined(self, parts: Iterable[tuple[int, Row]], begin: Row | None = None) -> Row:
+        """Sum of a row and multiples of rows."""
+        terms = {monomial: [(self.one, number)] for monomial, number in (begin or {}).items()}
         for factor, row in parts:
             for monomial, number in row.items():
                 terms.setdefault(monomial, []).append((factor, number))
@@ -199,9 +200,7 @@ class NormalForms:
         if solved.keys().isdisjoint(row):
             return row
         rest = {m: number for m, number in row.items() if m not in solved}
-        return self._numbers.combined(
-            [(self._numbers.one, rest), *((number, solved[m]) for m, number in row.items() if m in solved)]
-        )
+        return self._numbers.combined(((number, solved[m]) for m, number in row.items() if m in solved), rest)
 
     def _solved(self, polynomials: list[Row], pivots: Sequence[int]) -> dict[int, Row]:
         """What the pivots are equal to; short polynomials, and pivots that occur rarely, come first."""
@@ -225,7 +224,7 @@ class NormalForms:
 
 _MONOMIALS = 1500  # default bound on the number of monomials
 _DEGREES = 6  # of monomials above that of equations; those of loops with finitely many solutions need two at most
-_FAILURES = 3  # samples in a row that have infinitely many solutions; then the others are taken to have them, too
+_FAILURES = 2  # samples in a row that have infinitely many solutions; then the others are taken to have them, too
 _ENTRIES = 1 << 24  # recorded numbers, or powers of multiplications; more samples are treated in parts
 
 
