@@ -57,7 +57,7 @@ def sparse_diagonal(entries: Floats) -> Any:
 
 _KINDS = ("zero", "nonnegative", "second_order", "semidefinite", "exponential")
 
-_UNITS = (1.0, 1e-2, 1e-4, 1e-6)
+_UNITS = (1.0, 1e-2, 1e-4, 1e-6, 1e2, 3.0, 0.3)
 """Units of the objective that are tried one after another."""
 _ALMOST = "Almost"
 
