@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.identification.servos.servo_fit import scale_groups
+from echelon.identification.servos.servo_fit import ServoScore, scale_groups
 from echelon.identification.servos.servo_motion import ServoMotion, Windows, smooth
 from echelon.identification.servos.servo_start import servo_joints
 from echelon.logs.recording import Segment
@@ -139,3 +139,11 @@ def test_identify_finds_ratios_and_says_that_the_scale_is_the_files(tmp_path: Pa
     for name in ("Fv1", "Kp2", "Fv2"):
         assert abs(values[name] - scale * truth[name]) < 4 * std[name] < 0.3 * values[name]
     assert any("only ratios of masses, friction and gains of all joints" in text for text in document["hidden"])
+
+
+def test_a_lag_that_the_model_does_not_explain_speaks_against_it() -> None:
+    """Positions near their commands have a high R² whatever the servo does."""
+    score = ServoScore("lift", 0.03, 0.997, 0.71, 0.0015)
+    assert score.lags
+    assert not replace(score, rms=0.001).lags  # steps of the encoder
+    assert not replace(score, lag_r2=0.95).lags

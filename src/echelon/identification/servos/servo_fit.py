@@ -38,6 +38,7 @@ from echelon.identification.servos.servo_start import (
     start_values,
     stated_values,
 )
+from echelon.logs.faults.examine import resolution
 from echelon.logs.finding import Finding
 from echelon.logs.read_log import read_log
 from echelon.logs.recording import Segment
@@ -50,6 +51,8 @@ _WINDOW, _RUN_IN = 1.0, 1.0  # s
 _STILL = 0.005
 _VAGUE = 5.0  # per cent
 _WELL = 0.98  # R² of positions
+_LAG = 0.9  # share of the lag behind the commands that a servo with gain and friction explains at least
+_STEPS = 1.0  # of the encoder, up to which an rms is that of its steps
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,12 @@ class ServoScore:
     # share of what positions and commands differ by that the model explains: 0 for a joint that is where it is
     # commanded to be
     lag_r2: float
+    step: float = 0.0  # of the encoder, rad or m; 0 if it shows none
+
+    @property
+    def lags(self) -> bool:
+        """Whether more of the lag is left than steps of the encoder, and than a servo that the model knows leaves."""
+        return self.lag_r2 < _LAG and self.rms > _STEPS * self.step
 
 
 @dataclass(frozen=True, repr=False)
@@ -101,6 +110,12 @@ class ServoFit:
         """Why the model should not be used; empty if nothing speaks against it."""
         scores = self.held_out or self.fitted
         found = [f"joint '{s.joint}' is not where the model says (R² {s.r2:.3f})" for s in scores if not s.r2 >= _WELL]
+        found += [
+            f"of what joint '{s.joint}' lags behind its commands the model explains {max(s.lag_r2, 0):.0%} only: "
+            "limits of torque or speed, backlash and dead bands of servos are not in it"
+            for s in scores
+            if s.r2 >= _WELL and s.lags
+        ]
         return (*found, *(() if self.converged else ("the steps of the fit did not come to an end",)))
 
     def __repr__(self) -> str:
@@ -348,6 +363,6 @@ def _scores(motion: ServoMotion, windows: Windows, values: Floats, delay: float)
     lag = np.mean((commands - measured) ** 2, axis=(0, 1))
     with np.errstate(divide="ignore", invalid="ignore"):
         return tuple(
-            ServoScore(name, float(np.sqrt(s)), float(1 - s / v), float(1 - s / g))
-            for name, s, v, g in zip(motion.names, squares, spread, lag, strict=True)
+            ServoScore(name, float(np.sqrt(s)), float(1 - s / v), float(1 - s / g), resolution(q.ravel()) or 0.0)
+            for name, s, v, g, q in zip(motion.names, squares, spread, lag, np.moveaxis(measured, 2, 0), strict=True)
         )
