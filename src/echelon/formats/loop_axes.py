@@ -54,8 +54,11 @@ def with_exact_axes(mechanism: Mechanism, snapping: Snapping) -> Mechanism:
     if not (found.is_general and found.meets and found.noise):
         return mechanism
     mended = found.mended
-    if found.kept_by(_AtZero(mended, snapping)):
+    if found.kept_by(left := _AtZero(mended, snapping)):
         snapping.snaps.append(found.snap)
+        if left.noise:
+            doubt = "different: if they are meant to be equal, fewer parameters may show than are counted"
+            snapping.snaps.append(Snap(found.snap.element, "lengths nearly equal", doubt, left.noise))
         return mended
     if found.noise < PRECISION:  # digits of doubles
         return mechanism
@@ -147,7 +150,7 @@ class _AtZero:
         return max((*missed, *(max(size, _NOISE) for size in apart)), default=0.0)
 
     def kept_by(self, other: _AtZero) -> bool:
-        """Whether another reading has exact relations between axes, and its axes and points are where they are here."""
+        """Whether another reading has exact relations, and its axes and points are where they are here."""
         near = _MOVED * max(self.noise, _NOISE)
         for one, two in zip(self.stations, other.stations, strict=True):
             if one.axis is not None and np.linalg.norm(one.direction - two.direction) > near:
@@ -479,16 +482,15 @@ class _Exact:
         starts, all_places = [np.zeros(3), *places[:1]], np.array(places)
 
         def digits(choice: tuple[Floats, Placement]) -> int:
-            own = np.array([*all_places - choice[0], choice[0]]) @ _floats(choice[1])
-            return sum(self._digits(float(v)) for v in own.flat) + _DIGITS * bool(choice[0].any())
+            own = (np.array([*all_places - choice[0], choice[0]]) @ _floats(choice[1])).ravel()
+            short = [np.abs(np.round(own, d) - own) <= self._length for d in range(_DIGITS)]
+            return int((~np.logical_or.accumulate(short)).sum()) + _DIGITS * bool(choice[0].any())
 
         return min(((start, frame) for frame in frames for start in starts), key=digits)
 
-    def _digits(self, value: float) -> int:
-        return next((d for d in range(_DIGITS) if abs(round(value, d) - value) <= self._length), _DIGITS)
-
     def _shortest(self, value: float) -> Polynomial:
-        return as_polynomial(Fraction(f"{value:.{self._digits(value)}f}"))
+        digits = next((d for d in range(_DIGITS) if abs(round(value, d) - value) <= self._length), _DIGITS)
+        return as_polynomial(Fraction(f"{value:.{digits}f}"))
 
     def _decimals(self, place: Floats) -> Placement:
         """The place with the shortest decimals."""
@@ -609,7 +611,7 @@ class _Turn:
 
 
 def _turned_to(direction: Floats, tolerance: float) -> Placement:
-    """A rational turn that takes z, or −z, next to a direction, by the stereographic projection of that."""
+    """A rational turn that takes z next to a direction, by the stereographic projection of the half space it is in."""
     sign = 1 if direction[2] > 0 else -1
     x, y = (_simple(sign * float(v) / (1 + abs(float(direction[2]))), tolerance) for v in direction[:2])
     size = 1 / (1 + x * x + y * y)
@@ -618,7 +620,8 @@ def _turned_to(direction: Floats, tolerance: float) -> Placement:
         [-2 * x * y * size, 1 - 2 * y * y * size, 2 * y * size],
         [-2 * x * size, -2 * y * size, (1 - x * x - y * y) * size],
     ]
-    return Placement(as_matrix([[as_polynomial(entry) for entry in row] for row in rows]))
+    found = Placement(as_matrix([[as_polynomial(entry) for entry in row] for row in rows]))
+    return found if sign > 0 else found @ turn(1, Angle(Fraction(1)))
 
 
 def _simple(value: float, tolerance: float) -> Fraction:

@@ -1,0 +1,70 @@
+"""Loops in general frames: drawn mechanisms turned as a whole, with links turned at random, rounded to some digits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import echelon as ec
+from echelon.inertia import rotation_of
+from support.selection import slow_unless
+from support.zoo import ZOO
+from support.zoo.mjcf_text import INERTIA
+
+AXES = dict(zip("xyz", np.eye(3), strict=True))
+
+
+def vector(numbers: str | Sequence[str]) -> np.ndarray:
+    return AXES[numbers] if isinstance(numbers, str) else np.array([float(Fraction(x)) for x in numbers])
+
+
+def mjcf(text: str, digits: int, seed: int) -> str:
+    """A drawn mechanism; a revolute joint closes as two points on its axis."""
+    robot, rng = yaml.load(text, yaml.BaseLoader), np.random.default_rng(seed)
+    turns = {
+        b["name"]: q / np.linalg.norm(q) for b in [{"name": "all"}, *robot["bodies"]] for q in [rng.normal(size=4)]
+    }
+    whole, at, frames, nested = rotation_of(turns["all"]), {"base": np.zeros(3)}, {"base": np.eye(3)}, {}
+
+    def shown(numbers: np.ndarray) -> str:
+        return " ".join(f"{x:.{digits}g}" for x in numbers)
+
+    def body(entry: dict) -> str:
+        name, parent, joint = entry["name"], entry["parent"], entry["joint"]
+        frames[name], at[name] = rotation_of(turns[name]), at[parent] + whole @ vector(joint["origin"]["xyz"])
+        apart = np.array([1.0, 0, 0, 0]) if parent == "base" else turns[parent] * (1, -1, -1, -1)
+        w, x, y, z = apart
+        product = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]]) @ turns[name]
+        place = frames[parent].T @ (at[name] - at[parent])
+        axes = [shown(frames[name].T @ whole @ vector(joint[k])) for k in ("axis", "axis2") if k in joint]
+        joints = "".join(f'<joint name="{name}{k}" axis="{axis}"/>' for k, axis in enumerate(axes))
+        joints = joints or f'<joint name="{name}" type="ball"/>'
+        inner = "".join(body(other) for other in robot["bodies"] if other["parent"] == name)
+        return f'<body name="{name}" pos="{shown(place)}" quat="{shown(product)}">{joints}{INERTIA}{inner}</body>'
+
+    bodies = "".join(body(entry) for entry in robot["bodies"] if entry["parent"] == "base")
+    for loop in robot["loops"]:
+        first, second = loop["connects"]
+        points = [at[first] + whole @ vector(loop["at"]["xyz"])]
+        points += [points[0] + whole @ vector(loop["axis"]) / 10] if "axis" in loop else []
+        anchors = (shown(frames[first].T @ (point - at[first])) for point in points)
+        nested |= {f'<connect body1="{first}" body2="{second}" anchor="{anchor}"/>': None for anchor in anchors}
+    gravity = shown(whole @ vector(robot["gravity"]))
+    world, equality = f"<worldbody>{bodies}</worldbody>", f"<equality>{''.join(nested)}</equality>"
+    return f'<mujoco><option gravity="{gravity}"/>{world}{equality}</mujoco>'
+
+
+CASES = [("Peaucellier", 6), ("Peaucellier", 17), ("Sarrus, oblique", 6), ("Jansen", 17), ("Delta, crosses", 17)]
+
+
+@pytest.mark.parametrize(("name", "digits"), slow_unless(lambda case: case == ("Peaucellier", 6), CASES))
+def test_ranks_do_not_depend_on_rounded_frames(name: str, digits: int, tmp_path: Path) -> None:
+    file = tmp_path / "robot.xml"
+    file.write_text(mjcf(ZOO[name].text, digits, 1), encoding="utf-8")
+    mechanism = ec.load(file)
+    assert (mechanism.degrees_of_freedom, ec.base_structure(mechanism).rank) == (ZOO[name].freedom, ZOO[name].rank)
