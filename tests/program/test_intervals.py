@@ -80,7 +80,7 @@ def test_enclosures_hold(formula: Any, x: tuple[float, float], y: tuple[float, f
 )
 def test_waves_reach_their_extremes_between_the_ends(function: str, x: tuple[float, float], expected: float) -> None:
     program = Program()
-    node = getattr(program, function)(program.input("x")).node
+    node = getattr(program.input("x"), function)().node
     low, high = enclosed(program, node, {"x": x})
     assert (high if expected > 0 else low) == expected
 
