@@ -263,9 +263,10 @@ def from_positions(name: str, blur: float, seeds: int = SEEDS) -> Hits:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_intervals_cover_with_a_little_noise_in_the_positions(name: str) -> None:
-    """As much as an encoder of 18 bits has."""
+    """As much as an encoder of 18 bits has; the rows that a filter keeps are a little alike, so in 94 % of cases."""
     found = from_positions(name, 1e-5)
-    assert 0.935 < found.mean() < 0.965
+    rates = found.mean(axis=1)
+    assert abs(rates.mean() - 0.94) < 4 * rates.std() / np.sqrt(len(rates))
     assert found.mean(axis=0).min() > binom.ppf(1e-4, SEEDS, 0.94) / SEEDS
 
 
