@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 
 import echelon as ec
-from echelon.base.reading_report import numeric_ranks, ranks_of_matrix
+from echelon.base.reading_report import numeric_ranks, ranks_of_matrix, report_reading
 from echelon.errors import InputError
 from echelon.mechanism.joint import ball
 from support import textbook_arms as arms
 from support.paths import EXAMPLES
 from support.random_mechanisms import mechanisms
 from support.robot_files import robot_file
+from support.zoo import ZOO
 
 
 @pytest.mark.parametrize(
@@ -92,3 +94,20 @@ def test_planted_singular_values() -> None:
     assert widest is not None
     assert widest[0] in (3, 4)
     assert ranks_of_matrix(np.zeros((4, 3))).ranks == (0, 0, 0, 0)
+
+
+def test_parts_of_a_rank_that_rounding_may_make_are_said(tmp_path: Path) -> None:
+    """A scissor lift whose first pivot is a millionth beside the line through the other pivots of its bars."""
+    exact = ZOO["scissor lift"].text.replace("[4, 0, 0]", "[4, 0, 0], rpy: [0, 0, 6.28318]")
+    moved = exact.replace("[2, 3/2, 0]", "[2, 1.500002, 0]", 1).replace("[-2, 3/2, 0]", "[-2, 1.500002, 0]", 1)
+    doubts = {}
+    for text in (exact, moved):
+        file = tmp_path / "robot.yaml"
+        file.write_text("echelon: 1\nname: lift\n" + text, encoding="utf-8")
+        mechanism = ec.load(file)
+        rank = ec.base_structure(mechanism).rank
+        doubts[rank] = report_reading(mechanism, rank, np.random.default_rng(0)).doubt
+    assert not doubts.pop(5)
+    ((rank, doubt),) = doubts.items()
+    assert doubt.startswith(f"{rank - 5} of {rank} base parameters show")
+    assert "there are 5" in doubt

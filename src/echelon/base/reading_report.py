@@ -46,6 +46,8 @@ _MOST_COLUMNS = 300
 """Of more, float ranks would take too much of the time: so many neighbours are compared instead of all."""
 _CLEAR_GAP = 1e3
 """Singular values that fall more evenly, as of motions that hardly leave a pose, tell nothing."""
+_ROUNDED = 1e-4
+"""What rounding to a few digits may move numbers by."""
 _LARGEST_RANK = 1000
 """Above it, nothing is compared where no part of the columns can stand for all."""
 _MOST_TRIALS, _FEWEST_TRIALS = 600, 8
@@ -104,6 +106,7 @@ def report_reading(
         chosen = set(_decisive(reading, elements, rank, len(mechanism.bodies), rng))
         decisive = [snap for snap in coarse if snap.element in chosen]
     doubt = _doubt(mechanism, recorded, literal_rank, rank, matrix if literal_rank == rank else None)
+    doubt = doubt or _faint(mechanism, rank, [snap.difference for snap in coarse if snap.difference < _ROUNDED])
     return ReadingReport(reading.snaps, notes, literal_rank, tuple(decisive), doubt, mimics, moved)
 
 
@@ -163,6 +166,29 @@ def _doubt(
     ranks = ", ".join(f"{r} at {t:.0e}" for r, t in zip(found.ranks, found.tolerances, strict=True))
     expected = literal if columns is None else high
     return f"the file's numbers in floating point do not confirm {expected}{where}: rank {ranks}"
+
+
+def _faint(mechanism: Mechanism, rank: int, moved: Sequence[float]) -> str:
+    """Which part of a rank with loops shows no more than rounding of the file's numbers does; empty if none.
+
+    Relations such as three points on a line may be broken by rounding, and not among those that are restored.
+    """
+    if not (mechanism.closures and moved):
+        return ""
+    try:
+        found = numeric_ranks(mechanism, literal=False)
+    except InputError:  # values are missing, or loops do not close at the stated ones
+        return ""
+    singular, most = found.singular, max(moved)
+    small = [k for k in range(1, rank) if ROUNDING < singular[k] < most and found.gap(k) > _CLEAR_GAP]
+    if not small:
+        return ""
+    least = small[0]
+    return (
+        f"{rank - least} of {rank} base parameters show {found.gap(least):.0e} times less than the others, not more "
+        f"than rounding of the file does ({most:.0e}): if lengths are meant to be equal, or points to lie "
+        f"on one line, there are {least}; state them with more digits"
+    )
 
 
 def _neighbours(count: int) -> range:
