@@ -60,8 +60,8 @@ FAULTS = (
     ),
     Fault(
         "mechanism/lock_joints.py",
-        "Polynomial.constant(s)).rotation",
-        "Polynomial.constant(-s)).rotation",
+        "Polynomial.constant(sine)).rotation",
+        "Polynomial.constant(-sine)).rotation",
         "sense of held angles",
         "mechanism/test_lock_joints.py::test_remaining_joints_are_those_of_the_reduced_model",
     ),

@@ -153,6 +153,12 @@ def square_root(value: Number) -> Number:
     raise ValueError(f"sqrt({value}) is not in Q(√2, √3): use a symbol with that value instead")
 
 
+def circle_point(tangent: Fraction) -> tuple[Fraction, Fraction]:
+    """Cosine and sine of the angle of which the half has a tangent."""
+    size = 1 + tangent * tangent
+    return (1 - tangent * tangent) / size, 2 * tangent / size
+
+
 def cosine_of_turn(k: int) -> Number:
     """cos(k·15°), exactly."""
     half = Fraction(1, 2)

@@ -12,7 +12,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle
-from echelon.exact.polynomial import Polynomial, as_polynomial, parts_of
+from echelon.exact.polynomial import Polynomial, as_polynomial, circle_point, parts_of
 from echelon.formats.snapping import LENGTH_TOLERANCE, PRECISION
 from echelon.inertia import rotation_quaternion
 from echelon.mechanism.closed_pose import turned_by
@@ -336,8 +336,8 @@ class _Turn:
 
     def placement(self, axis: int) -> Placement:
         """The turn about a coordinate axis."""
-        t, square = self.tangent, 1 / (1 + self.tangent**2)
-        rest = turn_by(axis, as_polynomial(square * (1 - t * t)), as_polynomial(square * 2 * t))
+        cosine, sine = circle_point(self.tangent)
+        rest = turn_by(axis, as_polynomial(cosine), as_polynomial(sine))
         return turn(axis, Angle(self.quarters * _QUARTER)) @ rest
 
 

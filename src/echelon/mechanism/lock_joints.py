@@ -9,7 +9,7 @@ from fractions import Fraction
 from math import tan
 
 from echelon.errors import InputError
-from echelon.exact.polynomial import Polynomial
+from echelon.exact.polynomial import Polynomial, circle_point
 from echelon.hints import nearest_of
 from echelon.mechanism.coupling import Coupling, Spline
 from echelon.mechanism.effect import Effect
@@ -118,9 +118,8 @@ def _placed(motion: Motion, position: float) -> Placement:
 
 
 def _turned(axis: int, angle: float) -> Matrix:
-    t = Fraction(tan(angle / 2)).limit_denominator(_DENOMINATOR)
-    c, s = (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
-    return turn_by(axis, Polynomial.constant(c), Polynomial.constant(s)).rotation
+    cosine, sine = circle_point(Fraction(tan(angle / 2)).limit_denominator(_DENOMINATOR))
+    return turn_by(axis, Polynomial.constant(cosine), Polynomial.constant(sine)).rotation
 
 
 def _actuators(mechanism: Mechanism, gone: Iterable[str]) -> Iterable[Actuator]:

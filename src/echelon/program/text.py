@@ -22,7 +22,7 @@ from math import tan
 
 from echelon.errors import InputError, shortened
 from echelon.exact.expressions import PI, STEPS_PER_HALF_TURN, Angle, expression_tree, parse_angle
-from echelon.exact.polynomial import Number, cosine_of_turn, parse_decimal, sine_of_turn
+from echelon.exact.polynomial import Number, circle_point, cosine_of_turn, parse_decimal, sine_of_turn
 from echelon.program.tape import FUNCTIONS, Op, Program, Scalar, maximum, minimum, power, square_root
 
 
@@ -202,8 +202,7 @@ def _terms(node: ast.expr) -> list[tuple[int, ast.expr]]:
 
 def _rounded(angle: float) -> tuple[Fraction, Fraction]:
     """A rational point of the circle as near to an angle as doubles are."""
-    t = Fraction(tan(angle / 2)).limit_denominator(_PHASE)
-    return (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
+    return circle_point(Fraction(tan(angle / 2)).limit_denominator(_PHASE))
 
 
 def phase_symbols(text: str) -> Iterator[str]:
