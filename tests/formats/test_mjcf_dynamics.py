@@ -11,6 +11,12 @@ from support.float_regressor import float_regressor, random_states, standard_vec
 from support.mjcf_models import INERTIA, mechanism_of, model, read
 
 MODELS = {
+    "geoms of fused bodies in the place of a stated inertia": model(
+        f"""<body name="a"><joint name="a" axis="0 1 0"/>{INERTIA}<body name="b" pos="0.1 0 0.2">
+        <joint name="b" axis="1 0 0"/><inertial pos="0 0 0" mass="3" diaginertia="1 1 1"/>
+        <body name="lump" pos="0 0 1"><geom size="0.1"/></body></body></body>""",
+        '<compiler inertiafromgeom="true" fusestatic="true"/>',
+    ),
     "hinges with odd orientations": model(
         f"""
         <body name="a" pos="0.1 -0.2 0.333" quat="0.8 0.1 -0.3 0.5"><joint name="a" axis="1 2 -0.5"/>{INERTIA}

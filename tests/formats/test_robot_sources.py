@@ -13,6 +13,9 @@ import pinocchio
 import pytest
 
 import echelon as ec
+from echelon.formats.robot_file import open_robot
+from echelon.formats.snapping import ReadingOptions
+from support.float_regressor import float_regressor, random_states, standard_vector
 from support.paths import EXAMPLES
 from support.robot_files import robot_file
 
@@ -29,7 +32,7 @@ def same_dynamics(robot: ec.Mechanism, other: ec.Mechanism) -> None:
     """Both have one rank, and their own values predict one torque."""
     bases = [ec.base_parameters(some) for some in (robot, other)]
     assert bases[0].rank == bases[1].rank
-    q, qd, qdd = np.random.default_rng(1).normal(size=(3, 5, len(robot.velocities)))
+    q, qd, qdd = random_states(robot, 5)
     torques = [base.predict(q, qd, qdd, base.values(base.mechanism.standard_values())) for base in bases]
     np.testing.assert_allclose(torques[0], torques[1], rtol=1e-9, atol=1e-9)
 
@@ -47,11 +50,55 @@ def test_a_compiled_loop_keeps_its_equalities() -> None:
       <joint name="j2" axis="0 1 0"/><inertial pos="0.1 0 0" mass="1" diaginertia="0.1 0.1 0.1"/></body></body>
       </worldbody><equality><joint joint1="j2" joint2="j1" polycoef="0 -1 0 0 0"/></equality></mujoco>"""
     assert ec.load(mujoco.MjModel.from_xml_string(text)).degrees_of_freedom == 1
-    sites = text.replace('mass="1"', 'mass="2"').replace('<joint name="j2"', '<site name="s"/><joint name="j2"')
-    sites = sites.replace("<worldbody>", '<worldbody><site name="w" pos="0.4 0 0"/>')
-    sites = sites.replace("<equality>", '<equality><connect site1="s" site2="w"/>')
-    with pytest.raises(ec.InputError, match="between sites or tendons"):
-        ec.load(mujoco.MjModel.from_xml_string(sites))
+
+
+def test_a_compiled_loop_between_sites_is_that_of_its_file() -> None:
+    mass = '<inertial pos="0.1 0 0" mass="1" diaginertia="0.1 0.1 0.1"/>'
+    text = f"""<mujoco><worldbody><site name="w" pos="0.7 0 0"/><body><joint name="j1" axis="0 1 0"/>{mass}
+      <body pos="0 0 0.4"><joint name="j2" axis="0 1 0"/>{mass}<body pos="0.6 0 0.1"><joint name="j3" axis="0 1 0"/>
+      {mass}<site pos="0.1 0 -0.5" name="s"/></body></body></body></worldbody>
+      <equality><connect name="c" site1="s" site2="w"/></equality></mujoco>"""
+    found, stated = (ec.load(robot) for robot in (mujoco.MjModel.from_xml_string(text), text))
+    assert found.degrees_of_freedom == 1
+    assert found.closures == stated.closures
+
+
+DRIVEN = """<mujoco><option><flag gravity="disable"/></option><worldbody>
+  <body name="a"><joint name="j1" axis="0 1 0"/><inertial pos="0.1 0 0" mass="1" diaginertia="0.1 0.1 0.1"/>
+  <body name="b" pos="0.4 0 0"><joint name="j2" axis="0 1 0"/>
+  <inertial pos="0.1 0 0" mass="1" diaginertia="0.1 0.1 0.1"/><site name="s" pos="0 0.1 0"/><body pos="0 0 0.3">
+  <joint name="ball" type="ball"/><inertial pos="0.1 0 0" mass="1" diaginertia="0.1 0.1 0.1"/></body></body></body>
+  </worldbody><tendon><fixed name="t"><joint joint="j1" coef="2"/><joint joint="j2" coef="-1"/></fixed></tendon>
+  <equality><tendon tendon1="t"/><joint joint1="j1" active="false"/></equality>
+  <actuator><motor name="m" joint="j2" gear="5"/><motor name="n" joint="ball" gear="0 0 2"/></actuator>
+  <sensor><actuatorfrc name="one" actuator="m"/><torque site="s"/><actuatorfrc actuator="n"/></sensor></mujoco>"""
+
+
+@pytest.mark.parametrize("off", ["gravity", "equality", "constraint"])
+def test_flags_drives_and_sensors_count_in_files_and_models(off: str) -> None:
+    text = DRIVEN.replace("gravity=", f"{off}=")
+    robots = [ec.load(robot, measured="file") for robot in (text, mujoco.MjModel.from_xml_string(text))]
+    assert robots[0].velocities == robots[1].velocities
+    assert [robot.degrees_of_freedom for robot in robots] == [4 if off == "gravity" else 5] * 2
+    assert [output.name for output in robots[1].outputs] == ["s.tx", "s.ty", "s.tz", "one"]
+    assert robots[0].outputs == robots[1].outputs
+    assert {robot.gravity is None for robot in robots} == {off == "gravity"}
+    same_dynamics(*robots)
+
+
+def test_gravity_armatures_and_bare_inertias_of_pinocchio_count() -> None:
+    model = pinocchio.buildSampleModelManipulator()
+    model.gravity.linear = np.array([1.0, 2.0, -3.0])
+    model.inertias[3] = pinocchio.Inertia(0.0, np.zeros(3), np.diag([0.1, 0.2, 0.3]))
+    model.armature[1] = 0.5
+    robot = ec.load(model, snap_tolerance=0)
+    q, qd, qdd = np.random.default_rng(1).normal(size=(3, 4, model.nv))
+    usual = open_robot(model).mechanism(ReadingOptions(usual_effects=True))
+    assert [effect.value for effect in usual.effects if effect.parameter.startswith("Ia")] == [0.5]
+    model.armature[1] = 0.0
+    expected = [pinocchio.rnea(model, model.createData(), *state) for state in zip(q, qd, qdd, strict=True)]
+    found = float_regressor(robot, q, qd, qdd) @ standard_vector(robot)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize(("name", "floating"), [("ur10_robot", False), ("kinova", False), ("solo12", True)])

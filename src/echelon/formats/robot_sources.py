@@ -24,8 +24,16 @@ from echelon.inputs import parse_xml, read_content
 _DESCRIPTION = re.compile(r"\w+_description")
 _XACRO = re.compile(rb"""xmlns:xacro\s*=\s*["']https?://[^"']*xacro/?["']""")
 _MACROS = re.compile(rb"<xacro:|\$[{(]")
-_EQUALITIES = ("connect", "weld", "joint")
+_EQUALITIES = ("connect", "weld", "joint", "tendon")
 _JOINTS = ("free", "ball", "slide", "hinge")
+_CONSTRAINT_OFF, _EQUALITY_OFF, _GRAVITY_OFF = 1 << 0, 1 << 1, 1 << 7  # of mjtDisableBit
+_SITE, _WRAP_JOINT = 6, 1  # mjOBJ_SITE, mjWRAP_JOINT
+_SENSORS = {
+    "mjSENS_FORCE": ("force", "site"),
+    "mjSENS_TORQUE": ("torque", "site"),
+    "mjSENS_JOINTACTFRC": ("jointactuatorfrc", "joint"),
+    "mjSENS_ACTUATORFRC": ("actuatorfrc", "actuator"),
+}
 
 
 def text_of(model: Any) -> tuple[bytes, str]:
@@ -101,28 +109,38 @@ def _mjcf(model: Any) -> Element:
     """A compiled model with the bodies, joints, inertias and equalities that it has."""
     root = Element("mujoco", model=model.names.split(b"\0")[0].decode() or "robot")
     SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
-    SubElement(root, "option", gravity=_row(model.opt.gravity))
+    weightless = model.opt.disableflags & _GRAVITY_OFF
+    SubElement(root, "option", gravity="0 0 0" if weightless else _row(model.opt.gravity))
     elements = {0: SubElement(root, "worldbody")}
     for k in range(1, model.nbody):
         body = model.body(k)
-        placed = {"name": _body_name(model, k), "pos": _row(body.pos), "quat": _row(body.quat)}
+        placed = {"name": _name(model, "body", k), "pos": _row(body.pos), "quat": _row(body.quat)}
         element = SubElement(elements[int(body.parentid[0])], "body", placed)
         elements[k] = element
         for j in range(int(body.jntadr[0]), int(body.jntadr[0]) + int(body.jntnum[0])):
             SubElement(element, "joint", _mjcf_joint(model, j))
-        if body.mass[0]:
+        if body.mass[0] or body.inertia.any():
             inertia = {"mass": _row(body.mass), "diaginertia": _row(body.inertia)}
             SubElement(element, "inertial", {"pos": _row(body.ipos), "quat": _row(body.iquat), **inertia})
-    equality = SubElement(root, "equality")
-    for k in range(model.neq):
-        SubElement(equality, *_mjcf_equality(model, k))
+    for k in range(model.nsite):
+        site = model.site(k)
+        placed = {"name": _name(model, "site", k), "pos": _row(site.pos), "quat": _row(site.quat)}
+        SubElement(elements[int(site.bodyid[0])], "site", placed)
+    tendons = SubElement(root, "tendon")
+    for k in range(model.ntendon):
+        _add_fixed_tendon(tendons, model, k)
+    if not model.opt.disableflags & (_CONSTRAINT_OFF | _EQUALITY_OFF):
+        equality = SubElement(root, "equality")
+        for k in np.flatnonzero(model.eq_active0).tolist():
+            SubElement(equality, *_mjcf_equality(model, k))
+    _mjcf_drives(root, model)
     return root
 
 
 def _mjcf_joint(model: Any, k: int) -> dict[str, str]:
     joint = model.joint(k)
     kind = _JOINTS[int(joint.type[0])]
-    found = {"name": joint.name or f"joint{k}", "type": kind}
+    found = {"name": _name(model, "joint", k), "type": kind}
     if kind != "free":
         found |= {"pos": _row(joint.pos), "frictionloss": _row(joint.frictionloss[:1])}
         found |= {"armature": _row(joint.armature[:1]), "damping": _row(joint.damping[:1])}
@@ -132,21 +150,49 @@ def _mjcf_joint(model: Any, k: int) -> dict[str, str]:
     return found
 
 
+def _add_fixed_tendon(tendons: Element, model: Any, k: int) -> None:
+    """A tendon whose length is a sum of joints; others couple no joints."""
+    path = range(int(model.tendon_adr[k]), int(model.tendon_adr[k] + model.tendon_num[k]))
+    if all(model.wrap_type[i] == _WRAP_JOINT for i in path):
+        fixed = SubElement(tendons, "fixed", name=_name(model, "tendon", k))
+        for i in path:
+            joint = _name(model, "joint", int(model.wrap_objid[i]))
+            SubElement(fixed, "joint", joint=joint, coef=_row(model.wrap_prm[i]))
+
+
 def _mjcf_equality(model: Any, k: int) -> tuple[str, dict[str, str]]:
     kind, data = int(model.eq_type[k]), model.eq_data[k]
-    first, second = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
-    bodies = model.eq_objtype[k] != 6  # mjOBJ_SITE
-    if kind >= len(_EQUALITIES) or not bodies or not model.eq_active0[k]:
-        raise InputError("equalities between sites or tendons, or inactive ones, are read from MJCF files only")
-    if _EQUALITIES[kind] == "joint":
-        found = {"joint1": model.joint(first).name or f"joint{first}", "polycoef": _row(data[:5])}
-        return "joint", found | ({"joint2": model.joint(second).name or f"joint{second}"} if second >= 0 else {})
-    found = {"body1": _body_name(model, first), "body2": _body_name(model, second), "anchor": _row(data[:3])}
-    return _EQUALITIES[kind], found | ({"relpose": _row(data[3:10])} if _EQUALITIES[kind] == "weld" else {})
+    if kind >= len(_EQUALITIES):
+        raise InputError(f"of equality constraints only {', '.join(_EQUALITIES)} are supported")
+    tag = _EQUALITIES[kind]
+    of = tag if tag in ("joint", "tendon") else "site" if model.eq_objtype[k] == _SITE else "body"
+    ends = (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
+    found = {f"{of}{n}": _name(model, of, end) for n, end in enumerate(ends, 1) if end >= 0}
+    found |= {"name": name} if (name := model.equality(k).name) else {}
+    found |= {"polycoef": _row(data[:5])} if of == tag else {}
+    found |= {"anchor": _row(data[:3])} if of == "body" else {}
+    found |= {"torquescale": _row(data[10])} if tag == "weld" else {}
+    return tag, found | ({"relpose": _row(data[3:10])} if tag == "weld" and of == "body" else {})
 
 
-def _body_name(model: Any, k: int) -> str:
-    return str(model.body(k).name or (f"body{k}" if k else "world"))
+def _mjcf_drives(root: Element, model: Any) -> None:
+    """Actuators of joints, and sensors of forces."""
+    import mujoco
+
+    actuators, sensors = SubElement(root, "actuator"), SubElement(root, "sensor")
+    driving = np.isin(model.actuator_trntype, (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+    for k in np.flatnonzero(driving).tolist():
+        driven = {"joint": _name(model, "joint", int(model.actuator_trnid[k, 0])), "gear": _row(model.actuator_gear[k])}
+        SubElement(actuators, "general", {"name": _name(model, "actuator", k), **driven})
+    for k in range(model.nsensor):
+        tag, of = _SENSORS.get(mujoco.mjtSensor(int(model.sensor_type[k])).name, ("", ""))
+        at, name = int(model.sensor_objid[k]), model.sensor(k).name
+        if tag and (of != "actuator" or driving[at]):
+            SubElement(sensors, tag, {of: _name(model, of, at)} | ({"name": name} if name else {}))
+
+
+def _name(model: Any, kind: str, k: int) -> str:
+    return str(getattr(model, kind)(k).name or f"{kind}{k}")
 
 
 def _row(numbers: Any) -> str:
@@ -157,13 +203,15 @@ def _row(numbers: Any) -> str:
 
 
 def _urdf(model: Any) -> Element:
-    """A model with a link per joint, which carries what is fixed to it; rotor inertias have no place in it."""
+    """A model with a link per joint, which carries what is fixed to it; gravity and armatures are not in URDF."""
     root = Element("robot", name=model.name or "robot")
+    if not np.array_equal(model.gravity.linear, model.gravity981):
+        SubElement(root, "gravity", xyz=_row(model.gravity.linear))
     SubElement(root, "link", name="universe")
     for k in range(1, model.njoints):
         name, inertia = model.names[k], model.inertias[k]
         link = SubElement(root, "link", name=f"{name}_link")
-        if inertia.mass:
+        if inertia.mass or inertia.inertia.any():
             inertial = SubElement(link, "inertial")
             SubElement(inertial, "origin", xyz=_row(inertia.lever))
             SubElement(inertial, "mass", value=repr(float(inertia.mass)))
@@ -195,8 +243,8 @@ def _urdf_motion(joint: Element, model: Any, k: int) -> None:
     joint.set("type", "prismatic" if sliding else "continuous" if unbounded else "revolute")
     axis = np.eye(3)["XYZ".index(letters[1])] if letters else about.extract().axis
     SubElement(joint, "axis", xyz=_row(axis))
-    friction = {"damping": _row(model.damping[v]), "friction": _row(model.friction[v])}
-    SubElement(joint, "dynamics", friction)
+    drive = {"damping": model.damping, "friction": model.friction, "armature": model.armature}
+    SubElement(joint, "dynamics", {name: _row(values[v]) for name, values in drive.items() if values[v]})
     if not unbounded:
         limits = {"lower": model.lowerPositionLimit[q], "upper": model.upperPositionLimit[q]}
         limits |= {"effort": model.effortLimit[v], "velocity": model.velocityLimit[v]}

@@ -20,6 +20,7 @@ JOINT = "joint"
 TENDON = "tendon"
 _SUPPORTED = (JOINT, TENDON, "connect", "weld")
 _SIZE = 5  # coefficients of polycoef
+_OFF = 1 << 0 | 1 << 1  # of mjtDisableBit: all constraints, or equalities
 _IGNORE = "read the model without couplings (--mimic independent, independent_mimics=True)"
 
 
@@ -41,7 +42,7 @@ def take_equalities(spec: Any, source: str) -> tuple[list[Any], list[str]]:
         )
     active, notes = [], []
     for equality in list(spec.equalities):
-        if not equality.active:
+        if not equality.active or spec.option.disableflags & _OFF:
             notes.append(f"{equality_label(equality)} is ignored: it is not active")
             spec.delete(equality)
         elif _follows_mocap(equality, spec):

@@ -248,7 +248,10 @@ def _effect_notes(spec: Any) -> list[str]:
 def keep_bodies(spec: Any) -> None:
     """Have the compiler keep every body; moving ones without mass get :data:`NO_MASS`, which it asks for."""
     compiler = spec.compiler
-    compiler.fusestatic = compiler.discardvisual = False
+    always = import_mujoco().mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    # here fused bodies have other inertias: stated ones give way to geoms of others, static ones do not count
+    compiler.fusestatic &= compiler.settotalmass > 0 or compiler.inertiafromgeom == always
+    compiler.discardvisual = False
     compiler.boundmass, compiler.boundinertia = max(compiler.boundmass, NO_MASS), max(compiler.boundinertia, NO_MASS)
 
 

@@ -240,6 +240,7 @@ class Sensors:
         self._sites = {site.name: site for site in spec.sites}
         self._drives = {actuator.name: actuator for actuator in spec.actuators}
         self._driven = Counter(str(actuator.target) for actuator in spec.actuators if drives_joint(actuator))
+        self._single = {joint.name for joint in spec.joints if _KINDS[int(joint.type)] in _SINGLE}
         self._wrenches: list[tuple[str, str, Any, bool]] = []
         self._efforts: list[LiteralEffort] = []
         self._taken: set[str] = {sensor.name for sensor in spec.sensors if sensor.name}
@@ -281,6 +282,8 @@ class Sensors:
         joint, gear = str(actuator.target), parse_decimal(repr(float(actuator.gear[0])))
         if not drives_joint(actuator):
             self.notes.append(f"{label} is left out: it does not drive a joint directly")
+        elif joint not in self._single:
+            self.notes.append(f"{label} is left out: joint '{joint}' has more than one axis")
         elif self._driven[joint] > 1:
             self.notes.append(f"{label} is left out: joint '{joint}' has other actuators, too")
         elif not gear:

@@ -40,8 +40,8 @@ JOINT_TYPES = (*_MOTIONS, "fixed")
 _SINGLE_AXIS = ("revolute", "continuous", "prismatic")
 _DEFAULT_AXIS: Triple = (1, 0, 0)
 _MOST_NAMED = 6  # links in messages
-_FRICTION = {"damping": "viscous", "friction": "coulomb"}
-"""Attributes of <dynamics>, and the effects that they are."""
+_DYNAMICS = {"damping": "viscous", "friction": "coulomb", "armature": "rotor_inertia"}
+"""Attributes of <dynamics>, and the effects that they are; the last one is of models in memory."""
 
 
 def stated_number(text: str | None) -> float:
@@ -120,20 +120,26 @@ class UrdfReader(ExactXml):
             self.source,
             links,
             couplings,
-            notes=tuple(self.notes),
+            self._gravity(),
+            tuple(self.notes),
             drives=dict(self._drives()),
             has_mimics=has_mimics,
         )
+
+    def _gravity(self) -> Triple:
+        """That of a model in memory; URDF itself says nothing about it."""
+        element = self.root.find("gravity")
+        return self.triple(None if element is None else element.get("xyz"), LiteralTree("", "", ()).gravity, "gravity")
 
     def _drives(self) -> Iterator[tuple[str, dict[str, float]]]:
         """Friction that joints state, and which of them a transmission drives."""
         geared = {e.get("name") for part in self.root.findall("transmission") for e in part.findall("joint")}
         for name, joint in self.joints.items():
             dynamics = joint.find("dynamics")
-            stated = {} if dynamics is None else {_FRICTION[k]: v for k, v in dynamics.items() if k in _FRICTION}
+            stated = {} if dynamics is None else {_DYNAMICS[k]: v for k, v in dynamics.items() if k in _DYNAMICS}
             numbers = {kind: value for kind, text in stated.items() if (value := stated_number(text))}
             if numbers or name in geared:
-                yield name, numbers | ({"rotor_inertia": nan} if name in geared else {})
+                yield name, ({"rotor_inertia": nan} if name in geared else {}) | numbers
 
     # -- tree ------------------------------------------------------------------------------------------------------
 
