@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -13,7 +14,6 @@ import echelon as ec
 from echelon.formats.writers.robot_writer import identified_robot
 from support.simulated_motions import RATE, fourier
 
-mujoco = pytest.importorskip("mujoco")
 Floats = npt.NDArray[np.float64]
 
 TRUE, STATED = 1.0, 0.6
