@@ -152,9 +152,9 @@ def test_mistakes_of_sliding_joints() -> None:
         assert found is not None, words
         assert found.text.startswith(words)
     wrong = outputs(lambda y: by(y, 0, 1e3))(samples)
-    told = common_unit(ModelRows.of(base, [wrong]).observation(), prior)
+    told = common_unit(base, ModelRows.of(base, [wrong]).observation(), prior)
     assert told is not None
-    assert told.text.startswith("the output of 'X' is in mN·m or mN")
+    assert told.text.startswith("the output of 'X' is in mN (unit: mN)")
 
 
 def test_measured_velocities_have_mistakes_of_their_own() -> None:
@@ -183,7 +183,12 @@ def test_a_unit_that_all_outputs_share_is_told_by_the_prior() -> None:
     right = ModelRows.of(base, [samples]).observation()
     wrong = ModelRows.of(base, [replace(samples, y=1e3 * samples.y)]).observation()  # type: ignore[operator]
     prior = 1.4 * base.values(truth)
-    assert common_unit(right, prior) is None
-    found = common_unit(wrong, prior)
+    assert common_unit(base, right, prior) is None
+    found = common_unit(base, wrong, prior)
     assert found is not None
-    assert "all outputs are in mN·m" in found.text
+    assert "all outputs are in mN·m (unit: mN·m)" in found.text
+    right = ModelRows.of(base, [replace(samples, y=1e-3 * samples.y)]).observation()  # type: ignore[operator]
+    found = common_unit(base, right, prior)
+    assert found is not None
+    assert "all outputs are in kN·m" in found.text
+    assert found.reduction > 1

@@ -193,3 +193,26 @@ def test_quaternions_that_are_none() -> None:
     assert np.array_equal(np.flatnonzero(~usable), np.arange(100, 150))
     parts, _ = segments(Recording("run", time, {"q": rough}), TREE, usable)
     assert [len(part) for part in parts] == [100, 850]
+
+
+def test_an_encoder_that_is_set_to_another_zero_is_named() -> None:
+    recorded = clean()
+    q = recorded.signals["q"].copy()
+    q[3000:, 1] += 0.2
+    findings, usable = examine(changed(recorded, "q", q), ARM)
+    (jump,) = (finding for finding in findings if "jumps" in finding.text)
+    assert "jumps by 0.192 between two samples" in jump.text  # with the motion of one sample
+    assert "position of 'j2'" in jump.where
+    assert not usable[2995:3005].any()
+    q[3000:, 0] -= 0.3  # two encoders at once are rather samples that are missing
+    assert "contradiction" not in {
+        finding.kind for finding in examine(Recording("run", recorded.time, {"q": q}), ARM)[0]
+    }
+
+
+def test_a_coarse_output_is_not_stuck() -> None:
+    recorded = clean()
+    step = np.ptp(recorded.signals["y"][:, 1]) / 4
+    y = recorded.signals["y"].copy()
+    y[:, 1] = np.round(y[:, 1] / step) * step
+    assert examine(changed(recorded, "y", y), ARM)[1].all()

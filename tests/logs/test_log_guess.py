@@ -53,6 +53,9 @@ SPELLINGS = [
     "timestamp observation.state/j1.pos observation.state/j2.pos action/j1.pos action/j2.pos observation.effort/j1 "
     "observation.effort/j2 frame_index",
     "time qpos[0] qpos[1] qvel[0] qvel[1] qfrc_actuator[0] qfrc_actuator[1]",
+    "/PSM1/measured_js/position[0] /PSM1/measured_js/position[1] /PSM1/measured_js/effort[0] "
+    "/PSM1/measured_js/effort[1] /PSM1/setpoint_js/position[0] /PSM1/setpoint_js/position[1]",
+    "stamp position[j1] position[j2] velocity[j1] velocity[j2] effort[j1] effort[j2]",
     "timestamp observations/qpos[0] observations/qpos[1] observations/effort[0] "
     "observations/effort[1] action[0] action[1]",
 ]
@@ -82,7 +85,7 @@ def test_units_in_names_count() -> None:
     assert [c.unit for c in found.positions.values()] == ["deg", "deg"]
     assert [c.unit for c in found.outputs.values()] == ["mNm", "mNm"]
     beside = {"t": "ms", "q1": "deg", "q2": "deg", "tau1": "mNm", "tau2": "mNm"}
-    stated = guess_columns(list(beside), PENDULUM, units=beside)
+    stated = guess_columns(list(beside), PENDULUM, said={name: f"{name} [{unit}]" for name, unit in beside.items()})
     for kind, group in stated.channels.items():
         assert [c.unit for c in group.values()] == [c.unit for c in found.channels[kind].values()]
 

@@ -184,3 +184,44 @@ def test_names_of_their_own_are_told_by_values_and_order(order: str, motion: Mot
     read = ec.load_setup(tmp_path / "setup.yaml").columns[0]
     assert [channel.column for channel in read.positions.values()] == ["alpha", "beta"]
     assert [channel.column for channel in read.outputs.values()] == ["Mx", "lift"]
+
+
+@pytest.mark.parametrize("vector", ["ctrl_{}", "ctrl[{}]", "data.actuator_force[{}]"])
+def test_vectors_of_actuators_of_mujoco_are_joint_torques_by_their_gears(
+    vector: str, motion: Motion, tmp_path: Path
+) -> None:
+    hinge = '<joint name="{}" axis="0 1 0"/><geom type="box" size=".1 .1 .1" mass="1" pos=".1 0 0"/>'
+    bodies = f"<body>{hinge.format('up')}<body pos='.3 0 0'>{hinge.format('low')}</body></body>"
+    drives = '<motor name="m_low" joint="low"/><motor name="m_up" joint="up" gear="50"/>'
+    text = f"<mujoco><default><motor gear='20'/></default><worldbody>{bodies}</worldbody><actuator>{drives}</actuator>"
+    (tmp_path / "arm.xml").write_text(f"{text}</mujoco>")
+    names = {"time": motion["t"], "qpos_0": motion["q"][:, 0], "qpos_1": motion["q"][:, 1]}
+    names |= {vector.format(0): motion["tau"][:, 1] / 20, vector.format(1): motion["tau"][:, 0] / 50}
+    pd.DataFrame(names).to_csv(tmp_path / "log.csv", index=False)
+    (tmp_path / "setup.yaml").write_text(skeleton(tmp_path / "arm.xml", [tmp_path / "log.csv"], tmp_path).text)
+    outputs = ec.load_setup(tmp_path / "setup.yaml").columns[0].outputs
+    assert {name: (channel.column, channel.scale) for name, channel in outputs.items()} == {
+        "up": (vector.format(1), 50.0),
+        "low": (vector.format(0), 20.0),
+    }
+
+
+def test_of_two_robots_in_one_file_the_first_is_taken_and_the_other_named(motion: Motion, tmp_path: Path) -> None:
+    log = pd.DataFrame({"time": motion["t"]})
+    for side, sign in (("left", 1), ("right", -1)):
+        for k in range(2):
+            log[f"{side}_q_{k + 1}"], log[f"{side}_tau_{k + 1}"] = sign * motion["q"][:, k], sign * motion["tau"][:, k]
+    text = written(tmp_path, log)
+    assert "  position: 'left_q_{n}'\n" in text
+    assert "several sets of columns, left_…, right_…: taken are those of left_…" in " ".join(
+        text.replace("#", "").split()
+    )
+    with pytest.raises(ec.InputError, match=r"left_…, right_…: say under log which are those of arm"):
+        ec.identify(tmp_path / "arm.urdf", tmp_path / "log.csv")
+
+
+def test_units_after_names_that_say_nothing_count(motion: Motion, tmp_path: Path) -> None:
+    log = pd.DataFrame({"sec": motion["t"]})
+    for k, name in enumerate(("shoulder", "elbow")):
+        log[f"{name}_deg"], log[f"{name}_load_kg.cm"] = np.degrees(motion["q"][:, k]), 10.197 * motion["tau"][:, k]
+    assert "elbow_joint: {column: elbow_load_kg.cm, unit: kgf·cm}" in written(tmp_path, log)

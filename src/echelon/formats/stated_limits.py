@@ -181,21 +181,16 @@ def _actuator_forces(spec: Any) -> dict[str, Interval]:
 def _actuator_force(actuator: Any, automatic: bool) -> Interval:
     """The least and the largest force of an actuator, before its gear."""
     from echelon.formats.mjcf.mjcf_model import import_mujoco
+    from echelon.formats.mjcf.mjcf_reader import is_motor
 
     mujoco = import_mujoco()
-    # the force of a motor is its control times a gain; that of other actuators depends on the state as well
-    is_motor = (
-        actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED
-        and actuator.biastype == mujoco.mjtBias.mjBIAS_NONE
-        and actuator.dyntype == mujoco.mjtDyn.mjDYN_NONE
-    )
 
     def limited(flag: int, ends: Sequence[float]) -> bool:
         stated = automatic and any(ends)
         return bool(flag == mujoco.mjtLimited.mjLIMITED_TRUE or (flag == mujoco.mjtLimited.mjLIMITED_AUTO and stated))
 
     force = _FREE
-    if is_motor and limited(actuator.ctrllimited, actuator.ctrlrange):
+    if is_motor(actuator) and limited(actuator.ctrllimited, actuator.ctrlrange):
         low, high = sorted(float(actuator.gainprm[0]) * float(end) for end in actuator.ctrlrange)
         force = (low, high)
     if limited(actuator.forcelimited, actuator.forcerange):

@@ -139,23 +139,24 @@ def culprit(
     return search.found(list(search.of_rate() if only_rate else search.changes()))
 
 
-def common_unit(observation: Observation, prior: Floats) -> Culprit | None:
+def common_unit(base: BaseModel, observation: Observation, prior: Floats) -> Culprit | None:
     """A wrong unit that all outputs share, or one of them: it scales parameters, so that only a prior can tell."""
-    ratios = {}
-    layout = observation.layout
+    ratios, layout = {}, observation.layout
     for name, R, columns in zip(layout.outputs, observation.factors, layout.columns, strict=True):
         measured, guess = R[:, -1], R[:, :-1] @ prior[list(columns)]
         sizes = float(np.linalg.norm(measured)), float(np.linalg.norm(guess))
         if min(sizes) > 0 and measured @ guess > _ALIKE * sizes[0] * sizes[1]:
             ratios[name] = sizes[0] / sizes[1]
-    for factor, unit in ((1e3, "mN·m or mN (unit: mN·m)"), (1e-3, "kN·m or kN (unit: kN·m)")):
+    units = {output.name: output.unit for output in base.mechanism.outputs}
+    for factor, prefix in ((1e3, "m"), (1e-3, "k")):
         off = [name for name, ratio in ratios.items() if abs(log(ratio / factor)) < log(4.0)]
         usual = [name for name, ratio in ratios.items() if abs(log(ratio)) < log(20.0)]
         if off and (2 * len(off) > len(ratios) or len(off) == 1 == len(layout.outputs) - len(usual)):
             ratio = float(np.median([ratios[name] for name in off]))
             which = "all outputs are" if 2 * len(off) > len(ratios) else f"the output of '{off[0]}' is"
-            text = f"{which} in {unit}, {ratio:.3g} times what the prior model predicts"
-            return Culprit(text, ratio, ratio / factor)
+            said = " or ".join(f"{prefix}{unit}" for unit in dict.fromkeys(units[name] for name in off))
+            text = f"{which} in {said} (unit: {said.split(' or ')[0]}), {ratio:.3g} times what the prior model predicts"
+            return Culprit(text, exp(abs(log(ratio))), exp(abs(log(ratio / factor))))
     return None
 
 
@@ -235,9 +236,10 @@ class _Search:
         for i, j in combinations(range(m), 2):
             yield _Change(f"{label[i]} and {label[j]} are exchanged", outputs=_exchanged(m, i, j))
         for i in range(m):
-            for factor, unit in ((1e-3, "mN·m (or mN)"), (1e3, "kN·m (or kN)")):
+            for factor, prefix in ((1e-3, "m"), (1e3, "k")):
                 if not abs(log(self._sizes[i] * factor)) > log(_FOREIGN):  # also where it is nan
-                    yield _Change(f"{label[i]} is in {unit}", outputs=_scaled(m, i, factor))
+                    text = f"{label[i]} is in {prefix}{self.base.mechanism.outputs[i].unit}"
+                    yield _Change(text, outputs=_scaled(m, i, factor))
 
     def _of_positions(self) -> Iterator[_Change]:
         label, n = self._position_labels, len(self._position_labels)

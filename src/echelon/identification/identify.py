@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from itertools import chain
@@ -184,7 +185,7 @@ def _fitted(
         models |= {} if plain is None else {"plain": plain}
         validations = _validations(data, models, unseen_logs)
         columns = setup.columns
-        culprit = None if prior_base is None else common_unit(observation, prior_base)
+        culprit = None if prior_base is None else common_unit(base, observation, prior_base)
         if culprit is None:
             step("looking for a mistake in the set-up")
             measured = "qd" in (plan.preparation.measured or ())
@@ -443,7 +444,7 @@ def _is_explained(apart: Mapping[str, float], culprit: Culprit) -> bool:
     if " is in " not in culprit.text:
         return True
     thousand = any(abs(abs(np.log10(factor)) - 3) < _SAME_UNIT for factor in apart.values())
-    return not apart or (len(apart) == 1 and (thousand or "N·m" not in culprit.text))
+    return not apart or (len(apart) == 1 and (thousand or not re.search("[mk]N", culprit.text)))
 
 
 def _lacking(data: PassesOverData, estimate: Estimate, unseen_logs: Sequence[Path]) -> list[Missing]:

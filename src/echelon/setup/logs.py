@@ -34,6 +34,7 @@ from echelon.setup.setup import Setup, load_setup, with_usual
 
 _FEW = 6
 """Joints that are named with where they rest; of more, only that they do."""
+_VECTOR = re.compile(r"(?<![A-Za-z])(ctrl|actuator_force)[\W_]*(\d+)\W*$", re.IGNORECASE)
 _STILL = 2e-3
 """Range, rad or m, of a joint that never moves."""
 
@@ -83,11 +84,14 @@ def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = Fal
     Joints that are not in the log rest, and so do those that never move there; if it is not the ``only`` log, those of
     which moreover no output is measured.
     """
-    stated = getattr(file, "units", {})
+    drives = _drives(setup.robot_file)
+    vectors = _of_vectors(file.names, drives)
+    said = {name: f"{name} [{unit}]" for name, unit in getattr(file, "units", {}).items() if unit}
+    said |= {name: f"{drive.joint} torque" for name, (drive, _) in vectors.items()}
     found = guess(
-        file.names, setup.mechanism, lambda: first_table(file), units=stated, by_values=by_values, outputs=outputs
+        file.names, setup.mechanism, lambda: first_table(file), said=said, by_values=by_values, outputs=outputs
     )
-    columns, geared = _with_gears(found.columns, setup.robot_file)
+    columns, geared = _with_gears(found.columns, drives, vectors)
     notes, silent = [*found.notes, *geared], set(found.unmeasured)
     locked = _assumed(setup, found.unlogged)
     if locked:
@@ -120,6 +124,16 @@ def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = Fal
     )
 
 
+@dataclass(frozen=True)
+class _Drive:
+    """An actuator of a robot file that drives one joint."""
+
+    name: str
+    joint: str
+    gear: float
+    gain: float = 1.0  # force per unit of control; nan where it depends on the state
+
+
 def stated_gears(file: RobotFile) -> dict[str, tuple[str, str]]:
     """Joints and ratios of the actuators that a URDF or MJCF file states with gears."""
     found: dict[str, tuple[str, str]] = {}
@@ -128,23 +142,58 @@ def stated_gears(file: RobotFile) -> dict[str, tuple[str, str]]:
         if len(joints) == len(actuators) == 1:
             ratio = transmission.findtext(".//mechanicalReduction") or "1"
             found[str(actuators[0].get("name"))] = (str(joints[0].get("name")), ratio.strip())
-    for actuator in file.root.findall("actuator/*[@joint]") if file.root.tag == "mujoco" else ():
-        ratio = (actuator.get("gear") or "1").split()[0]
-        found[str(actuator.get("name"))] = (str(actuator.get("joint")), ratio)
+    for drive in _drives(file):
+        if drive is not None:
+            found[drive.name] = (drive.joint, f"{drive.gear:.12g}")
     return {name: (joint, ratio) for name, (joint, ratio) in found.items() if ratio not in ("1", "1.0")}
 
 
-def _with_gears(columns: ColumnMap, file: RobotFile | None) -> tuple[ColumnMap, list[str]]:
+def _drives(file: RobotFile | None) -> list[_Drive | None]:
+    """The actuators of an MJCF file in its order, with what its defaults say; None for those of no joint."""
+    if file is None or file.is_description or file.root.tag != "mujoco":
+        return []
+    from echelon.formats.mjcf.mjcf_model import parse_spec
+    from echelon.formats.mjcf.mjcf_reader import drives_joint, is_motor
+
+    return [
+        _Drive(str(a.name), str(a.target), float(a.gear[0]), float(a.gainprm[0]) if is_motor(a) else np.nan)
+        if drives_joint(a)
+        else None
+        for a in parse_spec(file.mjcf).actuators
+    ]
+
+
+def _of_vectors(names: Sequence[str], drives: Sequence[_Drive | None]) -> dict[str, tuple[_Drive, float]]:
+    """Columns of MuJoCo's vectors ``ctrl`` and ``actuator_force``, and joint torque per unit in them."""
+    numbers = {name: found for name in names if (found := _VECTOR.search(name)) and drives}
+    first = min((int(found.group(2)) for found in numbers.values()), default=0)
+    said = {}
+    for name, found in numbers.items():
+        place = int(found.group(2)) - min(first, 1)
+        drive = drives[place] if place < len(drives) else None
+        factor = 0.0 if drive is None else drive.gear * (drive.gain if found.group(1).lower() == "ctrl" else 1.0)
+        if drive is not None and factor and np.isfinite(factor):
+            said[name] = (drive, factor)
+    both = {drive.joint for name, (drive, _) in said.items() if "force" in name.lower()}
+    return {name: some for name, some in said.items() if "force" in name.lower() or some[0].joint not in both}
+
+
+def _with_gears(
+    columns: ColumnMap, drives: Sequence[_Drive | None], vectors: Mapping[str, tuple[_Drive, float]]
+) -> tuple[ColumnMap, list[str]]:
     """Forces that are those of MuJoCo's actuators by their names, times their gears, as the joint feels them."""
     outputs, notes = dict(columns.outputs), []
-    gears = {} if file is None or file.is_description or file.root.tag != "mujoco" else stated_gears(file)
-    for actuator, (joint, ratio) in gears.items():
-        channel = outputs.get(joint)
-        word = rf"(?<![A-Za-z0-9]){re.escape(actuator)}(?![A-Za-z0-9])"
-        if channel is not None and actuator != joint and re.search(word, channel.column):
-            outputs[joint] = replace(channel, scale=float(ratio) * channel.scale)
+    for drive in drives:
+        channel = None if drive is None else outputs.get(drive.joint)
+        if drive is None or channel is None:
+            continue
+        word = rf"(?<![A-Za-z0-9]){re.escape(drive.name)}(?![A-Za-z0-9])"
+        named = drive.name and drive.name != drive.joint and re.search(word, channel.column)
+        _, ratio = vectors.get(channel.column, (drive, drive.gear if named else 1.0))
+        if ratio != 1.0:
+            outputs[drive.joint] = replace(channel, scale=ratio * channel.scale)
             notes.append(
-                f"'{channel.column}' is the force of actuator '{actuator}' by its name: times its gear, {ratio}"
+                f"'{channel.column}' is the force of actuator '{drive.name}' by its name: times its gear, {ratio:g}"
             )
     return replace(columns, outputs=outputs), notes
 

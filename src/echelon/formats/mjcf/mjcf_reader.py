@@ -298,6 +298,13 @@ def drives_joint(actuator: Any) -> bool:
     return actuator.trntype in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT)
 
 
+def is_motor(actuator: Any) -> bool:
+    """Whether an actuator's force is its control times a gain; that of other ones depends on the state as well."""
+    mujoco = import_mujoco()
+    plain = (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtDyn.mjDYN_NONE)
+    return bool((actuator.gaintype, actuator.biastype, actuator.dyntype) == plain)
+
+
 _ANCHOR, _POSITION, _QUATERNION, _TORQUE_SCALE = slice(0, 3), slice(3, 6), slice(6, 10), 10
 _BALL = ("w", "x", "y", "z")
 

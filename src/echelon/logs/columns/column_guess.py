@@ -5,6 +5,7 @@ What is clear is taken, and what is not is asked about, all of it in one message
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -13,7 +14,7 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.logs.columns.by_values import Family, are_numbers, blocks, classified, clock, families, in_order
 from echelon.logs.columns.column_map import Channel, ColumnMap, actuators, coordinates, units
-from echelon.logs.columns.column_names import Meaning, aliases, meaning, words
+from echelon.logs.columns.column_names import SHARES, Meaning, aliases, meaning, stated_unit, words
 from echelon.logs.columns.unlogged import unlogged_joints
 from echelon.logs.files.log_file import Table
 from echelon.logs.finding import counted, listed
@@ -29,8 +30,13 @@ _NEEDED = ("position", "output")
 _PARTLY = ("output", "current")
 """What may be there for some joints only: the others are not measured."""
 _OPTIONAL = ("velocity", "acceleration", "reference")
-_SI: Mapping[str, str] = {}
+_AS_NAMED: Mapping[str, str] = {}
 _MANY = 8
+_FIRST = re.compile(r"/?[^\W_]+[\W_]+")
+_NOT_MEASURED = {
+    *("ext", "external", "con", "fric", "friction", "grav", "gravity", "dist", "filt"),
+    *("ref", "desired", "des", "cmd", "commanded", "target", "limit", "max", "min"),
+}
 
 
 @dataclass(frozen=True)
@@ -50,23 +56,31 @@ def guess(
     mechanism: Mechanism,
     look: Look | None = None,
     *,
-    units: Mapping[str, str] = _SI,
+    said: Mapping[str, str] = _AS_NAMED,
     outputs: bool = True,
     by_values: bool = False,
 ) -> Guess:
     """Take columns for what their names say, and with ``by_values`` or without names for what their values say.
 
-    ``units`` are those that the file states beside names.  Where this fails for the whole robot, it is tried for what
-    is left of it without joints that the log may lack.
+    ``said`` is what to read in place of some names, such as names with units that the file states beside them.  Where
+    this fails for the whole robot, it is tried for what is left of it without joints that the log may lack.
     """
-    meanings, known = _meanings(names, mechanism, units)
+    meanings, known = _meanings(names, mechanism, said)
     whole = _of_all(names, meanings, mechanism, look, outputs=outputs, by_values=by_values)
     if not whole.problems or mechanism.closures:
         return whole
+    several = _of_several(names, mechanism, look, said, outputs=outputs)
+    if len(several) > 1:
+        first, *others = several
+        text = f"the log has several sets of columns, {listed([f'{word}…' for word in several])}"
+        if by_values:
+            text += f": taken are those of {first}…; for another, write {' or '.join(others)} for {first} under log"
+            return replace(several[first], notes=(*several[first].notes, text))
+        return replace(whole, problems=(f"{text}: say under log which are those of {mechanism.name}",))
     parts = []
     for locked in unlogged_joints(names, meanings, known, mechanism):
         rest = lock_joints(mechanism, dict.fromkeys(locked, 0.0))
-        part = _of_all(names, _meanings(names, rest, units)[0], rest, look, outputs=outputs, by_values=by_values)
+        part = _of_all(names, _meanings(names, rest, said)[0], rest, look, outputs=outputs, by_values=by_values)
         parts += [replace(part, unlogged=locked)]
     nothing = not (whole.columns.positions or whole.columns.outputs)
     parts = [part for part in parts if not part.problems] or (parts if nothing else [])
@@ -78,14 +92,30 @@ def guess(
     return parts[0] if parts else whole
 
 
+def _of_several(
+    names: Sequence[str], mechanism: Mechanism, look: Look | None, said: Mapping[str, str], *, outputs: bool
+) -> dict[str, Guess]:
+    """Guesses by the first words of columns that without this word are all that the robot needs."""
+    first = {name: start.group() for name in names if (start := _FIRST.match(name)) is not None}
+    found: dict[str, Guess] = {}
+    for word in dict.fromkeys(first.values()):
+        own = [name for name in names if first.get(name, word) == word]
+        short = {name: said.get(name, name).removeprefix(word) for name in own}
+        if word.strip("/_").lower() in words() or len(own) == len(names):
+            continue
+        of = _of_all(own, _meanings(own, mechanism, short)[0], mechanism, look, outputs=outputs, by_values=False)
+        found |= {} if of.problems else {word: of}
+    return found
+
+
 def _meanings(
-    names: Sequence[str], mechanism: Mechanism, units: Mapping[str, str]
+    names: Sequence[str], mechanism: Mechanism, said: Mapping[str, str]
 ) -> tuple[dict[str, Meaning], dict[str, str]]:
     """What the names of columns say, with their units, and coordinates by what columns may call them."""
     drives = [a.name for a in mechanism.transmission.actuators]
     known = aliases([*mechanism.positions, *mechanism.velocities, *(o.name for o in mechanism.outputs), *drives])
-    said = {name: f"{name} [{units[name]}]" if units.get(name) else name for name in names}
-    return {name: found for name, text in said.items() if (found := meaning(text, known)) is not None}, known
+    texts = {name: said.get(name, name) for name in names}
+    return {name: found for name, text in texts.items() if (found := meaning(text, known)) is not None}, known
 
 
 def _of_all(
@@ -112,8 +142,9 @@ def _of_all(
     said_of = [said for column, said in meanings.items() if column in outputs_from]
     if any(said.kind == "current" for said in said_of):
         notes.append("the outputs are currents by their names, taken for torques: give the torque per ampere as scale")
-    if any(said.unit == "%" for said in said_of):
-        notes.append("the outputs are in %, taken for torques: give a hundredth of the rated torque as scale")
+    for sign, share in (("%", "hundredth"), ("‰", "thousandth")):
+        if any(said.unit == sign for said in said_of):
+            notes.append(f"the outputs are in {sign}, taken for torques: give a {share} of the rated torque as scale")
     kinds = (groups[kind] for kind in ("position", "velocity", "acceleration", "output", "reference"))
     unmeasured = [name for name in _valid(mechanism, "output") if name not in groups["output"]]
     unmeasured = unmeasured if 0 < len(outputs_from) == len(mechanism.outputs) - len(unmeasured) else []
@@ -125,7 +156,10 @@ def _filled(groups: dict[str, dict[str, Channel]], seen: Mapping[str, Family], m
     notes = []
     for kind, family in seen.items():
         if not groups.get(kind):
-            groups[kind] = {n: Channel(c) for n, c in zip(_valid(mechanism, kind), family.columns, strict=True)}
+            groups[kind] = {
+                n: _channel(c, stated_unit(c), mechanism, kind, n) or Channel(c)
+                for n, c in zip(_valid(mechanism, kind), family.columns, strict=True)
+            }
             those = ", ".join(family.columns) if len(family.columns) < _MANY else family.label
             notes.append(f"{those} taken for the {_several(kind)} of {listed(groups[kind])} by their values")
     return notes
@@ -167,8 +201,10 @@ def _valid(mechanism: Mechanism, kind: str) -> list[str]:
 
 def _time(meanings: Meanings, unnamed: Sequence[str], look: Look | None) -> tuple[Channel | None, list[str]]:
     """The column of time, of several that by their names could be it the one that grows as a clock does."""
+    found = [name for name, said in meanings.items() if said.kind == "time"]
     # columns of messages have stamps of their own, which the file assigns to them
-    found = [name for name, said in meanings.items() if said.kind == "time" and not name.startswith("/")]
+    if look is None or look().clocks:
+        found = [name for name in found if not name.startswith("/")]
     found = [name for name in found if _fits(meanings[name].unit, "s")]
     if look is not None and (len(found) > 1 or (unnamed and not found)):
         table = look()
@@ -227,7 +263,7 @@ def _channel(column: str, unit: str, mechanism: Mechanism, kind: str, name: str)
     if kind == "current":  # as if it were a torque: one unit of force per ampere
         return Channel(column, scale=factor(unit, "A")) if _fits(unit, "A") else None
     expected = units(mechanism, "position" if kind == "joint" else kind, name)
-    if kind == "output" and unit == "%":
+    if kind == "output" and unit in SHARES:
         return Channel(column)
     return Channel(column, unit) if _fits(unit, expected) else None
 
@@ -280,8 +316,19 @@ def _by_values(
     fixed = {kind: family for kind, family in known.items() if len(family.columns) == len(valid)}
     times = columns[stamps] if stamps else None
     found = classified(new, columns, times, fixed)
+    if "output" not in found and "output" not in fixed:
+        forces = [family for family in new if family not in found.values() and _is_force(family)]
+        found |= {"output": forces[0]} if len(forces) == 1 else {}
     complete = {"position", "output"} <= {*found, *fixed}
     return found if complete else in_order(rest, len(valid), columns, times, fixed) or found
+
+
+def _is_force(family: Family) -> bool:
+    """Whether names say that these are forces, beside words that nobody knows, and not another's or a part of them."""
+    return all(
+        any(words().get(part) == "output" for part in parts) and not any(part in _NOT_MEASURED for part in parts)
+        for parts in (re.findall(r"[a-z]+", column.lower()) for column in family.columns)
+    )
 
 
 def _question(

@@ -15,6 +15,8 @@ import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
+from echelon.logs.units import is_unit
+
 _WORDS = {
     "position": "q qs qpos pos posn position positions angle angles enc encoder encoders theta th mp winkel "
     "lage posicion posizione angulo angolo",
@@ -39,7 +41,7 @@ _OTHERS = {
     "state": "observation observations obs state states ist istwert",
     "rate": "dot",
     "neutral": "meas measured msr msrd act actual read present field data feedback fb sensor per log value values msg "
-    "header unix ros output est estimated sim robot main arm out yout signal signals",
+    "header unix ros output est estimated sim robot main arm out yout signal signals js",
 }
 _ROLES = {word: role for role, words in _OTHERS.items() for word in words.split()}
 _UNITS = {
@@ -67,8 +69,12 @@ _UNITS = {
     "nsec": "ns",
 }
 _PER_SECOND = {"rad s": "rad/s", "deg s": "deg/s", "m s": "m/s", "mm s": "mm/s"}
-_BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()]*[A-Za-z°%][^\[\]()]*?)\s*[\])]")
+_BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()]*[A-Za-z°%‰][^\[\]()]*?)\s*[\])]")
 _COLUMN_UNITS = {"grad": "deg", "grados": "deg", "u/min": "rpm", "1/min": "rpm"}
+_COLUMN_UNITS |= {"kg.cm": "kgf·cm", "kg·cm": "kgf·cm", "kg*cm": "kgf·cm", "kgcm": "kgf·cm", "kg-cm": "kgf·cm"}
+_COLUMN_UNITS |= dict.fromkeys(("per mille", "permille", "promille", "per mil", "1/1000"), "‰")
+SHARES = ("%", "‰")
+"""What torques are in that are shares of a rated one."""
 _GREEK = str.maketrans({"θ": "theta", "ϑ": "theta", "τ": "tau", "ω": "omega"})
 _RATES = {"position": "velocity", "velocity": "acceleration"}
 _HUMPS = (re.compile(r"(?<=[a-z])(?=[A-Z][a-z])"), re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])"))
@@ -104,7 +110,7 @@ def meaning(column: str, known: Mapping[str, str]) -> Meaning | None:
     """What a column's name says, with coordinates by their aliases; None if there is a word that is not understood."""
     rest, unit, name = unicodedata.normalize("NFKD", column), "", ""
     bracket = _BRACKETS.search(rest)
-    if bracket:
+    if bracket and bracket.group(1).lower() not in map(str.lower, known):  # position[elbow]
         unit, rest = bracket.group(1), (rest[: bracket.start()] + "_" + rest[bracket.end() :]).strip("_ ")
     for alias in sorted(known, key=lambda n: (-len(n), n)):
         # a name that could also be a quantity's, such as q1, is left to its number
@@ -121,6 +127,14 @@ def meaning(column: str, known: Mapping[str, str]) -> Meaning | None:
     # the first parts of a topic are names that somebody chose
     *_, inner, last = ["", "", *rest.split("/")]
     return _by_words(f"{inner}/{last}", name, unit) if rest.count("/") > 2 and rest.startswith("/") else None
+
+
+def stated_unit(column: str) -> str:
+    """The unit in brackets in a column's name, or after its last space or underscore; empty if there is none."""
+    bracket = _BRACKETS.search(column)
+    text = bracket.group(1) if bracket else re.split(r"[\s_]", column)[-1]
+    text = _COLUMN_UNITS.get(text.lower(), text)
+    return text if text in SHARES or (len(text) > 1 and is_unit(text)) else ""
 
 
 def _by_words(text: str, name: str, unit: str) -> Meaning | None:

@@ -18,10 +18,11 @@ import numpy as np
 
 from echelon.arrays import Flags, Floats, Integers
 from echelon.errors import InputError
-from echelon.logs.columns.column_map import Series, quaternion_columns, series
+from echelon.logs.columns.column_map import WRAP, Series, motion_of, quaternion_columns, series
 from echelon.logs.faults.plausibility import contradictions
 from echelon.logs.finding import Finding, Severity, counted, listed, note, seconds, warning
 from echelon.logs.recording import Recording
+from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.clock import nominal_period, round_rate
 from echelon.signals.spectrum import white_noise
@@ -57,6 +58,7 @@ def examine(
         problem = "all measured outputs are zero, so there is nothing to identify: are these the right columns?"
         raise InputError(problem, source=recording.source)
     moving = _constant(recording, channels, usable, whole, findings)
+    _jumps(recording, moving, mechanism, usable, findings)
     asleep: Found = []
     awake = _stuck(recording, moving, usable, asleep)
     if not named:
@@ -202,6 +204,47 @@ def _stuck(recording: Recording, channels: Sequence[Series], usable: Flags, find
     return kept
 
 
+def _jumps(
+    recording: Recording, channels: Sequence[Series], mechanism: Mechanism, usable: Flags, findings: Found
+) -> None:
+    """Positions that no joint can pass between two samples, as where an encoder was set to another zero; taken out."""
+    found: dict[int, list[Series]] = {}
+    for channel in channels:
+        motion = motion_of(mechanism, channel.name) if channel.signal == "q" else None
+        if motion is not None and motion.kind is not MotionKind.BALL:
+            for place in jumps(recording.time, channel.values, usable, motion.kind is MotionKind.ROTATION).tolist():
+                found.setdefault(place, []).append(channel)
+    for place, where in found.items():
+        size, kind = where[0].values[place + 1] - where[0].values[place], "contradiction"
+        text = (
+            f"jumps by {size:.4g} between two samples: was the encoder set to another zero?  Use the part before or "
+            "after it, or give each part as a file of its own, with the offset of each"
+        )
+        if len(where) > 1:
+            others = listed(channel.name for channel in where[1:])
+            kind, text = "gap", f"jumps by {size:.4g} between two samples, with {others}: are samples missing?"
+        findings.append(_at(recording, where[0], kind, place + 1, text))
+        usable[max(place - _CUT, 0) : place + _CUT + 2] = False
+
+
+def jumps(time: Floats, values: Floats, usable: Flags, turns: bool) -> Integers:
+    """Samples after which a position is elsewhere, though it goes on as before."""
+    apart = np.diff(time)
+    good = usable[1:] & usable[:-1] & (apart > 0)
+    if good.sum() < 10 * _FEWEST:
+        return np.zeros(0, dtype=np.intp)
+    step = np.where(good, np.diff(values) / np.maximum(apart / np.median(apart[good]), 1.0), 0.0)
+    if turns:
+        whole = np.rint(step / (2 * np.pi))
+        step = np.where(np.abs(step) > WRAP, step - 2 * np.pi * whole, step)
+    before, after = np.append(0.0, step[:-1]), np.append(step[1:], 0.0)
+    off = np.abs(step - 0.5 * (before + after))
+    usual = float(np.sort(off)[-max(_FEWEST, len(off) // 500)])
+    alone = np.abs(step) > _LEAP * np.maximum(np.abs(before), np.abs(after))
+    # a sensor that wakes up goes on elsewhere, too
+    return np.flatnonzero(alone & (off > _LEAP * max(usual, _NO_ENCODER)) & (before != 0))
+
+
 def _resolution(recording: Recording, channels: Sequence[Series], usable: Flags, findings: Found) -> None:
     for channel in channels:
         if channel.signal != "q":
@@ -264,6 +307,9 @@ _ABRUPT = 0.3
 _JUMP = 5.0
 _MOVED = 0.02
 _STEPS = 2.0
+_FEW_LEVELS = 30
+_LEAP = 5.0
+_CUT = 6  # samples on both sides, so that stretches end there
 
 _PINNED_RUN = 5
 _PINNED = 10
@@ -300,6 +346,8 @@ def stuck(
         short = (stops - starts)[stops - starts < least]
         least = max(least, _USUAL * float(np.percentile(short, 95)) if len(short) else 0.0)
         extremes = (np.min(values[usable]), np.max(values[usable]))
+        levels = np.unique(values[usable])
+        level = float(np.diff(levels).max()) if 1 < len(levels) <= _FEW_LEVELS else 0.0
     steps = np.abs(np.diff(values))
     steps = steps[np.isfinite(steps) & (steps > 0)]
     usual, fast = (float(np.percentile(steps, p)) for p in (95, 99)) if len(steps) else (0.0, 0.0)
@@ -307,7 +355,9 @@ def stuck(
         if stop - start < least or not _moves(others, speed, start, stop, usable):
             continue
         if output:
-            if values[start] not in extremes:
+            # a sensor with few levels stays at one of them until the next one is reached
+            beside = values[[max(start - 1, 0), min(stop, len(values) - 1)]]
+            if values[start] not in extremes and not np.abs(beside - values[start]).max() <= level:
                 yield start, stop
         elif _contradicted(time, values, speed, start, stop, usable, usual) or _abrupt(
             values, start, stop, usual, fast
