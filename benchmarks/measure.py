@@ -18,7 +18,7 @@ from echelon.base.matrix import BaseMatrix
 from echelon.base.structure import Structure, find_structure
 from echelon.exact.field import DEFAULT_SEED
 from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.virtual_power import virtual_power_form
+from echelon.regressor.linear_forms import virtual_power_form
 from robots import Robot, binary_tree, chain, serial_model
 from timing import Times, interleaved
 

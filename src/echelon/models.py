@@ -29,7 +29,7 @@ from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.sympy_bridge import from_sympy
 from echelon.program.tape import Op, Program, Scalar, exact
 from echelon.program.text import FUNCTION_NAMES, record_expression
-from echelon.regressor.linear import LinearForms
+from echelon.regressor.linear_forms import LinearForms
 
 
 def names_of(items: Iterable[Any], kind: str) -> tuple[str, ...]:

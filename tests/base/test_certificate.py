@@ -17,7 +17,7 @@ from echelon.base.matrix import BaseMatrix
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.virtual_power import inverse_dynamics_regressor, virtual_power_form
+from echelon.regressor.linear_forms import inverse_dynamics_regressor, virtual_power_form
 from support import textbook_arms as arms
 from support.paths import ROOT
 

@@ -18,7 +18,7 @@ from echelon.exact.expressions import parse
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.tape import Op
-from echelon.regressor.linear import LinearForms
+from echelon.regressor.linear_forms import LinearForms
 from support import textbook_arms as arms
 from support.float_regressor import FloatArray, random_states
 from support.selection import one_in

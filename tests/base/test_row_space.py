@@ -10,7 +10,7 @@ from hypothesis import given, settings
 import echelon as ec
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.virtual_power import inverse_dynamics_regressor
+from echelon.regressor.linear_forms import inverse_dynamics_regressor
 from support import textbook_arms as arms
 from support.paths import EXAMPLES
 from support.random_mechanisms import mechanisms

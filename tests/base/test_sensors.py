@@ -26,7 +26,7 @@ from echelon.mechanism.joint import Placement, as_matrix
 from echelon.mechanism.mechanism import Cut, plain
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.virtual_power import inverse_dynamics_regressor, virtual_power_form
+from echelon.regressor.linear_forms import inverse_dynamics_regressor, virtual_power_form
 from support.float_regressor import float_regressor, random_states, standard_vector
 from support.paths import ROOT
 from support.pinocchio_loops import Constrained

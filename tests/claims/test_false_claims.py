@@ -15,7 +15,7 @@ from echelon.exact.rational import RationalFunction
 from echelon.formats.robot_file import read_description
 from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.virtual_power import inverse_dynamics_regressor, virtual_power_form
+from echelon.regressor.linear_forms import inverse_dynamics_regressor, virtual_power_form
 from support import textbook_arms as arms
 from support.paths import ROOT
 

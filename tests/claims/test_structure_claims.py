@@ -18,9 +18,8 @@ from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.effect import Side, ready_made
 from echelon.mechanism.joint import ALL, GROUND, MotionKind, ball, floating_motions, rotation, translation
 from echelon.mechanism.mechanism import Actuator, Cut, JointForce, Mechanism, Output, plain
-from echelon.regressor import virtual_power
-from echelon.regressor.linear import FEW_COLUMNS
-from echelon.regressor.virtual_power import virtual_power_form
+from echelon.regressor import linear_forms
+from echelon.regressor.linear_forms import FEW_COLUMNS, virtual_power_form
 from support import textbook_arms as arms
 from support.random_mechanisms import mechanisms
 
@@ -47,7 +46,7 @@ def agree(mechanism: Mechanism) -> None:
     for few in (FEW_COLUMNS, -1):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(structure, "FEW_COLUMNS", few)
-            patch.setattr(virtual_power, "FEW_COLUMNS", few)
+            patch.setattr(linear_forms, "FEW_COLUMNS", few)
             assert list(find_structure(mechanism, np.random.default_rng(1)).pivots) == expected
 
 

@@ -21,8 +21,8 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Function
 from echelon.program.schedule import FloatArithmetic
 from echelon.regressor.evaluate import evaluate_floats
+from echelon.regressor.linear_forms import virtual_power_form
 from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.virtual_power import virtual_power_form
 from support import linkages
 from support import textbook_arms as arms
 from support.described_robots import EVERYTHING, SENSORS, sensed

@@ -16,7 +16,7 @@ from echelon.dynamics.functions import robot_function
 from echelon.errors import InputError
 from echelon.machine import kernel as kernel_module
 from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.virtual_power import inverse_dynamics_regressor
+from echelon.regressor.linear_forms import inverse_dynamics_regressor
 from support import textbook_arms as arms
 from support.described_robots import EVERYTHING, SENSORS
 from support.float_functions import evaluate

@@ -15,8 +15,8 @@ from echelon.errors import InputError
 from echelon.machine import kernel as kernel_module
 from echelon.mechanism.effect import Action, Effect, Side
 from echelon.regressor.evaluate import evaluate_floats
+from echelon.regressor.linear_forms import virtual_power_form
 from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.virtual_power import virtual_power_form
 from support import linkages
 from support.closed_motion import completed
 from support.described_robots import sensed

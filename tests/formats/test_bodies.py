@@ -10,7 +10,7 @@ import pytest
 import echelon as ec
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.virtual_power import inverse_dynamics_regressor
+from echelon.regressor.linear_forms import inverse_dynamics_regressor
 
 Row = tuple[str, str, str, str]
 """Type, xyz, rpy and axis of a joint."""

@@ -206,7 +206,7 @@ def _unit(mechanism: Mechanism, q: FloatArray) -> FloatArray:
 def test_power_is_the_change_of_energy() -> None:
     """Along a path, kinetic and potential energy from the regressor's own energy change by τ·q̇."""
     from echelon.regressor.evaluate import evaluate_floats
-    from echelon.regressor.linear import energy_form
+    from echelon.regressor.linear_forms import energy_form
 
     mechanism = leg()
     form = energy_form(mechanism)

@@ -2,8 +2,8 @@
 
 from mutation.fault import Fault
 
-SPATIAL, ENERGY = "regressor/steps.py", "regressor/linear.py"
-POWER, PROBES, LIFTING = "regressor/virtual_power.py", "regressor/steps.py", "regressor/loops/closed_curve.py"
+SPATIAL, ENERGY = "regressor/steps.py", "regressor/linear_forms.py"
+POWER, PROBES, LIFTING = "regressor/linear_forms.py", "regressor/steps.py", "regressor/loops/closed_curve.py"
 MOVING, JOINTS = "regressor/loops/moving.py", "mechanism/test_joints.py"
 TRUTHS = "regressor/test_loops_truths.py::test_four_bar regressor/test_loops_truths.py::test_parallelogram"
 
@@ -20,28 +20,28 @@ FAULTS = (
         "lift = lift - dot",
         "lift = lift + dot",
         "height of a shifted frame",
-        "regressor/test_linear.py",
+        "regressor/test_linear_forms.py",
     ),
     Fault(
         ENERGY,
         "half + rates.lift",
         "half - rates.lift",
         "potential energy of masses",
-        "regressor/test_linear.py",
+        "regressor/test_linear_forms.py",
     ),
     Fault(
         ENERGY,
         "vw[k] - rates.gravity[k]",
         "vw[k] + rates.gravity[k]",
         "energy of first moments",
-        "regressor/test_linear.py",
+        "regressor/test_linear_forms.py",
     ),
     Fault(
         ENERGY,
         "cross(rates.linear, rates.angular)",
         "cross(rates.angular, rates.linear)",
         "v × ω",
-        "regressor/test_linear.py",
+        "regressor/test_linear_forms.py",
     ),
     Fault(
         "regressor/steps.py",
@@ -59,7 +59,7 @@ FAULTS = (
     ),
     Fault(POWER, "+ dot(twist[1], wrench[1])", "- dot(twist[1], wrench[1])", "power of forces", JOINTS),
     Fault(
-        "regressor/linear.py",
+        "regressor/linear_forms.py",
         "in enumerate(kept)}",
         "in enumerate(sorted(kept))}",
         "order of chosen columns",

@@ -15,10 +15,10 @@ from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.joint import Placement, floating_motions
 from echelon.mechanism.mechanism import Cut, Mechanism, plain
 from echelon.regressor.evaluate import evaluate_floats
+from echelon.regressor.linear_forms import virtual_power_form
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.closed_motion import ClosureValues, normalised, position_rates
 from echelon.regressor.loops.closing import assembled, close
-from echelon.regressor.virtual_power import virtual_power_form
 from echelon.results.saved import from_json, to_json
 from support import float_regressor as oracles
 from support import linkages

@@ -16,9 +16,9 @@ from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values, value_texts
 from echelon.program.schedule import Schedule
+from echelon.regressor.linear_forms import virtual_power_form
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.closed_balls import ClosedBalls
-from echelon.regressor.virtual_power import virtual_power_form
 from echelon.results.saved import from_json, to_json
 from support.paths import ROOT
 

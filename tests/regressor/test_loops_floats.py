@@ -17,8 +17,8 @@ from echelon.mechanism.effect import Action, Effect, Side
 from echelon.mechanism.joint import GROUND, Placement
 from echelon.mechanism.mechanism import Actuator, Cut, Mechanism, plain
 from echelon.regressor.evaluate import evaluate_floats
+from echelon.regressor.linear_forms import virtual_power_form
 from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.virtual_power import virtual_power_form
 from support import linkages
 from support.closed_motion import completed, velocities
 from support.float_regressor import FloatArray

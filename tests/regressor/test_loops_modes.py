@@ -7,8 +7,8 @@ import pytest
 
 import echelon as ec
 from echelon.regressor.evaluate import evaluate_floats
+from echelon.regressor.linear_forms import virtual_power_form
 from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.virtual_power import virtual_power_form
 from support.many_cranks import CRANKS, cranks, read
 from support.selection import slow_unless
 

@@ -13,9 +13,9 @@ from echelon.formats.robot_file import RobotFile
 from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.evaluate import evaluate_floats
+from echelon.regressor.linear_forms import virtual_power_form
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.exact_pose import unit_quaternion
-from echelon.regressor.virtual_power import virtual_power_form
 from support.selection import one_in
 from support.zoo.linkages import sarrus
 

@@ -12,8 +12,7 @@ import echelon as ec
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.schedule import FloatArithmetic, Schedule
-from echelon.regressor.linear import energy_form
-from echelon.regressor.virtual_power import virtual_power_form
+from echelon.regressor.linear_forms import energy_form, virtual_power_form
 from support.float_regressor import FloatArray, float_regressor, random_states, standard_vector
 from support.random_mechanisms import mechanisms
 from support.robot_files import pinocchio_model, pinocchio_state, robot_file

@@ -19,7 +19,7 @@ from echelon.base.certificate import Certificate, certify
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import stated_values
-from echelon.regressor.virtual_power import virtual_power_form
+from echelon.regressor.linear_forms import virtual_power_form
 from echelon.results.saved import from_json, to_json
 from echelon.results.schema import BaseModelRecord, json_schema
 from support import textbook_arms as arms

@@ -20,8 +20,8 @@ import echelon as ec
 from echelon.formats.robot_file import RobotFile
 from echelon.identification.conditioning import conditioning
 from echelon.identification.servos.servo_fit import ServoScore
+from echelon.regressor.linear_forms import virtual_power_form
 from echelon.regressor.loops.closures import Wrist
-from echelon.regressor.virtual_power import virtual_power_form
 from support.paths import EXAMPLES
 from support.pendulum_logs import pendulum, write_log
 

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.virtual_power import inverse_dynamics_regressor
+from echelon.regressor.linear_forms import inverse_dynamics_regressor
 
 FloatArray = npt.NDArray[np.float64]
 

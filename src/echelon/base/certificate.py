@@ -15,7 +15,7 @@ triangular as far as possible.  That is a proof, not a probability.  (Closed pos
 it is one with loops, too.)
 
 The set was derived from energies; the check uses the inverse dynamics (as rows uᵀX for arbitrary u, see
-:mod:`echelon.regressor.virtual_power`), so the two do not share their formulas.
+:mod:`echelon.regressor.linear_forms`), so the two do not share their formulas.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from echelon.exact.polynomial import Number, is_trigonometric, multiple_of
 from echelon.mechanism.stated import GENERAL, StatedValues
 from echelon.program.sampling import FieldSampler
 from echelon.program.schedule import Size, ball, polynomial_size, size_bound
-from echelon.regressor.linear import LinearForms
+from echelon.regressor.linear_forms import LinearForms
 
 _ATTEMPTS = 64
 _MOST_STATES = 4096
@@ -95,7 +95,7 @@ class Certificate:
     seed: int  # seed of the random points and primes
     minor_prime: int  # prime modulo which an r × r minor of the pivot columns is non-zero
     # number of random states whose rows contain what is left of it without its triangular part (see
-    # :mod:`echelon.regressor.linear`)
+    # :mod:`echelon.regressor.blocks`)
     minor_states: int
     identity_primes: tuple[int, ...]  # primes modulo which X · N = 0 held at a random point each
     degree: int  # bound on the degree of the identity

@@ -33,9 +33,8 @@ from echelon.mechanism.joint import Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import SymbolRoles, symbol_roles
 from echelon.program.sampling import FieldSampler
-from echelon.regressor.linear import LinearForms, Rows, energy_form
+from echelon.regressor.linear_forms import LinearForms, Rows, energy_form, rows_of
 from echelon.regressor.loops.curves import CurveSampler
-from echelon.regressor.virtual_power import rows_of
 
 _MOST_TIMES = 32
 """So many times as many points where regions of signs need them."""

@@ -38,10 +38,9 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import StatedValues, stated_values
 from echelon.mechanism.substitute import substituted
 from echelon.models import LinearModel
-from echelon.regressor.linear import LinearForms
+from echelon.regressor.linear_forms import LinearForms, rows_of, virtual_power_form
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.exact_pose import closed_exactly
-from echelon.regressor.virtual_power import rows_of, virtual_power_form
 
 
 def _silent(_: str) -> None:

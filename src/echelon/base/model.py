@@ -25,8 +25,7 @@ from echelon.extras import extra
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import characteristic_length, stated_values, symbol_values
 from echelon.program.sympy_bridge import sympy_number
-from echelon.regressor.linear import LinearForms
-from echelon.regressor.virtual_power import inverse_dynamics_regressor, virtual_power_form
+from echelon.regressor.linear_forms import LinearForms, inverse_dynamics_regressor, virtual_power_form
 
 if TYPE_CHECKING:
     import sympy

@@ -21,10 +21,9 @@ from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, by_pivots, r
 from echelon.exact.interpolation import rational
 from echelon.exact.polynomial import Rational
 from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.linear import LinearForms, Rows
+from echelon.regressor.linear_forms import LinearForms, Rows, rows_of
 from echelon.regressor.loops.curves import CurveSampler
 from echelon.regressor.loops.moving import Pose
-from echelon.regressor.virtual_power import rows_of
 
 Dependence = dict[int, tuple[int, ...]]
 """Dependent columns, with the columns that each depends on."""

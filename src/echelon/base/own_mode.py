@@ -23,10 +23,9 @@ from echelon.exact.field import DEFAULT_SEED, ball_rank, random_generator
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, known_values, value_texts
 from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.linear import Rows
+from echelon.regressor.linear_forms import Rows, virtual_power_form
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.recorded_loops import state_inputs
-from echelon.regressor.virtual_power import virtual_power_form
 
 _STATES, _NEAR = 20, 0.2
 _DETERMINED, _MORE = (

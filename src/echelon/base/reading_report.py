@@ -32,11 +32,10 @@ from echelon.mechanism.stated import StatedValues, characteristic_length, inexac
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program
 from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.linear import LinearForms
+from echelon.regressor.linear_forms import LinearForms, virtual_power_form
 from echelon.regressor.loops.assembly import Assembled, Assembly
 from echelon.regressor.loops.closing import assembled, closing_notes
 from echelon.regressor.loops.coordinates import split_balls
-from echelon.regressor.virtual_power import virtual_power_form
 
 ROUNDING = 1e-9
 """Snaps up to this size are what decimals of a file cannot help, and part of the literal reading too."""

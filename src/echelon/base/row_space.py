@@ -9,7 +9,7 @@ Rows may be others than forces: the total energy and its power, as linear forms 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,8 +25,7 @@ from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_gener
 from echelon.exact.interpolation import combine, rational
 from echelon.mechanism.mechanism import Mechanism
 from echelon.models import LinearModel
-from echelon.regressor.linear import LinearForms, energy_form
-from echelon.regressor.virtual_power import power_form, virtual_power_form
+from echelon.regressor.linear_forms import LinearForms, energy_form, power_form, virtual_power_form
 
 
 @dataclass(frozen=True)
@@ -238,7 +237,7 @@ class _Side:
             return
         sampler = forms.sampler()
         self.symbols, self.columns = sampler.symbols, forms.shape[1] - auxiliary
-        self.rows = lambda field, rng, at: forms.row_space(field, rng, at, auxiliary)
+        self.rows = lambda field, rng, at: row_space(forms, field, rng, at, auxiliary)
 
     def closed_form(self, pivot: str) -> str | None:
         """The base parameter of this representative, where there are closed forms."""
@@ -246,6 +245,30 @@ class _Side:
         if not isinstance(model, BaseModel | LinearBase) or pivot not in model.pivots:
             return None
         return str(model.expressions[model.pivots.index(pivot)])
+
+
+_FIRST_STATES, _SURPLUS_STATES = 32, 8
+
+
+def row_space(
+    forms: LinearForms, field: PrimeField, rng: np.random.Generator, at: Mapping[str, Residues], auxiliary: int = 0
+) -> Residues:
+    """A basis of the row space at one geometry; of rows that are free of auxiliary columns, without these.
+
+    Most forms show much less than they have columns, so states are few at first.
+    """
+    sampler, columns = forms.sampler(), forms.shape[1]
+    states, seen = max(min(_FIRST_STATES, columns + _SURPLUS_STATES), sampler.regions), -1
+    while True:
+        reduced, pivots = reduced_echelon(forms.stacked(sampler.evaluate(field, rng, states, at))[0], field)
+        enough = states >= min(len(pivots), columns) + _SURPLUS_STATES
+        if enough and (sampler.regions == 1 or len(pivots) == seen):
+            break
+        # with too few states, or because a region of signs may have more to show
+        states, seen = 2 * states, len(pivots) if enough else -1
+    kept = [k for k, pivot in enumerate(pivots) if pivot >= auxiliary]
+    rows = [[int(reduced[k, c]) for c in range(auxiliary, columns)] for k in kept]
+    return np.array(rows, dtype=np.int64).reshape(len(kept), columns - auxiliary)
 
 
 def _places(first: Sequence[str], second: Sequence[str], columns: int, others: int) -> list[int]:

@@ -10,14 +10,14 @@ from math import comb
 import numpy as np
 
 from echelon.base.own import at_stated_values
+from echelon.base.row_space import row_space
 from echelon.base.structure import find_structure
 from echelon.errors import ClosedFormError, DegenerateSampleError, EchelonError, InputError
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank
 from echelon.exact.unknown import SOLVING, Work
 from echelon.mechanism.joint import GROUND, Placement
 from echelon.mechanism.mechanism import Cut, Mechanism, Output, plain
-from echelon.regressor.linear import LinearForms
-from echelon.regressor.virtual_power import virtual_power_form
+from echelon.regressor.linear_forms import LinearForms, virtual_power_form
 
 _FIELDS = 2
 _ATTEMPTS = 8
@@ -190,7 +190,7 @@ def _row_spaces(
     for number, (name, sampler) in enumerate(samplers.items(), 1):
         progress(f"what {name} sees (sensor {number} of {len(samplers)}, modulo {field.p})")
         own = {s: geometry[s] for s in sampler.symbols}
-        spaces[name] = forms[name].row_space(field, rng, own)
+        spaces[name] = row_space(forms[name], field, rng, own)
     return spaces
 
 

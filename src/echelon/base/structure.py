@@ -3,7 +3,7 @@
 Cost must follow the chain and not the whole robot, so dependent columns are first looked for joint by joint: whatever
 parameters of a body can be moved to its parent when the *parent moves freely* can be moved in every mechanism, because
 the true motions of the parent are among the free ones.  These pairs of bodies are tiny.  Of what remains, most columns
-are shown to be independent block by block (see :mod:`echelon.regressor.linear`), which are tiny, too.  The rest, near
+are shown to be independent block by block (see :mod:`echelon.regressor.blocks`), which are tiny, too.  The rest, near
 the base and around couplings, is eliminated at once.
 """
 
@@ -25,10 +25,9 @@ from echelon.mechanism.joint import ALL, GROUND, Body, Joint, Motion, Placement,
 from echelon.mechanism.mechanism import Cut, Mechanism
 from echelon.mechanism.stated import UNITS, has_values, inexact_symbols
 from echelon.program.sampling import FieldSampler
-from echelon.regressor.linear import FEW_COLUMNS, LinearForms, Rows, energy_changes, energy_form
+from echelon.regressor.linear_forms import FEW_COLUMNS, LinearForms, Rows, energy_changes, energy_form, rows_of
 from echelon.regressor.loops.closing import broken_relations, check_independent, closable_as_stated, unsolved
 from echelon.regressor.loops.curves import CurveSampler
-from echelon.regressor.virtual_power import rows_of
 
 _SURPLUS_ROWS = 8
 _ATTEMPTS, _PASSES = 8, 2

@@ -17,7 +17,7 @@ from echelon.errors import ClosedFormError, InputError, one_line
 from echelon.extras import extra
 from echelon.program.sympy_bridge import shared_nodes, to_sympy
 from echelon.program.tape import FUNCTIONS, Op
-from echelon.regressor.linear import LinearForms
+from echelon.regressor.linear_forms import LinearForms
 
 if TYPE_CHECKING:
     import sympy

@@ -20,9 +20,9 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Function
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Op, Program, Scalar
+from echelon.regressor.linear_forms import inverse_dynamics_regressor
 from echelon.regressor.loops.dependent_motion import DependentMotion
 from echelon.regressor.loops.recorded_loops import real_inputs
-from echelon.regressor.virtual_power import inverse_dynamics_regressor
 
 Index = tuple[int, ...]
 

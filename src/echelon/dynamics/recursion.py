@@ -15,7 +15,7 @@ moment h × a + vee(U Σ).  The entries of U are at hand from the motion of the 
 uniform is used: each component of the moment has a pair of terms that can be written with Σ and U, or with the inertia
 tensor, ω̇ and ω ωᵀ.
 
-This recursion has nothing in common with the one that certificates rest on (:mod:`echelon.regressor.virtual_power`).
+This recursion has nothing in common with the one that certificates rest on (:mod:`echelon.regressor.linear_forms`).
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import symbol_values
 from echelon.program.schedule import FloatArithmetic, Schedule
-from echelon.regressor.linear import LinearForms
+from echelon.regressor.linear_forms import LinearForms
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.recorded_loops import state_inputs
 

@@ -26,7 +26,7 @@ from echelon.formats.linear_document import linear_document
 from echelon.formats.snapping import ReadingOptions
 from echelon.inputs import parse_json, read_content
 from echelon.mechanism.stated import stated_values, value_texts
-from echelon.regressor.virtual_power import virtual_power_form
+from echelon.regressor.linear_forms import virtual_power_form
 from echelon.version import __version__
 
 if TYPE_CHECKING:

@@ -20,10 +20,9 @@ from echelon.exact.rational import RationalFunction
 from echelon.mechanism.effect import Side, ready_made
 from echelon.mechanism.joint import floating_motions, rotation, translation
 from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor import virtual_power
+from echelon.regressor import linear_forms
 from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.linear import blocks_of, energy_changes, energy_form
-from echelon.regressor.virtual_power import virtual_power_form
+from echelon.regressor.linear_forms import blocks_of, energy_changes, energy_form, virtual_power_form
 from support import textbook_arms as arms
 from support.random_mechanisms import mechanisms
 
@@ -75,7 +74,7 @@ def test_pendulum_rises_by_the_height_of_its_mass() -> None:
 
 @pytest.fixture(autouse=True)
 def small_models_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(virtual_power, "FEW_COLUMNS", -1)
+    monkeypatch.setattr(linear_forms, "FEW_COLUMNS", -1)
 
 
 def chain(joints: int) -> Mechanism:
