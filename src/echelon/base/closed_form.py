@@ -23,11 +23,20 @@ from echelon.base.matrix import BaseMatrix, StatedNumbers
 from echelon.base.structure import Structure, floating_pair, mount, pair_columns, pair_signature
 from echelon.conventions import PER_BODY
 from echelon.errors import ClosedFormError, DegenerateSampleError
-from echelon.exact.field import PrimeField, Residues, T, solve_batched, substituted
+from echelon.exact.field import (
+    Geometry,
+    PrimeField,
+    Residues,
+    T,
+    UnknownFunctions,
+    Work,
+    persistent,
+    solve_batched,
+    substituted,
+)
 from echelon.exact.interpolation import interpolate
 from echelon.exact.polynomial import Polynomial, Surd, as_polynomial, parts_of
 from echelon.exact.rational import ONE, RationalFunction, cost_of_products, sum_of_products
-from echelon.exact.unknown import Geometry, UnknownFunctions, Work, persistent
 from echelon.inertia import move
 from echelon.mechanism.joint import Placement
 from echelon.mechanism.mechanism import Mechanism

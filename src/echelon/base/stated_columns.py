@@ -20,11 +20,10 @@ from echelon.base.ball_rows import Balls, ball_rows, stated_generators
 from echelon.base.closed_form import Kernel, Relation
 from echelon.base.matrix import StatedNumbers
 from echelon.errors import ClosedFormError
-from echelon.exact.field import PrimeField, Residues, by_pivots, substituted
+from echelon.exact.field import PrimeField, Residues, UnknownFunctions, Work, by_pivots, persistent, substituted
 from echelon.exact.interpolation import interpolate
 from echelon.exact.polynomial import Number, Polynomial
 from echelon.exact.rational import RationalFunction, residues_at
-from echelon.exact.unknown import UnknownFunctions, Work, persistent
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import symbol_roles, value_texts
 from echelon.program.schedule import ball

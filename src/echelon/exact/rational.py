@@ -152,7 +152,7 @@ def sum_of_products(products: Sequence[tuple[RationalFunction, RationalFunction]
 
 
 def cost_of_products(products: Sequence[tuple[RationalFunction, RationalFunction]]) -> float:
-    """Operations of :func:`sum_of_products`, in the count of :class:`echelon.exact.unknown.Work`."""
+    """Operations of :func:`sum_of_products`, in the count of :class:`echelon.exact.field.Work`."""
     true = [(a, b) for a, b in products if a is not ONE]
     if not true:
         return 0.0
