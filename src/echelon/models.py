@@ -24,7 +24,7 @@ from echelon.exact.expressions import parse
 from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.polynomial import Polynomial, Rational, Surd
 from echelon.program.rewriting import with_values
-from echelon.program.sampling import FieldSampler
+from echelon.program.sampling import FunctionSampler
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.sympy_bridge import from_sympy
 from echelon.program.tape import Op, Program, Scalar, exact
@@ -201,7 +201,7 @@ def _vanishes(value: Scalar) -> bool:
     """Whether a value is zero everywhere, by its residue at a random point."""
     if value.number is not None:
         return value.is_zero
-    sampler, rng = FieldSampler(value.program, [value.node]), random_generator(DEFAULT_SEED)
+    sampler, rng = FunctionSampler(value.program, [value.node]), random_generator(DEFAULT_SEED)
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng, CERTIFICATE_BITS)
         try:

@@ -7,7 +7,7 @@ import pytest
 
 from echelon.errors import InputError, UnknownRelationsError
 from echelon.exact.field import PrimeField, Residues, rank
-from echelon.program.sampling import FieldSampler
+from echelon.program.sampling import FunctionSampler
 from echelon.program.tape import Program
 from echelon.program.text import record_expression
 from support.strategies import FIELDS, SMALL_FIELD
@@ -15,14 +15,14 @@ from support.strategies import FIELDS, SMALL_FIELD
 SYMBOLS = ("a", "b")
 
 
-def sampler(*texts: str) -> FieldSampler:
+def sampler(*texts: str) -> FunctionSampler:
     program = Program()
     names = {n: program.input(n) for n in ("x", "y", "z", "v")}
     names |= {n: program.input(n, "symbol") for n in SYMBOLS}
-    return FieldSampler(program, [record_expression(t, names, "test", program).node for t in texts])
+    return FunctionSampler(program, [record_expression(t, names, "test", program).node for t in texts])
 
 
-def evaluate(made: FieldSampler, field: PrimeField, states: int) -> Residues:
+def evaluate(made: FunctionSampler, field: PrimeField, states: int) -> Residues:
     rng = np.random.default_rng(3)
     geometry = {name: field.draw(rng, (1,)) for name in made.symbols}
     return made.evaluate(field, rng, states, geometry)[:, 0]

@@ -11,7 +11,8 @@ import pytest
 from echelon.errors import DegenerateSampleError
 from echelon.exact.field import PrimeField, Residues, rank
 from echelon.exact.polynomial import surd
-from echelon.program.sampling import FieldSampler
+from echelon.program.sampling import FunctionSampler
+from echelon.program.schedule import FieldSampler
 from echelon.program.tape import Program, Scalar
 from support.strategies import FIELDS, SMALL_FIELD
 
@@ -63,7 +64,7 @@ def sample(relation: Relation, field: PrimeField, states: int = 20) -> Residues:
     program = Program()
     x, y = program.input("x"), program.input("y")
     result = relation(program, x, y)
-    values: Residues = FieldSampler(program, [result.node]).evaluate(field, np.random.default_rng(0), states, {})
+    values: Residues = FunctionSampler(program, [result.node]).evaluate(field, np.random.default_rng(0), states, {})
     assert values.shape == (1, 1, states)
     return values.ravel()
 
@@ -97,35 +98,52 @@ def test_ranks(columns: Columns, expected: int) -> None:
     program = Program()
     x, a = program.input("x"), program.input("a", "symbol")
     outputs = [scalar.node for scalar in columns(program, x, a)]
-    sampler, rng = FieldSampler(program, outputs), np.random.default_rng(1)
-    geometry = {name: SMALL_FIELD.draw(rng, (1,)) for name in sampler.symbols}
-    matrix = sampler.evaluate(SMALL_FIELD, rng, 10, geometry)[:, 0]
-    assert rank(matrix, SMALL_FIELD) == expected
+    kinds = (FunctionSampler, FieldSampler)[: 1 + FieldSampler.suits(program, outputs)]
+    for sampler in (kind(program, outputs) for kind in kinds):
+        rng = np.random.default_rng(1)
+        geometry = {name: SMALL_FIELD.draw(rng, (1,)) for name in sampler.symbols}
+        matrix = sampler.evaluate(SMALL_FIELD, rng, 10, geometry)[:, 0]
+        assert rank(matrix, SMALL_FIELD) == expected
 
 
+def test_programs_of_arms_have_no_other_functions_than_sines_and_cosines_of_inputs() -> None:
+    program = Program()
+    x, a = program.input("x"), program.input("a", "symbol")
+    for outputs in ([x, x.sin(), x.cos()], [a.sin(), x * a.cos()], [x * a], []):
+        assert FieldSampler.suits(program, [scalar.node for scalar in outputs])
+    for outputs in ([(2 * x).sin()], [x.sign()], [x.sin().sin()], [a, a.sin()], [(x + a).cos()], [x.tan()]):
+        assert not FieldSampler.suits(program, [scalar.node for scalar in outputs])
+
+
+KINDS = pytest.mark.parametrize("kind", [FieldSampler, FunctionSampler])
+
+
+@KINDS
 @pytest.mark.parametrize("field", FIELDS, ids=["small", "large"])
-def test_quaternions_have_unit_norm(field: PrimeField) -> None:
+def test_quaternions_have_unit_norm(field: PrimeField, kind: type[FieldSampler]) -> None:
     program = Program()
     q = [program.input(f"q{k}") for k in range(4)]
     program.unit_groups.append(tuple(x.node for x in q))
     norm = sum((x * x for x in q), program.zero)
-    values = FieldSampler(program, [norm.node, q[0].node, q[3].node]).evaluate(field, np.random.default_rng(2), 9, {})
+    sampler = kind(program, [norm.node, q[0].node, q[3].node])
+    values = sampler.evaluate(field, np.random.default_rng(2), 9, {})
     assert (values[0] == 1).all()
     assert len(set(values[1:].ravel().tolist())) == 18
 
 
-def geometry_sampler() -> FieldSampler:
+def geometry_sampler(kind: type[FieldSampler]) -> FieldSampler:
     program = Program()
     d, a, unused = (program.input(name, "symbol") for name in ("d", "a", "unused"))
     x = program.input("x")
     outputs: list[Scalar] = [d, a.cos(), a.sin() * d, x]
     assert unused.node not in program.needed([s.node for s in outputs])
-    return FieldSampler(program, [s.node for s in outputs])
+    return kind(program, [s.node for s in outputs])
 
 
+@KINDS
 @pytest.mark.parametrize("field", FIELDS, ids=["small", "large"])
-def test_geometry_takes_the_given_values(field: PrimeField) -> None:
-    sampler = geometry_sampler()
+def test_geometry_takes_the_given_values(field: PrimeField, kind: type[FieldSampler]) -> None:
+    sampler = geometry_sampler(kind)
     assert sampler.symbols == ["a", "d"]
     geometry = {"d": np.array([5, 7], dtype=field.dtype), "a": np.array([0, 3], dtype=field.dtype)}
     values = sampler.evaluate(field, np.random.default_rng(3), 4, geometry)
@@ -136,17 +154,19 @@ def test_geometry_takes_the_given_values(field: PrimeField) -> None:
     assert len(set(values[3].ravel().tolist())) == 8
 
 
-def test_a_singular_geometry_is_degenerate() -> None:
+@KINDS
+def test_a_singular_geometry_is_degenerate(kind: type[FieldSampler]) -> None:
     program = Program()
-    sampler = FieldSampler(program, [(1 / program.input("d", "symbol")).node])
+    sampler = kind(program, [(1 / program.input("d", "symbol")).node])
     with pytest.raises(DegenerateSampleError):
         sampler.evaluate(SMALL_FIELD, np.random.default_rng(4), 2, {"d": np.array([0])})
 
 
-def test_no_outputs_and_constant_outputs() -> None:
+@KINDS
+def test_no_outputs_and_constant_outputs(kind: type[FieldSampler]) -> None:
     program, rng = Program(), np.random.default_rng(5)
-    assert FieldSampler(program, []).evaluate(SMALL_FIELD, rng, 3, {}).shape == (0, 1, 3)
-    constant = FieldSampler(program, [program.constant(Fraction(1, 2)).node])
+    assert kind(program, []).evaluate(SMALL_FIELD, rng, 3, {}).shape == (0, 1, 3)
+    constant = kind(program, [program.constant(Fraction(1, 2)).node])
     assert constant.symbols == []
     assert constant.evaluate(SMALL_FIELD, rng, 3, {}).tolist() == [[[(SMALL_FIELD.p + 1) // 2] * 3]]
 

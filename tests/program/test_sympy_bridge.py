@@ -15,7 +15,7 @@ from sympy import Abs, Rational, cos, exp, log, pi, sign, sin, sqrt, tan, tanh
 from echelon.errors import InputError
 from echelon.exact.field import rank
 from echelon.exact.polynomial import Number
-from echelon.program.sampling import FieldSampler
+from echelon.program.sampling import FunctionSampler
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.sympy_bridge import SUPPORTED, from_sympy, to_sympy
 from echelon.program.tape import FUNCTIONS, Program, Scalar
@@ -98,7 +98,7 @@ def test_programs_survive_the_round_trip(formula: Any) -> None:
     expression = to_sympy(program, [scalar.node])[0]
     assume(not expression.has(sympy.zoo, sympy.nan))
     difference = scalar - from_sympy(program, expression, inputs)
-    assert not FieldSampler(program, [difference.node]).evaluate(SMALL_FIELD, np.random.default_rng(0), 5, {}).any()
+    assert not FunctionSampler(program, [difference.node]).evaluate(SMALL_FIELD, np.random.default_rng(0), 5, {}).any()
 
 
 @given(numbers)
@@ -164,7 +164,7 @@ def test_a_regressor_written_in_sympy_has_an_exact_rank() -> None:
     columns = [sin(q), cos(q), sin(q + pi / 4), cos(q - pi / 12), 0.1 * sin(2 * q), sin(q) * cos(q), q**2]
     program = Program()
     outputs = [from_sympy(program, c, {"x": program.input("x")}).node for c in columns]
-    matrix = FieldSampler(program, outputs).evaluate(SMALL_FIELD, np.random.default_rng(1), 12, {})[:, 0]
+    matrix = FunctionSampler(program, outputs).evaluate(SMALL_FIELD, np.random.default_rng(1), 12, {})[:, 0]
     assert rank(matrix, SMALL_FIELD) == 4
 
 

@@ -12,7 +12,8 @@ import numpy.typing as npt
 
 from echelon.exact.expressions import PI, parse
 from echelon.exact.polynomial import is_trigonometric, multiple_of, symbol_of
-from echelon.program.schedule import BallArithmetic, Schedule, ball
+from echelon.program.arithmetics import BallArithmetic, ball
+from echelon.program.schedule import Schedule
 from echelon.regressor.linear_forms import LinearForms
 from echelon.regressor.loops.closed_balls import BALL_STEPS, ClosedBalls, random_balls
 

@@ -34,8 +34,8 @@ from echelon.errors import CertificateError, DegenerateSampleError
 from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField, Residues, random_generator, rank, substituted
 from echelon.exact.polynomial import Number, is_trigonometric, multiple_of
 from echelon.mechanism.stated import GENERAL, StatedValues
-from echelon.program.sampling import FieldSampler
-from echelon.program.schedule import Size, ball, polynomial_size, size_bound
+from echelon.program.arithmetics import ball
+from echelon.program.schedule import FieldSampler, Size, polynomial_size, size_bound
 from echelon.regressor.linear_forms import LinearForms
 
 _ATTEMPTS = 64
@@ -155,7 +155,9 @@ def certify(
 ) -> Certificate:
     """Check a base parameter set against a regressor."""
     _check_echelon(matrix)
-    certificate = replace(_certified(regressor, matrix, seed, values), modes=modes)
+    found = _certified(regressor, matrix, seed, values)
+    regions, note = regressor.sampler().signs
+    certificate = replace(found, modes=modes, regions=regions, regions_note=note)
     if matrix.numbers is None:
         return certificate
     residual = _check_stated(regressor, matrix, matrix.numbers, random_generator(seed))
@@ -182,7 +184,7 @@ def _certified(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: St
         primes = [complete.prime(ARRAY_BITS) for _ in range(_CURVES)]
         error = sum(log10(order) - log10(p) for p in primes)
         evidence = (minor.prime, minor.states, tuple(primes), order, error, order)
-        return Certificate(matrix.rank, seed, *evidence, **_regions(sampler))
+        return Certificate(matrix.rank, seed, *evidence)
     primes = []
     points, forms = _FEWEST_POINTS, size_bound(sampler.program, sampler.outputs)
     while len(primes) < points:
@@ -201,13 +203,7 @@ def _certified(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: St
         size.degree,
         points * missed,
         at_values=bool(values.names),
-        **_regions(sampler),
     )
-
-
-def _regions(sampler: FieldSampler) -> dict[str, Any]:
-    report = sampler.region_report
-    return {} if report is None else {"regions": report.count, "regions_note": str(report)}
 
 
 def _check_echelon(matrix: BaseMatrix) -> None:

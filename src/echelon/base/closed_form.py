@@ -41,7 +41,7 @@ from echelon.inertia import move
 from echelon.mechanism.joint import Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import SymbolRoles, symbol_roles
-from echelon.program.sampling import FieldSampler
+from echelon.program.schedule import FieldSampler
 from echelon.regressor.linear_forms import LinearForms, Rows, energy_form, rows_of
 from echelon.regressor.loops.curves import CurveSampler
 

@@ -26,7 +26,7 @@ from echelon.exact.polynomial import Number, Polynomial
 from echelon.exact.rational import RationalFunction, residues_at
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import symbol_roles, value_texts
-from echelon.program.schedule import ball
+from echelon.program.arithmetics import ball
 
 _BITS, _MOST_BITS = 512, 4096
 _DIGITS = 40

@@ -24,7 +24,7 @@ from echelon.mechanism.closed_pose import shown_loops
 from echelon.mechanism.joint import ALL, GROUND, Body, Joint, Motion, Placement, Step, floating_motions
 from echelon.mechanism.mechanism import Cut, Mechanism
 from echelon.mechanism.stated import UNITS, has_values, inexact_symbols
-from echelon.program.sampling import FieldSampler
+from echelon.program.schedule import FieldSampler
 from echelon.regressor.linear_forms import FEW_COLUMNS, LinearForms, Rows, energy_changes, energy_form, rows_of
 from echelon.regressor.loops.closing import broken_relations, check_independent, closable_as_stated, unsolved
 from echelon.regressor.loops.curves import CurveSampler

@@ -1,9 +1,12 @@
-"""Vectorised evaluation of a program: one NumPy call per level and kind of operation; and bounds on what it gives.
+"""Vectorised evaluation of a program: one NumPy call per level and kind of operation; random points; bounds.
 
 Walking a program node by node costs a microsecond of Python per operation, whatever the number of samples.  So nodes
 are sorted into levels (a node is one level above its operands) and all operations of one kind in one level are done
 together on a (operation, sample) array.  The same schedule serves every arithmetic: doubles, residues, power series,
 and balls.
+
+At random points of a prime field angles are points of the unit circle and quaternions points of the unit sphere, so
+that exactly the relations hold which hold for all real values.
 
 A false identity of quotients of polynomials survives a random point with a probability that its degree bounds, and a
 random prime with one that the size of its coefficients bounds.  Both follow from the program, node by node.  The size
@@ -14,20 +17,17 @@ whole by one common denominator of all constants, whose power is carried along.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import lcm, log2, sqrt
-from operator import methodcaller, neg
 from typing import Any, NamedTuple, Protocol
 
-import flint
 import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import EchelonError
-from echelon.exact import series
-from echelon.exact.field import PrimeField
+from echelon.exact.field import PrimeField, Residues
 from echelon.exact.polynomial import Number, Polynomial, parts_of
 from echelon.program.tape import FUNCTIONS, Op, Program
 
@@ -175,89 +175,113 @@ class ModularArithmetic:
         return negative
 
 
-class SeriesArithmetic(ModularArithmetic):
-    """Power series over GF(p), truncated to some order; the last axis holds the coefficients."""
-
-    def __init__(self, field: PrimeField, order: int) -> None:
-        super().__init__(field)
-        self.shape = (order,)
-
-    def constant(self, value: Number) -> Array:
-        """The residue as a series."""
-        return series.constant(np.array(self.field.embed(value)), self.shape[0])
-
-    def binary(self, op: int, a: Array, b: Array) -> Array:
-        """Elementwise operation on series."""
-        if op == Op.MUL:
-            return series.product(a, b, self.field)
-        if op == Op.DIV:
-            return series.product(a, series.inverse(b, self.field), self.field)
-        return super().binary(op, a, b)
-
-
-_RADICANDS = (1, 2, 3, 6)
-
-
-def ball(value: Number | float) -> Any:
-    """The ball of an exact number; floats are taken as the dyadic fractions that they are."""
-    if isinstance(value, float):
-        return flint.arb(value)
-    total = flint.arb(0)
-    for part, radicand in zip(parts_of(value), _RADICANDS, strict=True):
-        if part:
-            total += flint.arb(flint.fmpq(part.numerator, part.denominator)) * flint.arb(radicand).sqrt()
-    return total
-
-
-_UNARY: dict[Op, Callable[[Any], Any]] = {op: methodcaller(op.name.lower()) for op in FUNCTIONS}
-_UNARY |= {Op.NEG: neg, Op.ABS: abs, Op.SIGN: methodcaller("sgn")}
-
-
-class BallArithmetic:
-    """Arrays of balls, or of power series with balls as coefficients, at the precision of FLINT's context.
-
-    That is the precision at the first use, for constants are kept.  A ball surely holds the true number, and knows
-    every function, also those whose algebraic relations are not known.  Balls prove that something is not zero; that
-    something is zero they can only bound.
-    """
-
-    dtype: npt.DTypeLike = object
-    shape: tuple[int, ...] = ()
-
-    def __init__(self) -> None:
-        self._constants: dict[Number, Any] = {}
-
-    def constant(self, value: Number) -> Any:
-        """The ball of an exact number."""
-        if value not in self._constants:
-            self._constants[value] = ball(value)
-        return self._constants[value]
-
-    def binary(self, op: int, a: Array, b: Array) -> Array:
-        """Elementwise operation."""
-        if op == Op.ADD:
-            return np.asarray(a + b)
-        if op == Op.SUB:
-            return np.asarray(a - b)
-        return np.asarray(a * b if op == Op.MUL else a / b)
-
-    def unary(self, op: int, a: Array) -> Array:
-        """Elementwise function."""
-        result = np.empty(a.shape, dtype=object)
-        for place in np.ndindex(a.shape):  # one by one, because power series would be taken for sequences
-            result[place] = _UNARY[Op(op)](a[place])
-        return result
-
-
-_ROOTS = (1.0, sqrt(2), sqrt(3), sqrt(6))
-
-
 @dataclass(frozen=True)
 class Size:
     """Size of quotients of polynomials with whole coefficients, apart from one number that divides them all."""
 
     degree: int  # the larger total degree of numerator and denominator
     bits: float  # the larger binary logarithm of their 1-norms
+
+
+class FieldSampler:
+    """Evaluates outputs of a program at random points of a prime field; functions are sines and cosines of inputs.
+
+    For other functions see :mod:`echelon.program.sampling`.
+    """
+
+    def __init__(self, program: Program, outputs: Sequence[int]) -> None:
+        self.program, self.outputs = program, outputs
+        functions = [n for n in program.needed(outputs) if program.ops[n] >= Op.SIN]
+        self._schedule = Schedule(program, outputs, functions)
+        self._inputs = [n for n in self._schedule.leaves if n in program.inputs]
+        self._functions = [n for n in self._schedule.leaves if n not in program.inputs]
+
+    @staticmethod
+    def suits(program: Program, outputs: Sequence[int]) -> bool:
+        """Whether all functions are sines and cosines of inputs, of which constant ones occur in no other way."""
+        functions = [n for n in program.needed(outputs) if program.ops[n] >= Op.SIN]
+        angles = {program.lhs[n] for n in functions}
+        if not angles <= program.inputs.keys() or any(program.ops[n] not in (Op.SIN, Op.COS) for n in functions):
+            return False
+        constant = {n for n in angles if program.inputs[n].role == "symbol"}
+        return not constant or constant.isdisjoint(program.needed(outputs, functions))
+
+    @property
+    def regions(self) -> int:
+        """Number of regions into which signs and domains cut the real points; this many states visit them all."""
+        return 1
+
+    @property
+    def signs(self) -> tuple[int, str]:
+        """Number of regions of signs that are visited, 0 without signs, and what is known of others."""
+        return 0, ""
+
+    @property
+    def symbols(self) -> list[str]:
+        """Constants that the outputs depend on, sorted; functions of constants join when first evaluated."""
+        return sorted({self.program.inputs[n].name for n in self._inputs if self._is_symbol(n)} | self.angles)
+
+    @property
+    def definitions(self) -> dict[str, str]:
+        """What the symbols that are functions of constants stand for, as expressions in constants."""
+        return {}
+
+    @property
+    def angles(self) -> frozenset[str]:
+        """Symbols whose values stand for the tangent of half of them."""
+        angles = (self.program.lhs[n] for n in self._functions)
+        return frozenset(self.program.inputs[n].name for n in angles if self._is_symbol(n))
+
+    @property
+    def leaves(self) -> int:
+        """Number of inputs and functions that the outputs are computed from."""
+        return len(self._schedule.leaves)
+
+    @property
+    def leaf_size(self) -> Size:
+        """Bound on a leaf as a quotient of polynomials in the independent random numbers, e.g. multiples of angles.
+
+        A cosine or sine of n angles is a quotient of degree 2n, with coefficients that add up to 4ⁿ at most; a unit
+        quaternion is one of degree 2.
+        """
+        return Size(2, 2.0)
+
+    def with_order(self, order: int | None) -> FieldSampler:  # noqa: ARG002
+        """The sampler itself: without loops there are no curves that have an order."""
+        return self
+
+    def evaluate(
+        self, field: PrimeField, rng: np.random.Generator, states: int, geometry: Mapping[str, Residues]
+    ) -> Residues:
+        """Evaluate at random states for given geometries."""
+        # shapes: geometry (geometries,); returns (outputs, geometries, states)
+        geometries = len(next(iter(geometry.values()))) if geometry else 1
+        samples = geometries * states
+        given = {name: np.repeat(value, states) for name, value in geometry.items()}
+
+        def drawn(nodes: Iterable[int]) -> dict[int, Residues]:
+            return {
+                n: given[self.program.inputs[n].name] if self._is_symbol(n) else field.draw(rng, (samples,))
+                for n in nodes
+            }
+
+        tangents = drawn(dict.fromkeys(self.program.lhs[n] for n in self._functions))
+        values = drawn(self._inputs)
+        for group in self.program.unit_groups:
+            if not values.keys().isdisjoint(group):
+                points = field.sphere(field.draw(rng, (len(group) - 1, samples)))
+                values |= {n: point for n, point in zip(group, points, strict=True) if n in values}
+        circles = {n: field.circle(tangent) for n, tangent in tangents.items()}
+        for n in self._functions:
+            cosine, sine = circles[self.program.lhs[n]]
+            values[n] = cosine if self.program.ops[n] == Op.COS else sine
+        return self._schedule.run(ModularArithmetic(field), values, samples).reshape(-1, geometries, states)
+
+    def _is_symbol(self, node: int) -> bool:
+        return node in self.program.inputs and self.program.inputs[node].role == "symbol"
+
+
+_ROOTS = (1.0, sqrt(2), sqrt(3), sqrt(6))
 
 
 class _Quotient(NamedTuple):

@@ -32,8 +32,9 @@ import numpy.typing as npt
 from echelon.arrays import Floats, SignArray
 from echelon.exact.field import PrimeField, rank
 from echelon.exact.polynomial import Rational
+from echelon.program.arithmetics import BallArithmetic, ball
 from echelon.program.intervals import interval_values
-from echelon.program.schedule import BallArithmetic, FloatArithmetic, Schedule, ball
+from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Op, Program
 
 _MOST_MAXIMAL = 256

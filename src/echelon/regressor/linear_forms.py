@@ -34,7 +34,7 @@ from echelon.mechanism.effect import Side
 from echelon.mechanism.joint import GROUND
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
-from echelon.program.sampling import FieldSampler
+from echelon.program.schedule import FieldSampler
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.blocks import Block, BlockRows, blocks_of
 from echelon.regressor.loops.dependent_motion import DependentMotion
@@ -92,12 +92,16 @@ class LinearForms:
         """Evaluates all entries at random states modulo primes."""
         if not self._samplers:
             nodes = list(self.entries.values())
-            if self.loops is None:
-                self._samplers[None] = FieldSampler(self.program, nodes, self.values)
-            else:
+            if self.loops is not None:
                 from echelon.regressor.loops.curves import CurveSampler  # robots without loops do without it
 
                 self._samplers[None] = CurveSampler(self.program, nodes, self.loops)
+            elif FieldSampler.suits(self.program, nodes):
+                self._samplers[None] = FieldSampler(self.program, nodes)
+            else:
+                from echelon.program.sampling import FunctionSampler  # robots without friction do without it
+
+                self._samplers[None] = FunctionSampler(self.program, nodes, self.values)
         if order not in self._samplers:
             self._samplers[order] = self._samplers[None].with_order(order)
         return self._samplers[order]

@@ -20,7 +20,8 @@ import numpy.typing as npt
 from echelon.arrays import Floats, Integers, pivoted_qr
 from echelon.errors import InputError
 from echelon.mechanism.joint import MotionKind
-from echelon.program.schedule import BallArithmetic, Schedule, ball
+from echelon.program.arithmetics import BallArithmetic, ball
+from echelon.program.schedule import Schedule
 from echelon.program.tape import Program
 from echelon.regressor.loops.closures import Loops
 from echelon.regressor.steps import quaternion_times

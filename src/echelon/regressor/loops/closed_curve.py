@@ -20,9 +20,10 @@ import numpy.typing as npt
 from echelon.errors import InputError, SingularPoseError, UnknownRelationsError
 from echelon.exact import series
 from echelon.exact.field import PrimeField, Residues, rank, reduced_echelon
+from echelon.program.arithmetics import SeriesArithmetic
 from echelon.program.canonical import CanonicalForms, Product, Signs
-from echelon.program.sampling import residues_of
-from echelon.program.schedule import Schedule, SeriesArithmetic
+from echelon.program.generators import residues_of
+from echelon.program.schedule import Schedule
 from echelon.regressor.loops.moving import MovingCoordinates, Pose
 from echelon.regressor.loops.positions import Positions
 

@@ -23,8 +23,9 @@ from echelon.exact import series
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank
 from echelon.mechanism.closed_pose import angle_parts
 from echelon.program.canonical import Turn
+from echelon.program.generators import GeneratorValues, generators_of
 from echelon.program.region import COMPLETE, SAMPLED, RegionReport, one_sided
-from echelon.program.sampling import FieldSampler, GeneratorValues, generators_of
+from echelon.program.sampling import FunctionSampler
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.surfaces import IndependentRegions, find_surfaces, monomials
 from echelon.program.tape import Op, Program
@@ -46,7 +47,7 @@ _MOST_PRODUCTS, _MOST_REGIONS = 512, 64
 T = TypeVar("T")
 
 
-class CurveSampler(FieldSampler):
+class CurveSampler(FunctionSampler):
     """Evaluates outputs of a program along random curves of closed configurations."""
 
     def __init__(self, program: Program, outputs: Sequence[int], loops: Loops) -> None:
@@ -104,7 +105,7 @@ class CurveSampler(FieldSampler):
         The coefficients of all curves of a geometry are put together to as many random combinations as there are
         states, so that each state is as good as any.
 
-        See :meth:`echelon.program.sampling.FieldSampler.evaluate`.
+        See :meth:`echelon.program.schedule.FieldSampler.evaluate`.
         """
         return self.from_pose(field, rng, geometry, lambda pose: self.evaluate_at(field, rng, states, geometry, pose))
 
@@ -184,9 +185,10 @@ class CurveSampler(FieldSampler):
         return 1
 
     @property
-    def region_report(self) -> RegionReport | None:
-        """Which regions are visited, where there are signs."""
-        return self._closed_regions[1] if self._sign_leaves else None
+    def signs(self) -> tuple[int, str]:
+        """Number of regions of signs that are visited, 0 without signs, and what is known of others."""
+        report = self._closed_regions[1]
+        return (report.count, str(report)) if self._sign_leaves else (0, "")
 
     @cached_property
     def _closed_regions(self) -> tuple[npt.NDArray[np.int64], RegionReport]:
@@ -234,7 +236,7 @@ class CurveSampler(FieldSampler):
     def _positions(self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues]) -> Positions:
         """The given geometries, with random values for what else is constant."""
         samples = len(next(iter(geometry.values()))) if geometry else 1
-        inputs = [n for n in self._schedule.leaves if self._is_symbol(n)]
+        inputs = [n for n in self._inputs if self._is_symbol(n)]
         forms = {n: self._form(n, ()) for n in self._functions if n not in self._exponentials.nodes}
         wanted = {g for form in forms.values() for g in generators_of(form)} - self._recorded.turning.keys()
         drawn = GeneratorValues(self.canonical, field, rng, geometry, {}, samples, self._constants())

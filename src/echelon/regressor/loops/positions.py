@@ -12,8 +12,9 @@ from echelon.arrays import Integers
 from echelon.errors import UnknownRelationsError
 from echelon.exact import series
 from echelon.exact.field import PrimeField, Residues
+from echelon.program.arithmetics import SeriesArithmetic
 from echelon.program.canonical import Turn
-from echelon.program.schedule import Schedule, SeriesArithmetic
+from echelon.program.schedule import Schedule
 from echelon.program.tape import Op, Program
 from echelon.program.zero_dimensional import Solver
 from echelon.regressor.loops.closures import Wrist

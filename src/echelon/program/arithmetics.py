@@ -1,0 +1,91 @@
+"""Power series and balls: what a program can be evaluated in beside floats and residues."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from operator import methodcaller, neg
+from typing import Any
+
+import flint
+import numpy as np
+import numpy.typing as npt
+
+from echelon.exact import series
+from echelon.exact.field import PrimeField
+from echelon.exact.polynomial import Number, parts_of
+from echelon.program.schedule import Array, ModularArithmetic
+from echelon.program.tape import FUNCTIONS, Op
+
+
+class SeriesArithmetic(ModularArithmetic):
+    """Power series over GF(p), truncated to some order; the last axis holds the coefficients."""
+
+    def __init__(self, field: PrimeField, order: int) -> None:
+        super().__init__(field)
+        self.shape = (order,)
+
+    def constant(self, value: Number) -> Array:
+        """The residue as a series."""
+        return series.constant(np.array(self.field.embed(value)), self.shape[0])
+
+    def binary(self, op: int, a: Array, b: Array) -> Array:
+        """Elementwise operation on series."""
+        if op == Op.MUL:
+            return series.product(a, b, self.field)
+        if op == Op.DIV:
+            return series.product(a, series.inverse(b, self.field), self.field)
+        return super().binary(op, a, b)
+
+
+_RADICANDS = (1, 2, 3, 6)
+
+
+def ball(value: Number | float) -> Any:
+    """The ball of an exact number; floats are taken as the dyadic fractions that they are."""
+    if isinstance(value, float):
+        return flint.arb(value)
+    total = flint.arb(0)
+    for part, radicand in zip(parts_of(value), _RADICANDS, strict=True):
+        if part:
+            total += flint.arb(flint.fmpq(part.numerator, part.denominator)) * flint.arb(radicand).sqrt()
+    return total
+
+
+_UNARY: dict[Op, Callable[[Any], Any]] = {op: methodcaller(op.name.lower()) for op in FUNCTIONS}
+_UNARY |= {Op.NEG: neg, Op.ABS: abs, Op.SIGN: methodcaller("sgn")}
+
+
+class BallArithmetic:
+    """Arrays of balls, or of power series with balls as coefficients, at the precision of FLINT's context.
+
+    That is the precision at the first use, for constants are kept.  A ball surely holds the true number, and knows
+    every function, also those whose algebraic relations are not known.  Balls prove that something is not zero; that
+    something is zero they can only bound.
+    """
+
+    dtype: npt.DTypeLike = object
+    shape: tuple[int, ...] = ()
+
+    def __init__(self) -> None:
+        self._constants: dict[Number, Any] = {}
+
+    def constant(self, value: Number) -> Any:
+        """The ball of an exact number."""
+        if value not in self._constants:
+            self._constants[value] = ball(value)
+        return self._constants[value]
+
+    def binary(self, op: int, a: Array, b: Array) -> Array:
+        """Elementwise operation."""
+        if op == Op.ADD:
+            return np.asarray(a + b)
+        if op == Op.SUB:
+            return np.asarray(a - b)
+        return np.asarray(a * b if op == Op.MUL else a / b)
+
+    def unary(self, op: int, a: Array) -> Array:
+        """Elementwise function."""
+        result = np.empty(a.shape, dtype=object)
+        for place in np.ndindex(a.shape):  # one by one, because power series would be taken for sequences
+            result[place] = _UNARY[Op(op)](a[place])
+        return result
