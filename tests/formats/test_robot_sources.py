@@ -112,6 +112,22 @@ def test_a_model_of_pinocchio_is_the_urdf_it_was_read_from(name: str, floating: 
         same_dynamics(found, own)
 
 
+def test_pinocchio_joints_about_any_axis_are_read() -> None:
+    """Pinocchio does not say the axis of one that turns without end."""
+    text = "<robot name='r'><link name='a'/>" + "".join(
+        f"""<link name='{child}'><inertial><origin xyz='0.1 0.2 0'/><mass value='1'/>
+        <inertia ixx='0.1' ixy='0' ixz='0' iyy='0.2' iyz='0' izz='0.2'/></inertial></link>
+        <joint name='{kind}' type='{kind}'><parent link='{parent}'/><child link='{child}'/><axis xyz='1 2 -3'/>
+        <origin xyz='0.3 0 0'/><limit lower='-1' upper='1' velocity='1' effort='1'/></joint>"""
+        for parent, child, kind in (("a", "b", "continuous"), ("b", "c", "prismatic"), ("c", "d", "revolute"))
+    )
+    robots = (
+        ec.load(pinocchio.buildModelFromXML(text + "</robot>"), snap_tolerance=0),
+        ec.load(text + "</robot>", snap_tolerance=0),
+    )
+    same_dynamics(*robots)
+
+
 def test_xacro_is_expanded(tmp_path: Path) -> None:
     folder = tmp_path / "arm_description" / "urdf"
     folder.mkdir(parents=True)

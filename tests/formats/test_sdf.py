@@ -223,6 +223,25 @@ def test_mimics_and_old_axes() -> None:
     np.testing.assert_allclose(turn, turned([np.cos(0.3), -np.sin(0.3), 0], 0.4), atol=1e-12)
 
 
+ARM = model(
+    """<link name="a"/><link name="b"><gravity>false</gravity><inertial auto="true"><mass>2</mass></inertial></link>
+    <joint name="j" type="revolute"><parent>a</parent><child>b</child><axis/></joint>"""
+)
+
+
+def test_what_gravity_and_inertias_are_taken_from() -> None:
+    robot = read(ARM)
+    assert "switches it off for 'b'; inertias of 'b' are unknown: the file leaves them to collisions" in notes(robot)
+    assert robot.bodies[0].inertial is None
+    assert str(robot.gravity) == "(0, 0, -981/100)"
+    assert read(ARM.replace('<link name="a"/>', '<link name="a"><gravity>0</gravity></link>')).gravity is None
+    world = ARM.replace('<model name="m">', '<world name="w"><model name="m">').replace("</sdf>", "</world></sdf>")
+    assert str(read(world).gravity) == "(0, 0, -49/5)"  # that of the specification
+    static = world.replace("<pose>0 0 0 0 0 0</pose>", "<static>true</static>")
+    with pytest.raises(ec.InputError, match="needs one model with joints, found none"):
+        read(static)
+
+
 # -- refusals ----------------------------------------------------------------------------------------------------------
 
 REFUSED = {

@@ -27,6 +27,7 @@ _MACROS = re.compile(rb"<xacro:|\$[{(]")
 _EQUALITIES = ("connect", "weld", "joint", "tendon")
 _JOINTS = ("free", "ball", "slide", "hinge")
 _CONSTRAINT_OFF, _EQUALITY_OFF, _GRAVITY_OFF = 1 << 0, 1 << 1, 1 << 7  # of mjtDisableBit
+_ONE_AXIS = re.compile(r"(R|P|RUB)[XYZ]|(Revolute|RevoluteUnbounded|Prismatic)Unaligned")
 _SITE, _WRAP_JOINT = 6, 1  # mjOBJ_SITE, mjWRAP_JOINT
 _SENSORS = {
     "mjSENS_FORCE": ("force", "site"),
@@ -235,14 +236,13 @@ def _urdf_motion(joint: Element, model: Any, k: int) -> None:
         joint.set("type", "floating")
         return
     sliding = kind.startswith("P")
-    letters = re.fullmatch(r"(?:R|P|RUB)([XYZ])", kind)
-    if letters is None and kind not in ("RevoluteUnaligned", "RevoluteUnboundedUnaligned", "PrismaticUnaligned"):
+    if not _ONE_AXIS.fullmatch(kind):
         problem = f"joints of Pinocchio's type {kind} are not read: pass the URDF or MJCF file of the model"
         raise InputError(problem, element=f"joint '{model.names[k]}'")
     unbounded = "UB" in kind or "Unbounded" in kind
     joint.set("type", "prismatic" if sliding else "continuous" if unbounded else "revolute")
-    axis = np.eye(3)["XYZ".index(letters[1])] if letters else about.extract().axis
-    SubElement(joint, "axis", xyz=_row(axis))
+    subspace = np.ravel(about.createData().S)  # not all types state their axis
+    SubElement(joint, "axis", xyz=_row(subspace[:3] if sliding else subspace[3:]))
     drive = {"damping": model.damping, "friction": model.friction, "armature": model.armature}
     SubElement(joint, "dynamics", {name: _row(values[v]) for name, values in drive.items() if values[v]})
     if not unbounded:

@@ -35,12 +35,13 @@ from echelon.formats.literal import (
 from echelon.formats.mjcf.mjcf_numbers import exact_angle, exact_number, placements, placements_of
 from echelon.formats.snapping import ANGLE_TOLERANCE
 from echelon.formats.urdf.urdf_reader import ExactXml
-from echelon.hints import nearest_of
+from echelon.hints import in_quotes, nearest_of
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.coupling import linear
 from echelon.mechanism.joint import MotionKind
 
 WORLD, MODEL = "world", "__model__"
+_WORLDS_GRAVITY = "0 0 -9.8"  # of a world that states none, by the specification
 _SIX, _SEVEN = 6, 7
 _DIGITS = 15  # decimals of a metre
 _MOST_GENERAL = 2  # rotations by general angles that are multiplied exactly; products of more have too many terms
@@ -50,13 +51,18 @@ _AXIS_IN_JOINT = (1, 5)  # from this version of the format on, axes are stated i
 def read_sdf(root: Any, source: str, *, mimics: bool = True) -> LiteralTree:
     """The tree of an SDF document with one model that moves."""
     worlds = root.findall("world")
-    models = [m for place in (root, *worlds) for m in place.findall("model") if m.find("joint") is not None]
+    found = [model for place in (root, *worlds) for model in place.findall("model")]
+    models = [m for m in found if m.find("joint") is not None and not _says(m.findtext("static", "false"))]
     if len(models) != 1:
         names = ", ".join(f"'{m.get('name')}'" for m in models) or "none"
         problem = f"needs one model with joints, found {names}: keep one, with its joints, in the file"
         raise InputError(problem, source=source)
-    gravity = worlds[0].find("gravity") if worlds else None
-    return _Reader(root, models[0], source).read(None if gravity is None else gravity.text, mimics)
+    gravity = worlds[0].findtext("gravity", _WORLDS_GRAVITY) if worlds else None
+    return _Reader(root, models[0], source).read(gravity, mimics)
+
+
+def _says(flag: str) -> bool:
+    return flag.strip() in ("true", "1")
 
 
 _AXES = {
@@ -173,7 +179,7 @@ class _Frames(ExactXml):
             raise self.error("the quaternion is zero", f"{where} pose")
         if turned:
             return placements(f"{where} pose", (x, y, z), [float(rest[k]) for k in (3, 0, 1, 2)])
-        if stated.get("degrees", "false") in ("true", "1"):
+        if _says(stated.get("degrees", "false")):
             rest = [exact_angle(radians(angle)) for angle in rest]
         roll, pitch, yaw = rest
         return (LiteralPlacement(f"{where} pose", (x, y, z), (roll, pitch, yaw)),)
@@ -197,12 +203,14 @@ class _Reader(_Frames):
         left = [joint for joint in self.joints if joint not in carried.values()]
         frames = [f for f in self.known.values() if f.kind == "frame"]
         stated = tuple(self._couplings())
+        self.notes += self._left_out()
+        weightless = all(self._is_weightless(link) for link in self.links.values())
         return LiteralTree(
             self.model.get("name") or "robot",
             self.source,
             links,
             stated if mimics else (),
-            self.triple(gravity, LiteralTree("", "", ()).gravity, "gravity"),
+            (0, 0, 0) if weightless else self.triple(gravity, LiteralTree("", "", ()).gravity, "gravity"),
             tuple(self.notes),
             root_is_world=True,
             closures=tuple(self._closure(joint, position) for joint in left),
@@ -321,9 +329,30 @@ class _Reader(_Frames):
         link = self.link(frame.name, where)
         return LiteralFrame(frame.name, position[link], self.between(link, frame.name, where))
 
+    @staticmethod
+    def _is_weightless(link: Any) -> bool:
+        return not _says(link.findtext("gravity", "true"))
+
+    def _left_out(self) -> Iterator[str]:
+        """Notes about what links state and no rigid body has."""
+        weightless = [name for name, link in self.links.items() if self._is_weightless(link)]
+        fluid = [name for name, link in self.links.items() if link.find("inertial/fluid_added_mass") is not None]
+        shaped = [name for name, link in self.links.items() if self._by_collisions(link)]
+        if weightless and len(weightless) < len(self.links):
+            yield f"gravity counts for all links, though the file switches it off for {in_quotes(weightless)}"
+        if fluid:
+            yield f"ignored, since rigid-body parameters do not cover it: added mass of fluid of {in_quotes(fluid)}"
+        if shaped:
+            yield f"inertias of {in_quotes(shaped)} are unknown: the file leaves them to collisions"
+
+    @staticmethod
+    def _by_collisions(link: Any) -> bool:
+        element = link.find("inertial")
+        return element is not None and _says(element.get("auto", "false"))
+
     def _inertial(self, name: str) -> tuple[float, ...] | None:
         where, element = f"link '{name}' inertial", self.links[name].find("inertial")
-        if element is None:
+        if element is None or self._by_collisions(self.links[name]):
             return None
 
         def number(path: str, usual: str) -> float:
@@ -362,7 +391,7 @@ class _Reader(_Frames):
             raise self.error("the axis is zero; it needs a direction such as 0 0 1", f"{where} xyz")
         stated = None if direction is None else direction.get("expressed_in")
         in_model = element.findtext("use_parent_model_frame", "false" if self.axis_in_joint else "true")
-        if not stated and in_model.strip() not in ("true", "1"):
+        if not stated and not _says(in_model):
             return (), axis
         turns = self.between(joint.name, stated or MODEL, where)
         return tuple(replace(turn, xyz=(0, 0, 0)) for turn in turns), axis
