@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from echelon.exact.expressions import parse
 from echelon.exact.polynomial import Polynomial
-from echelon.exact.rational import RationalFunction, divided, factors
+from echelon.exact.rational import RationalFunction
+from echelon.exact.ring import divided, factors
 from support.strategies import SMALL_FIELD, in_sympy, integers, polynomials, rationals
 
 LENGTHS = polynomials("d", "r", coefficients=rationals)

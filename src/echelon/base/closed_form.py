@@ -34,9 +34,8 @@ from echelon.exact.field import (
     solve_batched,
     substituted,
 )
-from echelon.exact.interpolation import interpolate
 from echelon.exact.polynomial import Polynomial, Surd, as_polynomial, parts_of
-from echelon.exact.rational import ONE, RationalFunction, cost_of_products, sum_of_products
+from echelon.exact.rational import ONE, RationalFunction, cost_of_products, interpolate, sum_of_products
 from echelon.inertia import move
 from echelon.mechanism.joint import Placement
 from echelon.mechanism.mechanism import Mechanism

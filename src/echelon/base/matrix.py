@@ -22,9 +22,9 @@ from echelon.choices import Order
 from echelon.conventions import PARAMETERS
 from echelon.errors import EchelonError, InputError, shortened
 from echelon.exact.expressions import parse
-from echelon.exact.field import PrimeField, Residues, Work, reduced_echelon
+from echelon.exact.field import PrimeField, Residues, Work, reduced_echelon, residues_at
 from echelon.exact.polynomial import BEYOND_DOUBLES, Number, float_generators, generator_values
-from echelon.exact.rational import RationalFunction, cost_of_products, residues_at
+from echelon.exact.rational import RationalFunction, cost_of_products
 from echelon.extras import extra
 from echelon.mechanism.mechanism import Parameter
 from echelon.program.sympy_bridge import sympy_number

@@ -29,7 +29,8 @@ from echelon.errors import ClosedFormError, EchelonError, InputError
 from echelon.exact.expressions import parse
 from echelon.exact.field import substituted
 from echelon.exact.polynomial import Polynomial
-from echelon.exact.rational import RationalFunction, Ring
+from echelon.exact.rational import RationalFunction
+from echelon.exact.ring import Ring
 from echelon.extras import extra
 
 if TYPE_CHECKING:

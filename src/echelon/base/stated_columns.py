@@ -20,10 +20,18 @@ from echelon.base.ball_rows import Balls, ball_rows, stated_generators
 from echelon.base.closed_form import Kernel, Relation
 from echelon.base.matrix import StatedNumbers
 from echelon.errors import ClosedFormError
-from echelon.exact.field import PrimeField, Residues, UnknownFunctions, Work, by_pivots, persistent, substituted
-from echelon.exact.interpolation import interpolate
+from echelon.exact.field import (
+    PrimeField,
+    Residues,
+    UnknownFunctions,
+    Work,
+    by_pivots,
+    persistent,
+    residues_at,
+    substituted,
+)
 from echelon.exact.polynomial import Number, Polynomial
-from echelon.exact.rational import RationalFunction, residues_at
+from echelon.exact.rational import RationalFunction, interpolate
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import symbol_roles, value_texts
 from echelon.program.arithmetics import ball

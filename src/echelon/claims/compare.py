@@ -28,9 +28,9 @@ from echelon.base.model import BaseModel
 from echelon.claims.reading import Precision
 from echelon.claims.result import Agreement, TermDifference
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
-from echelon.exact.field import PrimeField, Work, reduced_echelon, substituted
+from echelon.exact.field import PrimeField, Work, reduced_echelon, residues_at, substituted
 from echelon.exact.polynomial import Number, Surd, float_generators, is_trigonometric, symbol_of
-from echelon.exact.rational import RationalFunction, residues_at
+from echelon.exact.rational import RationalFunction
 
 Row = Mapping[int, RationalFunction]
 """Claimed coefficients by column, in the order of the text."""

@@ -20,9 +20,8 @@ import flint
 import numpy as np
 
 from echelon.errors import DegenerateSampleError
-from echelon.exact.field import Geometry, PrimeField, Residues, as_flint, null_vectors
+from echelon.exact.field import Geometry, PrimeField, Residues, as_flint, null_vectors, residues_of_generators
 from echelon.exact.polynomial import Monomial, cosine, sine
-from echelon.exact.rational import residues_of_generators
 
 EXTRA_SAMPLES = 4
 """Samples beyond the number of unknowns: a wrong ansatz fits them with probability about p^-4."""

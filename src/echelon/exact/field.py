@@ -19,7 +19,7 @@ in operations, so that no result depends on the clock.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import gcd
 from typing import Any, Protocol, TypeVar
@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import ClosedFormError, DegenerateSampleError, InputError
-from echelon.exact.polynomial import Number, Surd, repeated
+from echelon.exact.polynomial import Number, Surd, generator_values, repeated
 
 Residues = npt.NDArray[Any]
 """Array of residues in [0, p): int64 for primes below 2^31, Python integers above."""
@@ -287,6 +287,24 @@ def substituted(combination: Mapping[int, T], solved: Mapping[int, Mapping[int, 
 
 Geometry = Mapping[str, Residues]
 """Values of the symbols; for an angle the tangent of its half."""
+
+
+def residues_of_generators(
+    generators: Iterable[str], symbols: Mapping[str, Residues], field: PrimeField
+) -> dict[str, Residues]:
+    """Residues of generators for given symbols; an angle symbol is given by the tangent of its half."""
+
+    def circle(t: Residues, count: int) -> tuple[Residues, Residues]:
+        point = field.circle(t)
+        return point if count == 1 else field.multiply_angle(point, count)
+
+    return generator_values(generators, symbols.__getitem__, circle)
+
+
+def residues_at(generators: Iterable[str], symbols: Mapping[str, Residues], field: PrimeField) -> dict[str, int]:
+    """The same at one geometry.  Shapes: symbols (1,)."""
+    return {g: int(value[0]) for g, value in residues_of_generators(generators, symbols, field).items()}
+
 
 _OPERATIONS = 5e8  # a few seconds
 _TERMS = 500

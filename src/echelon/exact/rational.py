@@ -1,42 +1,44 @@
-"""Quotients of polynomials, reduced to lowest terms.
+"""Quotients of polynomials in lowest terms, and their recovery from values modulo primes.
 
 In the classical base-to-tip order the entries of B are polynomials, so the denominator is almost always 1 and every
 operation takes a short cut.  Other column orders bring true denominators; then common factors are cancelled with
 FLINT's multivariate gcd.
+
+Closed forms are found by interpolation: the caller can evaluate a vector of unknown functions of the geometry symbols
+at any points of any field.  One field shows which monomials they have (:mod:`echelon.exact.fitting`).  The coefficients
+of these are then found in as many fields as it takes, one per sign of √2 and √3 and one per prime, and put together by
+Chinese remainders and rational reconstruction.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from hashlib import sha256
-from math import gcd, lcm
 from typing import Any, TypeVar
 
-import flint
 import numpy as np
 
 from echelon.errors import DegenerateSampleError
-from echelon.exact.field import PrimeField, Residues
+from echelon.exact.ansatz import Ansatz, Fit, solve_ansatz
+from echelon.exact.field import SOLVING, PrimeField, UnknownFunctions, Work, persistent, residues_at
+from echelon.exact.fitting import Fitting
 from echelon.exact.polynomial import (
-    Monomial,
     Number,
     Polynomial,
+    Rational,
     Surd,
     as_polynomial,
     format_polynomial,
-    generator_values,
-    inverse,
-    parts_of,
     simplest,
     surd,
 )
+from echelon.exact.ring import Ring, lowest_terms
 
 T = TypeVar("T")
 _ONE = Polynomial.constant(1)
 _FIELD = PrimeField.of(2147483543)
-_MOST_RATIONALISED = 2000
-"""Terms that conjugates may bring while a polynomial is looked for that is written as a quotient."""
 _PRODUCT, _QUOTIENT = 300.0, 1000.0
 """Operations on residues that take as long as a product of two terms, and as its part of a quotient."""
 
@@ -56,7 +58,7 @@ class RationalFunction:
         if not bottom:
             raise ZeroDivisionError("a rational function needs a non-zero denominator")
         if bottom != _ONE:
-            top, bottom = _lowest_terms(top, bottom)
+            top, bottom = lowest_terms(top, bottom)
         self.numerator, self.denominator = top, bottom
 
     def __add__(self, other: RationalFunction) -> RationalFunction:
@@ -161,37 +163,6 @@ def cost_of_products(products: Sequence[tuple[RationalFunction, RationalFunction
     return size * (_PRODUCT if plain else _QUOTIENT)
 
 
-def _lowest_terms(top: Polynomial, bottom: Polynomial) -> tuple[Polynomial, Polynomial]:
-    if not top:
-        return top, _ONE
-    if bottom.number is None:
-        ring = Ring(top, bottom)
-        short = _coprime(ring.enter(top), ring.enter(bottom))
-        if len(top.terms) * len(bottom.terms) ** ring.roots_in(short[1]) <= _MOST_RATIONALISED:
-            plain = _coprime(*ring.rationalised(*short))
-            # a true quotient is mostly longer when rationalised, but a polynomial shows itself only then
-            short = plain if plain[1].is_constant() else short
-        top, bottom = map(ring.leave, short)
-    return _monic(top, bottom)
-
-
-def residues_of_generators(
-    generators: Iterable[str], symbols: Mapping[str, Residues], field: PrimeField
-) -> dict[str, Residues]:
-    """Residues of generators for given symbols; an angle symbol is given by the tangent of its half."""
-
-    def circle(t: Residues, count: int) -> tuple[Residues, Residues]:
-        point = field.circle(t)
-        return point if count == 1 else field.multiply_angle(point, count)
-
-    return generator_values(generators, symbols.__getitem__, circle)
-
-
-def residues_at(generators: Iterable[str], symbols: Mapping[str, Residues], field: PrimeField) -> dict[str, int]:
-    """The same at one geometry.  Shapes: symbols (1,)."""
-    return {g: int(value[0]) for g, value in residues_of_generators(generators, symbols, field).items()}
-
-
 def _value_somewhere(function: RationalFunction) -> int:
     """The value at a fixed point modulo a fixed prime, which is the same however a quotient is written."""
     digests = {name: sha256(name.encode()).digest()[:4] for name in function.symbols()}
@@ -202,132 +173,188 @@ def _value_somewhere(function: RationalFunction) -> int:
         return 0
 
 
-def _monic(top: Polynomial, bottom: Polynomial) -> tuple[Polynomial, Polynomial]:
-    """The same quotient with 1 as first coefficient of the denominator."""
-    lead = next(bottom.sorted_terms())[1]
-    scale = inverse(lead)
-    scale = scale if isinstance(scale, Surd) else simplest(scale)
-    return top * scale, bottom * scale
+# -- recovery from values ----------------------------------------------------------------------------------------------
+
+_MARGIN_BITS = 16
+"""A candidate n/d is believed when |n|·d is this many bits shorter than the modulus; the certificate has the last
+word, so this only decides when to ask for one more prime."""
 
 
-def _coprime(top: Any, bottom: Any) -> tuple[Any, Any]:
-    """FLINT polynomials divided by their greatest common divisor."""
-    divisor = top.gcd(bottom)
-    return top / divisor, bottom / divisor
+def combine(residues: Sequence[int], primes: Sequence[int]) -> tuple[int, int]:
+    """The residue modulo the product of the primes, and that product."""
+    value, modulus = 0, 1
+    for residue, prime in zip(residues, primes, strict=True):
+        value += modulus * ((residue - value) * pow(modulus, -1, prime) % prime)
+        modulus *= prime
+    return value, modulus
 
 
-class Ring:
-    """FLINT's ring for some polynomials, with √2 and √3 as extra generators; sorted, or in a given order.
+def rational(residue: int, modulus: int) -> Rational | None:
+    """The simplest rational number with this residue, or None if none is simple enough to be believed.
 
-    FLINT does not know that sines and roots are algebraic, so its gcd may miss a factor that needs their squares.
+    Uses the largest quotient of the extended Euclidean algorithm (Monagan, "Maximal quotient rational
+    reconstruction", 2004).
+
+    >>> rational(pow(3, -1, 2147483399) * 2, 2147483399)
+    Fraction(2, 3)
     """
+    residue %= modulus
+    if residue == 0:
+        return 0
+    best, height = (0, 1), modulus
+    remainders, cofactors = (modulus, residue), (0, 1)
+    while remainders[1]:
+        size = remainders[1] * abs(cofactors[1])
+        if size < height:
+            best, height = (remainders[1], cofactors[1]), size
+        quotient = remainders[0] // remainders[1]
+        remainders = remainders[1], remainders[0] - quotient * remainders[1]
+        cofactors = cofactors[1], cofactors[0] - quotient * cofactors[1]
+    if height << _MARGIN_BITS > modulus:
+        return None
+    return simplest(Fraction(*best))
 
-    def __init__(self, *polynomials: Polynomial, order: Sequence[str] = ()) -> None:
-        generators = {g for polynomial in polynomials for g in polynomial.generators()}
-        sines = sorted(g for g in generators if g.startswith("sin("))
-        generators |= {"cos" + g[3:] for g in sines}
-        self.names = (*(order or sorted(generators)), "√2", "√3")
-        self.context = flint.fmpq_mpoly_ctx.get(("x", len(self.names)), flint.Ordering.lex)
-        element = dict(zip(self.names, self.context.gens(), strict=True))
-        squares = {"√2": self.context.constant(2), "√3": self.context.constant(3)}
-        squares |= {g: 1 - element["cos" + g[3:]] ** 2 for g in sines}
-        self.squares = [(self.names.index(g), element[g], square) for g, square in squares.items()]
 
-    def enter(self, polynomial: Polynomial) -> Any:
-        """A polynomial as an element of this ring."""
-        terms: dict[tuple[int, ...], Any] = {}
-        for monomial, coefficient in polynomial.terms.items():
-            powers = dict(monomial)
-            exponents = [powers.get(name, 0) for name in self.names[:-2]]
-            for k, part in enumerate(parts_of(coefficient)):
-                if part:
-                    terms[*exponents, k & 1, k >> 1] = flint.fmpq(part.numerator, part.denominator)
-        return self.context.from_dict(terms)
+_MOST_PRIMES = 64
 
-    def leave(self, element: Any) -> Polynomial:
-        """An element without squares of roots as a polynomial."""
-        terms: dict[Monomial, Number] = {}
-        for exponents, coefficient in element.to_dict().items():
-            monomial = tuple((name, int(e)) for name, e in zip(self.names[:-2], exponents, strict=False) if e)
-            value = simplest(Fraction(int(coefficient.p), int(coefficient.q)))
-            root = surd(*(int(k == exponents[-2] + 2 * exponents[-1]) for k in range(4)))
-            terms[monomial] = terms.get(monomial, 0) + root * value
-        return Polynomial(terms)
 
-    def reduced(self, element: Any) -> Any:
-        """The same element with sines and roots to the first power at most."""
-        for index, generator, square in self.squares:
-            if element.degrees()[index] > 1:
-                p, q = self._split(element, index, square)
-                element = p + q * generator
-        return element
+def interpolate(
+    unknown: UnknownFunctions, rng: np.random.Generator, work: Work | None = None
+) -> list[RationalFunction | None]:
+    """Closed forms of all functions."""
+    return _Interpolation(unknown, rng, Work.of(1) if work is None else work).run()
 
-    def roots_in(self, element: Any) -> int:
-        """Number of sines and roots in an element."""
-        degrees = element.degrees()
-        return sum(bool(degrees[index]) for index, _, _ in self.squares)
 
-    def rationalised(self, top: Any, bottom: Any) -> tuple[Any, Any]:
-        """The same quotient with a denominator free of sines and roots, by multiplying with its conjugates."""
-        degrees = bottom.degrees()
-        for index, element, square in self.squares:
-            if not degrees[index]:
+@dataclass(eq=False)
+class _Pending:
+    """A function whose coefficients are not known yet, with what is known of them."""
+
+    ansatz: Ansatz
+    primes: list[int]
+    tables: list[list[list[int]]]  # for each prime the four parts (1, √2, √3, √6) of every coefficient
+
+
+class _Interpolation:
+    def __init__(self, unknown: UnknownFunctions, rng: np.random.Generator, work: Work) -> None:
+        self.unknown, self.rng, self.work = unknown, rng, work
+
+    def run(self) -> list[RationalFunction | None]:
+        if not self.unknown.degrees:
+            return []
+        field = PrimeField.random(self.rng)
+        pending: dict[int, _Pending] = {}
+        found_in = self._monomials if self.unknown.symbols else self._numbers
+        fits = persistent(lambda: found_in(field))
+        for index, fit in enumerate(fits):
+            if fit is not None:
+                ansatz, vector = fit
+                # without roots the choosing field already gave the coefficients
+                known = not any(self.unknown.irrational)
+                tables = [[[c, 0, 0, 0] for c in vector]] if known else []
+                pending[index] = _Pending(ansatz, [field.p] if known else [], tables)
+        done = self._coefficients(pending)
+        return [done.get(index) for index in range(len(self.unknown.degrees))]
+
+    def _monomials(self, field: PrimeField) -> list[Fit | None]:
+        return Fitting(self.unknown, field, self.rng, self.work).run()
+
+    def _numbers(self, field: PrimeField) -> list[Fit | None]:
+        """Functions of no symbol, by one value."""
+        self.work.spend(self.unknown.cost)
+        values = self.unknown.values(field, {}, 1)[:, 0]
+        return [(Ansatz(((),) if value else (), ((),)), [value, 1] if value else [1]) for value in map(int, values)]
+
+    def _coefficients(self, pending: dict[int, _Pending]) -> dict[int, RationalFunction]:
+        done: dict[int, RationalFunction] = {}
+        primes = {p for function in pending.values() for p in function.primes}
+        for _ in range(_MOST_PRIMES):
+            candidates = {i: f for i, p in pending.items() if (f := _reconstructed(p)) is not None}
+            for index in self._confirmed(candidates):
+                done[index] = candidates[index]
+                del pending[index]
+            if not pending:
+                break
+            field = PrimeField.random(self.rng)
+            if field.p not in primes and not self._add(pending, field):
+                break
+            primes.add(field.p)
+        return done
+
+    def _confirmed(self, functions: Mapping[int, RationalFunction]) -> list[int]:
+        """Those that hold at a fresh point of a fresh field, which a mistaken reconstruction does not."""
+        if not functions:
+            return []
+        field = PrimeField.random(self.rng)
+        geometry, values = self.unknown.sample(field, self.rng, 1)
+        generators = {g for f in functions.values() for g in f.generators()}
+        point = residues_at(generators, geometry, field)
+        confirmed = []
+        for index, function in functions.items():
+            try:
+                top, bottom = (f.evaluate(point, field.embed) for f in (function.numerator, function.denominator))
+            except DegenerateSampleError:
                 continue
-            (p, q), (a, b) = self._split(top, index, square), self._split(bottom, index, square)
-            top, bottom = p + q * element, a
-            if b:
-                top, bottom = p * a - q * b * square + (q * a - p * b) * element, a * a - b * b * square
-        return top, bottom
+            if not (top - int(values[index, 0]) * bottom) % field.p:
+                confirmed.append(index)
+        return confirmed
 
-    def _split(self, polynomial: Any, index: int, square: Any) -> tuple[Any, Any]:
-        """Parts without and with one generator, whose powers are replaced by powers of its square."""
-        by_power: dict[int, dict[tuple[int, ...], Any]] = {}
-        for exponents, coefficient in polynomial.to_dict().items():
-            rest = (*exponents[:index], 0, *exponents[index + 1 :])
-            by_power.setdefault(int(exponents[index]), {})[rest] = coefficient
-        halves = [self.context.constant(0), self.context.constant(0)]
-        for power, terms in by_power.items():
-            halves[power % 2] += self.context.from_dict(terms) * square ** (power // 2)
-        return halves[0], halves[1]
+    def _add(self, pending: Mapping[int, _Pending], field: PrimeField) -> bool:
+        """Find the coefficients of pending functions in one more field; whether the budget allows it."""
+        flips2, flips3 = ((False, True) if flag else (False,) for flag in self.unknown.irrational)
+        signs = [(a, b) for a in flips2 for b in flips3]
+        sizes = [p.ansatz.size for p in pending.values()]
+        cost = (max(sizes) + 1) * self.unknown.cost + SOLVING * sum(size**3 for size in sizes)
+        if not self.work.take(len(signs) * cost):
+            return False
+        try:
+            solved = {sign: self._solve(pending, field.conjugate(*sign)) for sign in signs}
+            for index, function in pending.items():
+                function.tables.append(_separate({sign: found[index] for sign, found in solved.items()}, field))
+                function.primes.append(field.p)
+        except DegenerateSampleError:
+            pass  # the next field will do
+        return True
 
-
-# -- factors and remainders, with rational coefficients and independent generators -------------------------------------
-
-
-def is_rational(polynomial: Polynomial) -> bool:
-    """Whether no coefficient has a square root in it."""
-    return not any(isinstance(c, Surd) for c in polynomial.terms.values())
-
-
-def factors(polynomial: Polynomial) -> tuple[Fraction, list[tuple[Polynomial, int]]]:
-    """A non-zero polynomial as a number times powers of irreducible factors.
-
-    Every factor has coprime integer coefficients and a positive first one, so equal factors are equal polynomials.
-
-    >>> x, y = Polynomial.generator("x"), Polynomial.generator("y")
-    >>> factors((y * y - x * x) * Fraction(1, 2))
-    (Fraction(-1, 2), [(x + y, 1), (x - y, 1)])
-    """
-    ring = Ring(polynomial)
-    constant, found = ring.enter(polynomial).factor()
-    total, result = Fraction(int(constant.p), int(constant.q)), []
-    for element, exponent in found:
-        factor, scale = _primitive(ring.leave(element))
-        total *= scale**exponent
-        result.append((factor, int(exponent)))
-    return total, sorted(result, key=lambda pair: str(pair[0]))
+    def _solve(self, pending: Mapping[int, _Pending], field: PrimeField) -> dict[int, list[int]]:
+        """Coefficients of every pending function in one field."""
+        count = max(p.ansatz.size for p in pending.values()) + 1
+        geometry, values = self.unknown.sample(field, self.rng, count)
+        return {i: solve_ansatz(p.ansatz, field, geometry, values[i]) for i, p in pending.items()}
 
 
-def _primitive(polynomial: Polynomial) -> tuple[Polynomial, Fraction]:
-    """The polynomial with coprime integer coefficients, the first one positive, and the number taken out."""
-    numbers = [Fraction(c) for _, c in polynomial.sorted_terms() if not isinstance(c, Surd)]
-    scale = Fraction(gcd(*(c.numerator for c in numbers)), lcm(*(c.denominator for c in numbers)))
-    scale = scale if numbers[0] > 0 else -scale
-    return Polynomial({m: simplest(c / scale) for m, c in polynomial.terms.items() if not isinstance(c, Surd)}), scale
+def _separate(embeddings: Mapping[tuple[bool, bool], list[int]], field: PrimeField) -> list[list[int]]:
+    """Split every coefficient into its parts on 1, √2, √3, √6 from its values under all sign choices."""
+    size = len(next(iter(embeddings.values())))
+    share = field.invert(len(embeddings))
+    roots = (1, field.root2, field.root3, field.root2 * field.root3)
+    parts = []
+    for k in range(size):
+        quadruple = []
+        for index, root in enumerate(roots):
+            total = 0
+            for (flip2, flip3), coefficients in embeddings.items():
+                negative = (flip2 and bool(index & 1)) ^ (flip3 and bool(index & 2))
+                total += -coefficients[k] if negative else coefficients[k]
+            known = (index & 1 == 0 or (True, False) in embeddings) and (index & 2 == 0 or (False, True) in embeddings)
+            quadruple.append(total * share * field.invert(root) % field.p if known else 0)
+        parts.append(quadruple)
+    return parts
 
 
-def divided(polynomial: Polynomial, divisor: Polynomial, order: Sequence[str]) -> tuple[Polynomial, Polynomial]:
-    """Quotient and remainder; no term of the remainder is divisible by the first term of the divisor."""
-    ring = Ring(order=order)
-    quotient, rest = divmod(ring.enter(polynomial), ring.enter(divisor))
-    return ring.leave(quotient), ring.leave(rest)
+def _reconstructed(pending: _Pending) -> RationalFunction | None:
+    """The quotient that has the residues found so far, if one is simple enough to be believed."""
+    if not pending.primes:
+        return None
+    coefficients: list[Number] = []
+    for k in range(len(pending.tables[0])):
+        parts: list[Rational] = []
+        for part in range(4):
+            value = rational(*combine([table[k][part] for table in pending.tables], pending.primes))
+            if value is None:
+                return None
+            parts.append(value)
+        coefficients.append(surd(parts[0], parts[1], parts[2], parts[3]))
+    cut = len(pending.ansatz.numerator)
+    top = Polynomial(dict(zip(pending.ansatz.numerator, coefficients[:cut], strict=True)))
+    bottom = Polynomial(dict(zip(pending.ansatz.denominator, coefficients[cut:], strict=True)))
+    return RationalFunction(top, bottom)

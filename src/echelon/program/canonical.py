@@ -30,7 +30,8 @@ import flint
 
 from echelon.errors import InputError, UnknownRelationsError
 from echelon.exact.polynomial import Monomial, Number, Polynomial, Surd, parts_of
-from echelon.exact.rational import RationalFunction, divided, factors, is_rational
+from echelon.exact.rational import RationalFunction
+from echelon.exact.ring import divided, factors, is_rational
 from echelon.program.tape import Op, Program
 
 _ONE = Polynomial.constant(1)
