@@ -23,11 +23,12 @@ from echelon.errors import DegenerateSampleError, InputError
 from echelon.exact.expressions import parse
 from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.polynomial import Polynomial, Rational, Surd
+from echelon.program.operations import Op
 from echelon.program.rewriting import with_values
 from echelon.program.sampling import FunctionSampler
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.sympy_bridge import from_sympy
-from echelon.program.tape import Op, Program, Scalar, exact
+from echelon.program.tape import Program, Scalar, exact
 from echelon.program.text import FUNCTION_NAMES, record_expression
 from echelon.regressor.linear_forms import LinearForms
 

@@ -17,7 +17,7 @@ from echelon.conventions import LENGTH_DEGREE, PER_BODY
 from echelon.exact.expressions import parse
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.mechanism import Mechanism
-from echelon.program.tape import Op
+from echelon.program.operations import Op
 from echelon.regressor.linear_forms import LinearForms
 from support import textbook_arms as arms
 from support.float_regressor import FloatArray, random_states

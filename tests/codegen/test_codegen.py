@@ -22,7 +22,8 @@ from echelon.dynamics.functions import FUNCTIONS as ALL
 from echelon.dynamics.functions import LOOP_FUNCTIONS
 from echelon.errors import InputError
 from echelon.program.function import Argument, Function
-from echelon.program.tape import FUNCTIONS, Program
+from echelon.program.operations import FUNCTIONS
+from echelon.program.tape import Program
 from echelon.regressor.loops.assembly import Assembly
 from support import generated_code as generated
 from support.paths import ROOT

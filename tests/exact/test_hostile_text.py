@@ -18,8 +18,8 @@ from echelon.cli.commands import app
 from echelon.cli.generate import read_values
 from echelon.cli.screen import visible
 from echelon.errors import InputError
-from echelon.exact.expressions import parse
-from echelon.exact.polynomial import Polynomial, in_double_range, is_whole, multiple_of, surd
+from echelon.exact.expressions import in_double_range, is_whole, parse
+from echelon.exact.polynomial import Polynomial, multiple_of, surd
 from echelon.formats.snapping import symbol_stem
 from echelon.mechanism.joint import Symbol
 from echelon.models import constant_values

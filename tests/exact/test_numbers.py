@@ -13,17 +13,8 @@ import sympy
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from echelon.exact.polynomial import (
-    Number,
-    Surd,
-    cosine_of_turn,
-    format_number,
-    inverse,
-    parse_decimal,
-    parts_of,
-    sine_of_turn,
-    surd,
-)
+from echelon.exact.expressions import parse_decimal
+from echelon.exact.polynomial import Number, Surd, cosine_of_turn, format_number, inverse, parts_of, sine_of_turn, surd
 from support.strategies import in_sympy, numbers
 
 ROOT2, ROOT3, ROOT6 = surd(0, 1, 0, 0), surd(0, 0, 1, 0), surd(0, 0, 0, 1)

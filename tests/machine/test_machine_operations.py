@@ -16,7 +16,8 @@ from echelon.machine.kernel import Kernel
 from echelon.machine.operations_text import LARGEST_ANGLE
 from echelon.machine.target import Target, host
 from echelon.program.function import Function
-from echelon.program.tape import FUNCTIONS, Op, Scalar
+from echelon.program.operations import FUNCTIONS, Op
+from echelon.program.tape import Scalar
 from support.small_kernels import LANES, FloatArray, by_numpy, function, same_bits
 
 SPECIAL = np.array([0.0, -0.0, 1.0, -1.0, 0.5, -2.5, 5e-324, 1e-200, 1e200, np.inf, -np.inf, np.nan])

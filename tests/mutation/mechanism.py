@@ -31,7 +31,7 @@ FAULTS = (
         JOINTS,
     ),
     Fault(
-        "mechanism/mechanism.py",
+        "exact/rational.py",
         "a - factor * b for",
         "a + factor * b for",
         "inverse of a transmission",

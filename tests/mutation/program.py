@@ -34,7 +34,7 @@ FAULTS = (
         "a − b with b recorded first",
         "program/test_tape.py::test_recording_keeps_the_value",
     ),
-    Fault(TAPE, "return value * sign", "return value", "|constant|", "program/test_tape.py"),
+    Fault("program/operations.py", "return value * sign", "return value", "|constant|", "program/test_tape.py"),
     Fault(
         SLOPES,
         "(b, -y * inverse)",

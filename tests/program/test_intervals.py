@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 
 from echelon.errors import InputError
 from echelon.program.intervals import interval_values
+from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.rewriting import smoothed
-from echelon.program.tape import FUNCTIONS, Op, Program, Scalar
+from echelon.program.tape import Program, Scalar
 from support.excitation_cases import TRUTH, truth
 
 BINARY = ("add", "subtract", "multiply", "divide")

@@ -14,8 +14,9 @@ from hypothesis import assume, given
 from echelon.errors import DegenerateSampleError, EchelonError
 from echelon.exact.field import PrimeField
 from echelon.exact.polynomial import Number, surd
+from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.schedule import FloatArithmetic, ModularArithmetic, Schedule, norm_bits, size_bound
-from echelon.program.tape import FUNCTIONS, Op, Program, Scalar
+from echelon.program.tape import Program, Scalar
 from support.strategies import FIELDS, SMALL_FIELD, calculate, formulas, numbers
 
 NAMES = ("x", "y", "z")

@@ -15,10 +15,11 @@ from sympy import Abs, Rational, cos, exp, log, pi, sign, sin, sqrt, tan, tanh
 from echelon.errors import InputError
 from echelon.exact.field import rank
 from echelon.exact.polynomial import Number
+from echelon.program.operations import FUNCTIONS
 from echelon.program.sampling import FunctionSampler
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.sympy_bridge import SUPPORTED, from_sympy, to_sympy
-from echelon.program.tape import FUNCTIONS, Program, Scalar
+from echelon.program.tape import Program, Scalar
 from support.strategies import SMALL_FIELD, calculate, formulas, in_sympy, numbers
 
 x, y = sympy.symbols("x y")

@@ -12,7 +12,8 @@ from hypothesis import assume, given
 from echelon.errors import InputError
 from echelon.exact.expressions import parse
 from echelon.exact.polynomial import Number, surd
-from echelon.program.tape import FUNCTIONS, Input, Op, Program, Scalar
+from echelon.program.operations import FUNCTIONS, Op
+from echelon.program.tape import Input, Program, Scalar
 from support.strategies import calculate, formulas, numbers
 
 ROOT2 = surd(0, 1, 0, 0)

@@ -30,7 +30,8 @@ from echelon.excite.problem.trajectory import (
     uniform_splines,
 )
 from echelon.mechanism.mechanism import Mechanism
-from echelon.program.tape import Op, Program
+from echelon.program.operations import Op
+from echelon.program.tape import Program
 from support.float_regressor import standard_vector
 from support.paths import EXAMPLES
 from support.robot_files import robot_file

@@ -21,9 +21,9 @@ import numpy.typing as npt
 from echelon.choices import Order
 from echelon.conventions import PARAMETERS
 from echelon.errors import EchelonError, InputError, shortened
-from echelon.exact.expressions import parse
+from echelon.exact.expressions import BEYOND_DOUBLES, parse
 from echelon.exact.field import PrimeField, Residues, Work, reduced_echelon, residues_at
-from echelon.exact.polynomial import BEYOND_DOUBLES, Number, float_generators, generator_values
+from echelon.exact.polynomial import Number, float_generators, generator_values
 from echelon.exact.rational import RationalFunction, cost_of_products
 from echelon.extras import extra
 from echelon.mechanism.mechanism import Parameter

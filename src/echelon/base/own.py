@@ -17,9 +17,9 @@ import numpy as np
 from echelon.base.matrix import BaseMatrix
 from echelon.base.structure import Structure, find_structure
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
-from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle
+from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle, decimal_text
 from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator
-from echelon.exact.polynomial import Polynomial, Surd, decimal_text, format_polynomial
+from echelon.exact.polynomial import Polynomial, Surd, format_polynomial
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import StatedValues, all_symbols, angle_generators, stated_values
 from echelon.mechanism.substitute import substituted

@@ -19,8 +19,9 @@ from echelon.exact.polynomial import Monomial, Number, Polynomial, cosine, is_tr
 from echelon.extras import extra
 from echelon.mechanism.joint import GROUND, MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
+from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.sympy_bridge import sympy_number
-from echelon.program.tape import FUNCTIONS, Op, Program
+from echelon.program.tape import Program
 
 Combination = tuple[tuple[str, int], ...]
 """A sum of angles: coordinates with whole factors."""

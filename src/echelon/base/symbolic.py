@@ -15,8 +15,8 @@ from echelon.base.expression import latex_symbol
 from echelon.base.short_form import Combination, ShortForms
 from echelon.errors import ClosedFormError, InputError, one_line
 from echelon.extras import extra
+from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.sympy_bridge import shared_nodes, to_sympy
-from echelon.program.tape import FUNCTIONS, Op
 from echelon.regressor.linear_forms import LinearForms
 
 if TYPE_CHECKING:

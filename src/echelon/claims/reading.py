@@ -31,8 +31,8 @@ from typing import Any
 from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS
 from echelon.errors import InputError
-from echelon.exact.expressions import expression_tree, parse
-from echelon.exact.polynomial import Polynomial, parse_decimal
+from echelon.exact.expressions import expression_tree, parse, parse_decimal
+from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction
 from echelon.inputs import parse_json, read_document
 

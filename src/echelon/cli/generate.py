@@ -116,7 +116,7 @@ def read_values(path: Path) -> dict[str, float]:
 def _value(value: object, name: str, path: Path) -> float:
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise TypeError
-    from echelon.exact.polynomial import parse_decimal
+    from echelon.exact.expressions import parse_decimal
 
     try:
         return float(parse_decimal(str(value).strip()))

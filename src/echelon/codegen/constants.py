@@ -21,9 +21,10 @@ from echelon.mechanism.joint import Symbol
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, symbol_values
 from echelon.program.function import Argument, Function
+from echelon.program.operations import Op
 from echelon.program.rewriting import recorded, replayed
 from echelon.program.schedule import FloatArithmetic
-from echelon.program.tape import Op, Program, Scalar, exact
+from echelon.program.tape import Program, Scalar, exact
 
 FROM_FILE = "file"
 """The parameters that the robot's file states."""

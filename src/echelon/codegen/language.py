@@ -16,8 +16,8 @@ import numpy as np
 
 from echelon.errors import InputError, one_line
 from echelon.exact.polynomial import Number
-from echelon.program.tape import FUNCTIONS as OPERATIONS
-from echelon.program.tape import Op
+from echelon.program.operations import FUNCTIONS as OPERATIONS
+from echelon.program.operations import Op
 
 # words that a language reserves, or that name a library which the generated code itself uses
 _WORDS = """

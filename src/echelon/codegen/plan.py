@@ -14,7 +14,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from echelon.program.function import Function, cut, depth_first, operands, waiting_places
-from echelon.program.tape import Op, Program
+from echelon.program.operations import Op
+from echelon.program.tape import Program
 
 LONGEST_PART = 1000
 """Statements of one part, at most."""

@@ -26,7 +26,7 @@ from echelon.dynamics.functions import ALL_FUNCTIONS
 from echelon.errors import InputError, one_line
 from echelon.exact.polynomial import Number, is_trigonometric
 from echelon.program.function import Argument, Function
-from echelon.program.tape import Op
+from echelon.program.operations import Op
 from echelon.version import __version__
 
 if TYPE_CHECKING:

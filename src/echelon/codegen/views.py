@@ -16,7 +16,8 @@ from echelon.codegen.language import Language, Precision
 from echelon.codegen.plan import LONGEST_PART, Plan, Statement, coordinates, homes, plan, used_names
 from echelon.exact.polynomial import Number, is_negative
 from echelon.program.function import Argument, Function
-from echelon.program.tape import Op, Program
+from echelon.program.operations import Op
+from echelon.program.tape import Program
 
 
 class Binding(IntEnum):

@@ -12,7 +12,8 @@ from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import symbol_values
 from echelon.program.function import Argument, Function
-from echelon.program.tape import Op, Program, Scalar
+from echelon.program.operations import Op
+from echelon.program.tape import Program, Scalar
 
 STATE = ("q", "qd", "qdd")
 """Positions, velocities and accelerations."""

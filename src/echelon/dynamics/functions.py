@@ -18,8 +18,9 @@ from echelon.errors import InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Function
+from echelon.program.operations import Op
 from echelon.program.schedule import FloatArithmetic, Schedule
-from echelon.program.tape import Op, Program, Scalar
+from echelon.program.tape import Program, Scalar
 from echelon.regressor.linear_forms import inverse_dynamics_regressor
 from echelon.regressor.loops.dependent_motion import DependentMotion
 from echelon.regressor.loops.recorded_loops import real_inputs

@@ -33,7 +33,8 @@ from echelon.mechanism.effect import Side
 from echelon.mechanism.joint import GROUND, ORIGIN, Joint, MotionKind, Placement, Step, Vector, merge
 from echelon.mechanism.mechanism import Cut, Mechanism
 from echelon.program.derivatives import derivatives
-from echelon.program.tape import Op, Program, Scalar
+from echelon.program.operations import Op
+from echelon.program.tape import Program, Scalar
 from echelon.regressor.loops.dependent_motion import DependentMotion
 from echelon.regressor.steps import EffectRecorder, Probes, Recorder, VirtualMotion, motion_of_joints, virtual_motion
 from echelon.regressor.steps import Step as Recorded

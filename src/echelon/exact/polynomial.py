@@ -14,11 +14,10 @@ not.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from functools import reduce
-from math import isfinite, isqrt, sqrt
+from math import isqrt, sqrt
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -182,48 +181,9 @@ def sine_of_turn(k: int) -> Number:
     return cosine_of_turn(k - 6)
 
 
-_LONGEST_DECIMAL = 1000
-_DECIMAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE]([+-]?\d+))?", re.ASCII)
-BEYOND_DOUBLES = "beyond the range of double precision (5e-324 to 1.8e308)"
-"""What is said about numbers that no double comes near to."""
-
-
 def is_negative(x: Number) -> bool:
     """The sign of a number; rational ones may be beyond double precision."""
     return float(x) < 0 if isinstance(x, Surd) else x < 0
-
-
-def parse_decimal(text: str) -> Rational:
-    """The exact value of a decimal literal.
-
-    >>> parse_decimal("-0.0825"), parse_decimal("1e-3"), parse_decimal("2.0")
-    (Fraction(-33, 400), Fraction(1, 1000), 2)
-    """
-    if len(text) > _LONGEST_DECIMAL:
-        raise ValueError(f"a number of {len(text)} characters is too long (at most {_LONGEST_DECIMAL})")
-    found = _DECIMAL.fullmatch(text)
-    if found is None:
-        raise ValueError(f"'{text}' is not a finite decimal number")
-    # a large exponent is refused before it becomes as many digits
-    value = Fraction(text) if abs(int(found[3] or 0)) <= 2 * _LONGEST_DECIMAL else None
-    if value is None or not in_double_range(value):
-        raise ValueError(f"'{text}' is {BEYOND_DOUBLES}")
-    return simplest(value)
-
-
-def is_whole(text: str) -> bool:
-    """Whether a text is a whole number without sign, in digits that are counted with."""
-    return re.fullmatch(r"[0-9]{1,18}", text) is not None
-
-
-def in_double_range(x: Number) -> bool:
-    """Whether a number is zero or has a double next to it that is neither zero nor infinite."""
-    try:
-        if isinstance(x, Surd):
-            return isfinite(float(x)) and all(map(in_double_range, x.parts))
-        return not x or float(x) != 0
-    except OverflowError:
-        return False
 
 
 def format_number(x: Number) -> str:
@@ -232,20 +192,6 @@ def format_number(x: Number) -> str:
         return str(x)
     pieces = [_format_part(value, radicand) for value, radicand in zip(x.parts, _RADICANDS, strict=True) if value]
     return " + ".join(pieces).replace("+ -", "- ")
-
-
-def decimal_text(number: Number) -> str:
-    """Exact text of a number, as a terminating decimal where it has one."""
-    if isinstance(number, Surd):
-        return format_number(number)
-    denominator = Fraction(number).denominator
-    for prime in (2, 5):
-        while denominator % prime == 0:
-            denominator //= prime
-    if denominator != 1:
-        return str(number)
-    decimal = repr(float(number))
-    return decimal if Fraction(decimal) == number else str(number)
 
 
 def _format_part(value: Rational, radicand: int) -> str:

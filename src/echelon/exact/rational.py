@@ -163,6 +163,24 @@ def cost_of_products(products: Sequence[tuple[RationalFunction, RationalFunction
     return size * (_PRODUCT if plain else _QUOTIENT)
 
 
+def inverse_matrix(matrix: list[list[RationalFunction]]) -> list[list[RationalFunction]] | None:
+    """Inverse of a square matrix by Gauss–Jordan elimination; None if it is singular."""
+    size = len(matrix)
+    rows = [[*row, *(RationalFunction(int(i == j)) for j in range(size))] for i, row in enumerate(matrix)]
+    for column in range(size):
+        pivot = next((i for i in range(column, size) if rows[i][column]), None)
+        if pivot is None:
+            return None
+        rows[column], rows[pivot] = rows[pivot], rows[column]
+        lead = rows[column][column]
+        rows[column] = [entry / lead for entry in rows[column]]
+        for i in range(size):
+            factor = rows[i][column]
+            if i != column and factor:
+                rows[i] = [a - factor * b for a, b in zip(rows[i], rows[column], strict=True)]
+    return [row[size:] for row in rows]
+
+
 def _value_somewhere(function: RationalFunction) -> int:
     """The value at a fixed point modulo a fixed prime, which is the same however a quotient is written."""
     digests = {name: sha256(name.encode()).digest()[:4] for name in function.symbols()}

@@ -24,13 +24,12 @@ from typing import TypeVar
 
 from echelon.choices import Measured
 from echelon.errors import InputError
-from echelon.exact.expressions import PI, STEPS_PER_HALF_TURN, Angle, parse
+from echelon.exact.expressions import PI, STEPS_PER_HALF_TURN, Angle, decimal_text, parse
 from echelon.exact.polynomial import (
     Number,
     Polynomial,
     Rational,
     as_polynomial,
-    decimal_text,
     format_polynomial,
     inverse,
     parts_of,

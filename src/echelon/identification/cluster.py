@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from echelon.errors import InputError
-from echelon.exact.polynomial import is_whole
+from echelon.exact.expressions import is_whole
 from echelon.extras import extra
 from echelon.version import __version__
 

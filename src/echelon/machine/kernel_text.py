@@ -23,7 +23,7 @@ from echelon.machine.operations_text import (
     stream_line,
 )
 from echelon.program.function import operands
-from echelon.program.tape import Op
+from echelon.program.operations import Op
 
 _DOUBLE, _LINE = 8, 64  # bytes
 _STREAM = ", ptr noalias %from, ptr noalias %to"

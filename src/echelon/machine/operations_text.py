@@ -17,7 +17,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from echelon.program.function import Function, cut, depth_first, operands, waiting_places
-from echelon.program.tape import Op, Program
+from echelon.program.operations import Op
+from echelon.program.tape import Program
 
 _LONGEST = 3000  # operations in one function
 _PART = 1500  # operations in one part of a longer one

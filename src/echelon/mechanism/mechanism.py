@@ -17,7 +17,7 @@ from typing import Any, Protocol
 from echelon.conventions import LENGTH_DEGREE, PARAMETERS, PER_BODY, UNITS
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
-from echelon.exact.rational import RationalFunction
+from echelon.exact.rational import RationalFunction, inverse_matrix
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.coupling import Coupling
 from echelon.mechanism.effect import Effect, Side
@@ -112,7 +112,7 @@ def transmission(stated: Sequence[Actuator], coordinates: Sequence[str]) -> Tran
             element="transmission",
         )
     matrix = [[RationalFunction(dict(a.terms).get(name, Polynomial({}))) for name in driven] for a in stated]
-    solved = _inverse(matrix)
+    solved = inverse_matrix(matrix)
     if solved is None:
         names = ", ".join(a.name for a in stated)
         raise InputError(f"the transmission of {names} is singular: its actuators cannot move independently")
@@ -122,24 +122,6 @@ def transmission(stated: Sequence[Actuator], coordinates: Sequence[str]) -> Tran
     for k, actuator in enumerate(stated):
         inverse[actuator.name] = {name: row[k] for name, row in zip(driven, solved, strict=True) if row[k]}
     return Transmission((*stated, *direct), inverse)
-
-
-def _inverse(matrix: list[list[RationalFunction]]) -> list[list[RationalFunction]] | None:
-    """Inverse of a square matrix by Gauss–Jordan elimination; None if it is singular."""
-    size = len(matrix)
-    rows = [[*row, *(RationalFunction(int(i == j)) for j in range(size))] for i, row in enumerate(matrix)]
-    for column in range(size):
-        pivot = next((i for i in range(column, size) if rows[i][column]), None)
-        if pivot is None:
-            return None
-        rows[column], rows[pivot] = rows[pivot], rows[column]
-        lead = rows[column][column]
-        rows[column] = [entry / lead for entry in rows[column]]
-        for i in range(size):
-            factor = rows[i][column]
-            if i != column and factor:
-                rows[i] = [a - factor * b for a, b in zip(rows[i], rows[column], strict=True)]
-    return [row[size:] for row in rows]
 
 
 ClosedAt = Mapping[str, tuple[Polynomial, ...]]

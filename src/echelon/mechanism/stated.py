@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
-from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle, parse, parse_angle
+from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle, decimal_text, parse, parse_angle
 from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, Residues, random_generator
 from echelon.exact.polynomial import (
     Number,
@@ -28,7 +28,6 @@ from echelon.exact.polynomial import (
     as_polynomial,
     cosine,
     cosine_of_turn,
-    decimal_text,
     is_trigonometric,
     multiple_of,
     sine,

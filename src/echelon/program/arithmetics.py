@@ -13,8 +13,8 @@ import numpy.typing as npt
 from echelon.exact import series
 from echelon.exact.field import PrimeField
 from echelon.exact.polynomial import Number, parts_of
+from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.schedule import Array, ModularArithmetic
-from echelon.program.tape import FUNCTIONS, Op
 
 
 class SeriesArithmetic(ModularArithmetic):

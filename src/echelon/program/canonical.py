@@ -32,7 +32,8 @@ from echelon.errors import InputError, UnknownRelationsError
 from echelon.exact.polynomial import Monomial, Number, Polynomial, Surd, parts_of
 from echelon.exact.rational import RationalFunction
 from echelon.exact.ring import divided, factors, is_rational
-from echelon.program.tape import Op, Program
+from echelon.program.operations import Op
+from echelon.program.tape import Program
 
 _ONE = Polynomial.constant(1)
 _BASIS: tuple[Number, ...] = (1, Surd((0, 1, 0, 0)), Surd((0, 0, 1, 0)), Surd((0, 0, 0, 1)))

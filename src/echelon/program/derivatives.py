@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 
-from echelon.program.tape import Op, Program, Scalar
+from echelon.program.operations import Op
+from echelon.program.tape import Program, Scalar
 
 Partials = list[tuple[int, Scalar]]
 """Operands of a node, and the derivative of the node by each of them."""

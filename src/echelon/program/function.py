@@ -18,7 +18,8 @@ from typing import TypeVar
 
 from echelon.errors import EchelonError
 from echelon.program.derivatives import dependent
-from echelon.program.tape import Op, Program
+from echelon.program.operations import Op
+from echelon.program.tape import Program
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.program.tape import Op, Program
+from echelon.program.operations import Op
+from echelon.program.tape import Program
 
 Interval = tuple[Floats, Floats]
 """Least and largest values, of one shape."""

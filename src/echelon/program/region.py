@@ -31,6 +31,7 @@ from echelon.arrays import Floats, SignArray
 from echelon.errors import InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.exact.polynomial import Rational
+from echelon.program.operations import Op
 from echelon.program.region_moves import along_axes, descended, random_points, solved
 from echelon.program.surfaces import (
     IndependentRegions,
@@ -41,7 +42,7 @@ from echelon.program.surfaces import (
     monomials,
     relations,
 )
-from echelon.program.tape import Op, Program
+from echelon.program.tape import Program
 
 COMPLETE, EXHAUSTED, BUDGET = "complete", "exhausted", "budget"
 

@@ -19,7 +19,8 @@ from functools import partial
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
 from echelon.program.function import Function
-from echelon.program.tape import Op, Program, Scalar, square_root
+from echelon.program.operations import Op
+from echelon.program.tape import Program, Scalar, square_root
 
 WRITTEN_OUT = frozenset({Op.ABS, Op.TAN, Op.TANH, Op.ATAN})
 """Functions that :func:`written_out` does without, and sines of the last."""

@@ -22,10 +22,11 @@ from echelon.exact.polynomial import Rational
 from echelon.program.canonical import CanonicalForms, Form, Product, Signs, Turn
 from echelon.program.derivatives import derivatives
 from echelon.program.generators import ConstantName, GeneratorValues, constant_names, generators_of, residues_of
+from echelon.program.operations import Op
 from echelon.program.region import RealPoints
 from echelon.program.rewriting import WRITTEN_OUT, written_out
 from echelon.program.schedule import FieldSampler, ModularArithmetic, Size, polynomial_size
-from echelon.program.tape import Op, Program, Scalar
+from echelon.program.tape import Program, Scalar
 
 _Pattern = tuple[Signs, npt.NDArray[np.intp]]  # signs, and the samples that have them
 

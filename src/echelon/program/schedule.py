@@ -29,7 +29,8 @@ import numpy.typing as npt
 from echelon.errors import EchelonError
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.polynomial import Number, Polynomial, parts_of
-from echelon.program.tape import FUNCTIONS, Op, Program
+from echelon.program.operations import FUNCTIONS, Op
+from echelon.program.tape import Program
 
 Array = npt.NDArray[Any]
 

@@ -34,8 +34,9 @@ from echelon.exact.field import PrimeField, rank
 from echelon.exact.polynomial import Rational
 from echelon.program.arithmetics import BallArithmetic, ball
 from echelon.program.intervals import interval_values
+from echelon.program.operations import Op
 from echelon.program.schedule import FloatArithmetic, Schedule
-from echelon.program.tape import Op, Program
+from echelon.program.tape import Program
 
 _MOST_MAXIMAL = 256
 """Maximal products followed through a program; more are taken together, which only asks for more regions."""

@@ -16,10 +16,11 @@ from operator import add, mul, sub, truediv
 from typing import Any
 
 from echelon.errors import InputError
-from echelon.exact.expressions import STEPS_PER_HALF_TURN
-from echelon.exact.polynomial import Number, Rational, Surd, cosine_of_turn, parse_decimal, sine_of_turn
+from echelon.exact.expressions import STEPS_PER_HALF_TURN, parse_decimal
+from echelon.exact.polynomial import Number, Rational, Surd, cosine_of_turn, sine_of_turn
 from echelon.extras import extra
-from echelon.program.tape import FUNCTIONS, Op, Program, Scalar, power, square_root
+from echelon.program.operations import FUNCTIONS, Op
+from echelon.program.tape import Program, Scalar, power, square_root
 from echelon.program.text import COMPOUND, turned
 
 SUPPORTED = {"Abs" if op is Op.ABS else op.name.lower(): op for op in FUNCTIONS}

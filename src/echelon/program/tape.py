@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
-from enum import IntEnum
 from fractions import Fraction
 from operator import mul
 from typing import Any, NoReturn
@@ -23,6 +22,7 @@ import numpy as np
 
 from echelon.errors import InputError
 from echelon.exact import polynomial
+from echelon.exact.expressions import parse_decimal
 from echelon.exact.polynomial import (
     Number,
     Polynomial,
@@ -32,37 +32,10 @@ from echelon.exact.polynomial import (
     is_negative,
     is_trigonometric,
     multiple_of,
-    parse_decimal,
     repeated,
     symbol_of,
 )
-
-
-class Op(IntEnum):
-    """Operation codes.  Unary functions follow ``SIN``; their operand is ``lhs``."""
-
-    INPUT = 0
-    CONSTANT = 1
-    ADD = 2
-    SUB = 3
-    MUL = 4
-    NEG = 5
-    DIV = 6
-    SIN = 7
-    COS = 8
-    TAN = 9
-    EXP = 10
-    LOG = 11
-    TANH = 12
-    SQRT = 13
-    ABS = 14
-    SIGN = 15
-    ATAN = 16
-
-
-FUNCTIONS = tuple(op for op in Op if op >= Op.SIN)
-"""The unary functions other than negation."""
-
+from echelon.program.operations import Op, folded
 
 _LARGEST_EXPONENT = 128
 _MOST_BITS = 20_000
@@ -278,8 +251,6 @@ def square_root(x: Scalar) -> Scalar:
     return x.program.function(Op.SQRT, x)
 
 
-__all__ = ["Input", "Program", "Scalar"]
-
 _INPUT, _CONSTANT, _ADD, _SUB, _MUL, _NEG, _DIV = (int(op) for op in list(Op)[:7])
 _COMMUTATIVE = (_ADD, _MUL)
 
@@ -355,8 +326,8 @@ class Program:
     def function(self, op: Op, x: Scalar) -> Scalar:
         """A unary function of a scalar, folded where the value is exact."""
         value = x.number
-        if value is not None and (folded := _folded(op, value)) is not None:
-            return self.constant(folded)
+        if value is not None and (known := folded(op, value)) is not None:
+            return self.constant(known)
         return Scalar(self, self._intern(int(op), x.node, -1))
 
     def _generator(self, generator: str) -> Scalar:
@@ -499,19 +470,3 @@ class Program:
 
     def __repr__(self) -> str:
         return f"Program({len(self)} nodes, {len(self.inputs)} inputs)"
-
-
-def _folded(op: Op, value: Number) -> Number | None:
-    """The exact value of a function at a number, where there is one."""
-    sign = -1 if is_negative(value) else int(bool(value))
-    if op in (Op.LOG, Op.SQRT) and (sign < 0 or (op is Op.LOG and not sign)):
-        raise InputError(f"{op.name.lower()}({value}) is not real")
-    if op is Op.SIGN:
-        return sign
-    if op is Op.ABS:
-        return value * sign
-    if op is Op.LOG:
-        return 0 if value == 1 else None
-    if sign:
-        return None
-    return 1 if op in (Op.COS, Op.EXP) else 0

@@ -21,9 +21,10 @@ from functools import reduce
 from math import tan
 
 from echelon.errors import InputError, shortened
-from echelon.exact.expressions import PI, STEPS_PER_HALF_TURN, Angle, expression_tree, parse_angle
-from echelon.exact.polynomial import Number, circle_point, cosine_of_turn, parse_decimal, sine_of_turn
-from echelon.program.tape import FUNCTIONS, Op, Program, Scalar, maximum, minimum, power, square_root
+from echelon.exact.expressions import PI, STEPS_PER_HALF_TURN, Angle, expression_tree, parse_angle, parse_decimal
+from echelon.exact.polynomial import Number, circle_point, cosine_of_turn, sine_of_turn
+from echelon.program.operations import FUNCTIONS, Op
+from echelon.program.tape import Program, Scalar, maximum, minimum, power, square_root
 
 
 def heaviside(x: Scalar) -> Scalar:

@@ -20,8 +20,9 @@ import numpy as np
 from echelon.arrays import Flags, Integers
 from echelon.exact.field import PrimeField, Residues, reduced_echelon
 from echelon.exact.quotient_ring import Equation, Exponents, Monomials, commute, quotient_points
+from echelon.program.operations import Op
 from echelon.program.schedule import Array, ModularArithmetic, Schedule
-from echelon.program.tape import Op, Program
+from echelon.program.tape import Program
 
 Row = dict[int, int]
 """Monomials and the numbers by which they are multiplied."""

@@ -15,7 +15,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.conventions import PARAMETERS
 from echelon.errors import InputError
-from echelon.exact.polynomial import is_whole
+from echelon.exact.expressions import is_whole
 from echelon.formats.bodies import BASE, Bodies, Part, with_relations
 from echelon.formats.builder import Built
 from echelon.formats.description.couplings import offset_placement, read_couplings

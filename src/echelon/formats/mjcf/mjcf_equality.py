@@ -12,7 +12,8 @@ from fractions import Fraction
 from typing import Any
 
 from echelon.errors import InputError
-from echelon.exact.polynomial import Polynomial, Rational, inverse, parse_decimal
+from echelon.exact.expressions import parse_decimal
+from echelon.exact.polynomial import Polynomial, Rational, inverse
 from echelon.formats.literal import StatedCoupling, substituted
 from echelon.mechanism.coupling import Spline
 

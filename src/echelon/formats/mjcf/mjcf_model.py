@@ -22,7 +22,7 @@ from xml.etree.ElementTree import tostring
 import numpy as np
 
 from echelon.errors import InputError
-from echelon.exact.polynomial import is_whole
+from echelon.exact.expressions import is_whole
 from echelon.extras import extra
 from echelon.hints import in_quotes, unused
 from echelon.inputs import INCLUDES, parse_xml, read_content

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
-from echelon.exact.expressions import STEPS_PER_HALF_TURN
-from echelon.exact.polynomial import Rational, parse_decimal
+from echelon.exact.expressions import STEPS_PER_HALF_TURN, parse_decimal
+from echelon.exact.polynomial import Rational
 from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralStep, Triple, rotation_matrix
 from echelon.formats.snapping import checked_size
 from echelon.inertia import rotation_of

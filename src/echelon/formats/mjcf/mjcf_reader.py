@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 
 from echelon.errors import InputError
-from echelon.exact.polynomial import Rational, parse_decimal
+from echelon.exact.expressions import parse_decimal
+from echelon.exact.polynomial import Rational
 from echelon.formats.literal import (
     LiteralClosure,
     LiteralEffort,

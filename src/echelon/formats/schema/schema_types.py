@@ -19,8 +19,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
-from echelon.exact.expressions import PI, parse
-from echelon.exact.polynomial import is_whole
+from echelon.exact.expressions import PI, is_whole, parse
 from echelon.formats.snapping import NOT_FINITE
 from echelon.hints import nearest
 

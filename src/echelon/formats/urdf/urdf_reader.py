@@ -12,7 +12,8 @@ from pathlib import PurePath
 from typing import Any
 
 from echelon.errors import InputError
-from echelon.exact.polynomial import Rational, as_polynomial, decimal_text, parse_decimal
+from echelon.exact.expressions import decimal_text, parse_decimal
+from echelon.exact.polynomial import Rational, as_polynomial
 from echelon.formats.literal import (
     LiteralLink,
     LiteralMotion,

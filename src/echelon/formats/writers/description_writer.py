@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from echelon.conventions import PARAMETERS
 from echelon.errors import InputError
-from echelon.exact.polynomial import Polynomial, decimal_text, format_polynomial
+from echelon.exact.expressions import decimal_text
+from echelon.exact.polynomial import Polynomial, format_polynomial
 from echelon.formats.bodies import BASE
 from echelon.formats.description.document import GENERIC
 from echelon.formats.schema.schema_setup import COMPONENTS

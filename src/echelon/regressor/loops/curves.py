@@ -24,11 +24,12 @@ from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_gener
 from echelon.mechanism.closed_pose import angle_parts
 from echelon.program.canonical import Turn
 from echelon.program.generators import GeneratorValues, generators_of
+from echelon.program.operations import Op
 from echelon.program.region import COMPLETE, SAMPLED, RegionReport, one_sided
 from echelon.program.sampling import FunctionSampler
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.surfaces import IndependentRegions, find_surfaces, monomials
-from echelon.program.tape import Op, Program
+from echelon.program.tape import Program
 from echelon.regressor.loops.closed_curve import ClosedCurve, Exponentials, lift
 from echelon.regressor.loops.closures import Loops
 from echelon.regressor.loops.moving import Layout, Pose

@@ -14,8 +14,9 @@ from echelon.exact import series
 from echelon.exact.field import PrimeField, Residues
 from echelon.program.arithmetics import SeriesArithmetic
 from echelon.program.canonical import Turn
+from echelon.program.operations import Op
 from echelon.program.schedule import Schedule
-from echelon.program.tape import Op, Program
+from echelon.program.tape import Program
 from echelon.program.zero_dimensional import Solver
 from echelon.regressor.loops.closures import Wrist
 from echelon.regressor.loops.moving import Layout, MovingCoordinates, Pose, times
