@@ -29,7 +29,7 @@ from echelon.formats.description.document import (
     with_intended_angles,
 )
 from echelon.formats.description.stated_setup import ADDITIONS, Additions
-from echelon.formats.literal import LiteralMotion, StatedCoupling, central_inertial, move_inertial
+from echelon.formats.literal import LiteralMotion, StatedCoupling, move_inertial
 from echelon.formats.snapping import ReadingOptions, gravity_vector, symbol_stem
 from echelon.hints import nearest, nearest_of, unused
 from echelon.mechanism.joint import (
@@ -56,7 +56,7 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import placement_matrix
 
 if TYPE_CHECKING:
-    from echelon.formats.schema.robot_schema import BodyEntry, Inertial, ModifiedRow, RobotDescription, StandardRow
+    from echelon.formats.schema.robot_schema import BodyEntry, ModifiedRow, RobotDescription, StandardRow
     from echelon.formats.schema.schema_types import AxisJoint, CustomJoint, HelicalJoint
     from echelon.formats.schema.schema_types import Joint as Entry
 
@@ -269,7 +269,7 @@ def _row_part(row: ModifiedRow | StandardRow, index: int, path: str, names: Sequ
         default_label=str(index + 1),
         separate=row.separate,
         carried=_carried(row),
-        inertial=_inertial(row.inertial, f"{path}.inertial", joints.expressions),
+        inertial=joints.expressions.inertial(row.inertial, f"{path}.inertial"),
     )
 
 
@@ -308,7 +308,7 @@ def _body_part(body: BodyEntry, path: str, names: Sequence[str], joints: Joints)
         label=body.label,
         separate=body.separate,
         carried=_carried(body),
-        inertial=_inertial(body.inertial, f"{path}.inertial", joints.expressions),
+        inertial=joints.expressions.inertial(body.inertial, f"{path}.inertial"),
     )
 
 
@@ -331,23 +331,6 @@ def _carried(entry: ModifiedRow | StandardRow | BodyEntry) -> tuple[int, ...]:
 
 
 # -- both -----------------------------------------------------------------------------------------------------------
-
-
-def _inertial(stated: Inertial | None, path: str, expressions: Expressions) -> tuple[float, ...] | None:
-    """The ten standard parameters about the body's frame."""
-    from echelon.formats.schema.robot_schema import StandardInertial
-
-    if stated is None:
-        return None
-    if isinstance(stated, StandardInertial):
-        return tuple(expressions.real(text, f"{path}.standard[{i}]") for i, text in enumerate(stated.standard))
-    mass = expressions.real(stated.mass, f"{path}.mass")
-    if mass < 0:
-        raise expressions.error(f"{path}.mass", f"'{stated.mass}' is negative")
-    centre = [expressions.real(text, f"{path}.com[{i}]") for i, text in enumerate(stated.com)]
-    keys = ("xx", "xy", "xz", "yy", "yz", "zz")
-    moments = [expressions.real(getattr(stated.inertia, key), f"{path}.inertia.{key}") for key in keys]
-    return central_inertial(mass, centre, moments, np.eye(3))
 
 
 def _sorted(parts: list[Part], expressions: Expressions) -> list[Part]:

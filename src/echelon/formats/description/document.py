@@ -14,15 +14,17 @@ import unicodedata
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from echelon.errors import InputError
 from echelon.exact.expressions import PI, RESERVED, STEPS_PER_HALF_TURN, Angle, as_angle, parse, parse_angle
 from echelon.exact.polynomial import Number, Polynomial, Rational, Surd, is_trigonometric, symbol_of
-from echelon.formats.schema.schema_types import kind_of
+from echelon.formats.literal import central_inertial
 from echelon.formats.snapping import NOT_FINITE, ReadingOptions, Snapping, checked_size, gravity_vector
-from echelon.hints import nearest, nearest_of, nearest_word
-from echelon.inputs import DESCRIPTION_NODES, decoded, dump_flow, parse_json, parse_yaml, step_into
+from echelon.hints import nearest, nearest_of
+from echelon.inputs import DESCRIPTION_NODES, decoded, parse_json, parse_yaml
 from echelon.mechanism.joint import (
     IDENTITY,
     ORIGIN,
@@ -42,9 +44,7 @@ from echelon.mechanism.stated import geometry as geometry_of
 from echelon.mechanism.stated import symbol_roles
 
 if TYPE_CHECKING:
-    from pydantic_core import ErrorDetails
-
-    from echelon.formats.schema.robot_schema import RobotDescription
+    from echelon.formats.schema.robot_schema import Inertial, RobotDescription
     from echelon.formats.schema.schema_types import Frame
 
 
@@ -118,85 +118,9 @@ def check_document(document: Document) -> RobotDescription:
     try:
         return RobotDescription.model_validate(document.data)
     except ValidationError as error:
-        raise _explained(document, error.errors(include_url=False)) from None
+        from echelon.formats.description.explanations import explained
 
-
-def _explained(document: Document, problems: list[ErrorDetails]) -> InputError:
-    """The first problem; a misspelt key comes before the key that is missing because of it."""
-    first = min(problems, key=lambda p: p["type"] == "missing")
-    path, value = _locate(document.data, first["loc"])
-    unknown = first["type"] == "unknown_key"
-    place = (*first["loc"], first["ctx"]["key"]) if unknown else first["loc"]
-    if unknown:
-        path = step_into(path, first["ctx"]["key"])
-    line = _line(place)
-    return document.error(path, _message(first, value) + (f"; write  {line}" if line else ""))
-
-
-def _line(location: tuple[int | str, ...]) -> str:
-    """The line that states the last key of a location, or the one nearest to it, by the example of the schema."""
-    from echelon.formats.schema.robot_schema import RobotDescription
-
-    models: list[Any] = [RobotDescription]
-    found: tuple[str, Any] | None = None
-    for place, part in enumerate(location):
-        fields = {name: field for model in models for name, field in model.model_fields.items()}
-        last = place == len(location) - 1
-        key = str(part) if part in fields else nearest_word(str(part), fields) if last and models else ""
-        if key:
-            field = fields[key]
-            models = _models(field.annotation)
-            found = (key, field.examples[0] if field.examples else _parts(models))
-    return "" if found is None else dump_flow({found[0]: found[1]})
-
-
-def _parts(models: list[Any]) -> dict[str, Any]:
-    """The first keys of a mapping with their examples."""
-    fields = list(models[0].model_fields.items())[:2] if models else []
-    return {name: field.examples[0] if field.examples else _parts(_models(field.annotation)) for name, field in fields}
-
-
-def _models(annotation: Any) -> list[Any]:
-    """The data models inside a type."""
-    if hasattr(annotation, "model_fields"):
-        return [annotation]
-    return [model for inner in get_args(annotation) for model in _models(inner)]
-
-
-def _locate(data: Any, location: tuple[int | str, ...]) -> tuple[str, Any]:
-    """Path and value of an element; a location also names the branches of unions, which the data does not have."""
-    path = ""
-    for part in location:
-        known = isinstance(data, dict) and part in data
-        if known or (isinstance(data, list | tuple) and isinstance(part, int) and part < len(data)):
-            data, path = data[part], step_into(path, part)
-    return path, data
-
-
-def _message(problem: ErrorDetails, value: Any) -> str:
-    context = problem.get("ctx", {})
-    match problem["type"]:
-        case "missing":
-            return f"the key '{problem['loc'][-1]}' is missing"
-        case "literal_error":
-            valid = re.findall(r"'([^']*)'", str(context["expected"]))
-            given = problem["input"]
-            return f"{kind_of(given)} is not valid{nearest_of(str(given), valid)}"
-        case "union_tag_invalid":
-            valid = re.findall(r"'([^']*)'", str(context["expected_tags"]))
-            tag = str(context["tag"])
-            return f"unknown joint type '{tag}'{nearest_of(tag, valid)}"
-        case "union_tag_not_found":
-            if problem["loc"][0] == "outputs":
-                return "needs one of the keys joint, actuator, wrench and sum, which say what is measured"
-            return "the key 'type' is missing: a joint has a type such as revolute"
-        case "model_attributes_type":
-            return f"needs a mapping such as {{type: revolute, axis: z}}, found {kind_of(value)}"
-        case "dict_type":
-            return f"needs a mapping 'name: value', found {kind_of(value)}"
-        case "string_type":
-            return f"needs a text, found {kind_of(value)}"
-    return problem["msg"]
+        raise document.error(*explained(document.data, error.errors(include_url=False))) from None
 
 
 _MOST_TERMS = 5000
@@ -319,6 +243,22 @@ class Expressions:
         else:
             read = Angle()
         return Angle(turns + read.half_turns, (*stated.parts, *read.parts))
+
+    def inertial(self, stated: Inertial | None, path: str) -> tuple[float, ...] | None:
+        """The ten standard parameters about the body's frame."""
+        from echelon.formats.schema.robot_schema import StandardInertial
+
+        if stated is None:
+            return None
+        if isinstance(stated, StandardInertial):
+            return tuple(self.real(text, f"{path}.standard[{i}]") for i, text in enumerate(stated.standard))
+        mass = self.real(stated.mass, f"{path}.mass")
+        if mass < 0:
+            raise self.error(f"{path}.mass", f"'{stated.mass}' is negative")
+        centre = [self.real(text, f"{path}.com[{i}]") for i, text in enumerate(stated.com)]
+        keys = ("xx", "xy", "xz", "yy", "yz", "zz")
+        moments = [self.real(getattr(stated.inertia, key), f"{path}.inertia.{key}") for key in keys]
+        return central_inertial(mass, centre, moments, np.eye(3))
 
     # -- frames ----------------------------------------------------------------------------------------------------
 
