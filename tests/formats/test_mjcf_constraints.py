@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import echelon as ec
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
 from echelon.regressor.loops.closed_motion import ClosureValues
-from support.mjcf_models import random_model
+from support.mjcf_models import INERTIA, model, random_model
 from support.mujoco_loops import Array, Equalities, null_space
 from support.selection import slow_unless
 
 _DIGITS = 1e-9
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def unclosed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Constraints are read; whether the program finds its own way to close them is not asked."""
     monkeypatch.setattr("echelon.regressor.loops.closing.close", lambda mechanism, *_, **__: mechanism)
@@ -62,11 +64,14 @@ def allowed(mechanism: Mechanism, model: Any, q: Array) -> tuple[Array, Array]:
     return values[0], np.linalg.qr(followed @ free)[0]
 
 
-def check(text: str, seed: int, states: int = 2) -> int:
+def check(text: str, seed: int) -> None:
+    equalities = Equalities(text)
+    agree(read(text), equalities, equalities.closed(equalities.model.qpos0), np.random.default_rng(seed))
+
+
+def agree(mechanism: Mechanism, equalities: Equalities, q: Array, rng: np.random.Generator, states: int = 2) -> int:
     """The same motions are allowed at random closed states; returns how many directions of them there are."""
-    mechanism, equalities = read(text), Equalities(text)
-    rng, freedoms = np.random.default_rng(seed), 0
-    q = equalities.closed(equalities.model.qpos0)
+    freedoms = 0
     assert np.abs(equalities.at(q)[0]).max(initial=0.0) < _DIGITS
     for _ in range(states):
         q = equalities.walk(rng, 5, q)
@@ -85,11 +90,55 @@ UNCLOSED = {2, 7, 8, 9, 12, 13, 15, 16, 17, 18, 21, 25, 26, 33, 38}
 """Seeds of models with more constraints than they have freedoms."""
 
 
+@pytest.mark.usefixtures("unclosed")
 @pytest.mark.parametrize("seed", slow_unless(range(20), sorted(set(range(40)) - UNCLOSED)))
 def test_loops_allow_the_motions_that_mujoco_allows(seed: int) -> None:
     check(random_model(seed, loops=True), seed)
 
 
+@pytest.mark.usefixtures("unclosed")
 @pytest.mark.parametrize("seed", range(25))
 def test_couplings_allow_the_motions_that_mujoco_allows(seed: int) -> None:
     check(random_model(seed, loops=False), seed)
+
+
+# -- couplings in loops that are closed away from the reference pose ---------------------------------------------------
+
+ARM = f"""<body name="b0"><joint name="j0"/>{INERTIA}
+    <body name="b1" pos="0.4 0 0"><joint name="j1" ref="0.2"/>{INERTIA}
+      <body name="b2" pos="0.35 0.05 0"><joint name="j2"/>{INERTIA}
+        <site name="tip" pos="0.28 0 0"/></body></body></body>
+  <body name="b3" pos="0.6 0.1 0"><joint name="j3" type="slide" axis="1 0 0" ref="-0.1"/>{INERTIA}
+    <body name="b4"><joint name="j4"/>{INERTIA}
+      <site name="pin" pos="-0.1401 0.5825 0" euler="0 0 1.4"/></body></body>"""
+TENDONS = """<tendon><fixed name="sum"><joint joint="j1" coef="1"/><joint joint="j2" coef="-0.5"/></fixed>
+  <fixed name="one"><joint joint="j0" coef="1.2"/></fixed></tendon>"""
+HOME = (0.5, 0.4, 0.3, -0.06, -0.4)
+COUPLED = {
+    "a decimal ratio": '<joint joint1="j1" joint2="j0" polycoef="0.6445 -0.889 0 0 0"/>',
+    "a ratio of nine digits": '<joint joint1="j2" joint2="j0" polycoef="-0.22926 1.05851325 0 0 0"/>',
+    "a rack": '<joint joint1="j3" joint2="j0" polycoef="0.014 0.052 0 0 0"/>',
+    "a tendon": '<tendon tendon1="sum" tendon2="one" polycoef="-0.4 0.75 0 0 0"/>',
+}
+
+
+@pytest.mark.parametrize("name", COUPLED)
+def test_couplings_act_away_from_the_reference_pose(name: str, tmp_path: Path) -> None:
+    head = '<compiler angle="radian"/><default><joint axis="0 0 1"/></default>'
+    home = f'<keyframe><key name="home" qpos="{" ".join(map(str, HOME))}"/></keyframe>'
+    text = model(ARM, head, f'{TENDONS}<equality><weld site1="tip" site2="pin"/>{COUPLED[name]}</equality>{home}')
+    equalities, rng = Equalities(text), np.random.default_rng(1)
+    q = equalities.closed(np.array(HOME))
+    mechanism = loaded(text, tmp_path)
+    assert agree(mechanism, equalities, q, rng) == 1
+    rank = ec.base_structure(mechanism).rank
+    singular = equalities.singular_values(rng, q, 80)
+    assert singular[rank - 1] > 1e3 * singular[rank]
+    tilted = loaded(text.replace('euler="0 0 1.4"', 'euler="2e-5 0 1.4"'), tmp_path)
+    assert tilted.closed_at  # frames are moved there, because the rounded ones lock the loop
+    assert ec.base_structure(tilted).rank == rank
+
+
+def loaded(text: str, folder: Path) -> Mechanism:
+    (folder / "arm.xml").write_text(text)
+    return ec.load(folder / "arm.xml")

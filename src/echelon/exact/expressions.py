@@ -29,6 +29,8 @@ from echelon.exact.polynomial import (
     cosine_of_turn,
     format_number,
     inverse,
+    is_trigonometric,
+    multiple_of,
     parts_of,
     repeated,
     simplest,
@@ -40,7 +42,7 @@ from echelon.exact.polynomial import (
 STEPS_PER_HALF_TURN = 12
 """π is twelve steps of 15°, the angles with a sine and cosine in Q(√2, √3)."""
 
-_LARGEST_EXPANSION = 8
+LARGEST_EXPANSION = 8
 """cos(n x) is a polynomial of degree n in cos(x), with coefficients up to 2ⁿ that cost digits in floating point; beyond
 this degree it stays a generator of its own."""
 
@@ -82,7 +84,7 @@ class Angle:
         steps = int(self.half_turns * STEPS_PER_HALF_TURN)
         point = (Polynomial.constant(cosine_of_turn(steps)), Polynomial.constant(sine_of_turn(steps)))
         for symbol, count in self.parts:
-            point = _added(point, _multiple(symbol, int(count)))
+            point = added(point, _multiple(symbol, int(count)))
         return point
 
     def __str__(self) -> str:
@@ -97,19 +99,25 @@ Point = tuple[Polynomial, Polynomial]
 
 
 def multiple_of_point(point: Point, count: int) -> Point:
-    """Cosine and sine of a multiple of an angle, by repeated squaring of c + i s."""
+    """Cosine and sine of a multiple of an angle: of a symbol by name, else by repeated squaring of c + i s."""
+    if abs(count) > LARGEST_EXPANSION:
+        for generator in filter(is_trigonometric, point[0].generators()):
+            times, symbol = multiple_of(generator)
+            signed = times if point == _multiple(symbol, times) else -times
+            if point == _multiple(symbol, signed):
+                return _multiple(symbol, signed * count)
     base = (point[0], point[1] if count >= 0 else -point[1])
-    return repeated(base, abs(count), (Polynomial.constant(1), Polynomial.constant(0)), _added)
+    return repeated(base, abs(count), (Polynomial.constant(1), Polynomial.constant(0)), added)
 
 
-def _added(a: Point, b: Point) -> Point:
+def added(a: Point, b: Point) -> Point:
     """Cosine and sine of a sum of angles."""
     return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
 
 
 def _multiple(symbol: str, count: int) -> Point:
     """Cosine and sine of a multiple of a symbol, expanded where that is short."""
-    if abs(count) <= _LARGEST_EXPANSION:
+    if abs(count) <= LARGEST_EXPANSION:
         return multiple_of_point((Polynomial.generator(cosine(symbol)), Polynomial.generator(sine(symbol))), count)
     argument = f"{abs(count)}*{symbol}"
     return Polynomial.generator(cosine(argument)), Polynomial.generator(sine(argument)) * (1 if count > 0 else -1)

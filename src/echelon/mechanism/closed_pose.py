@@ -1,7 +1,8 @@
 """Exact poses at which the loops of a mechanism are closed because the second frames were made to follow there.
 
 A turning coordinate has a point of the circle: cosine and sine of its angle, or of the part of it that couplings count
-in.  A sliding coordinate has a displacement, and a ball a unit quaternion (w, x, y, z).
+in; and the angle itself, a decimal, where something travels in proportion.  A sliding coordinate has a displacement,
+and a ball a unit quaternion (w, x, y, z).
 """
 
 from __future__ import annotations
@@ -9,9 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from functools import reduce
 from math import lcm
 
-from echelon.exact.expressions import multiple_of_point
+from echelon.exact.expressions import Point, added, multiple_of_point
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement, shift, turn_by
@@ -27,6 +29,16 @@ def angle_parts(mechanism: Mechanism) -> dict[str, int]:
         for name, function in coupling.terms:
             parts[name] = lcm(parts.get(name, 1), _rational(function.ratio, coupling.coordinate).denominator)
     return parts
+
+
+def travelling(mechanism: Mechanism) -> set[str]:
+    """Names of the motions that turn while something travels in proportion: screws, and what racks follow."""
+    kinds = {motion.name: motion.kind for motion in mechanism.motions}
+    found = {name for name, kind in kinds.items() if kind is MotionKind.SCREW}
+    for coupling in mechanism.couplings:
+        if kinds[coupling.coordinate] in (MotionKind.TRANSLATION, MotionKind.SCREW):
+            found |= {name for name, _ in coupling.terms if kinds[name] is not MotionKind.TRANSLATION}
+    return found
 
 
 def loop_motions(mechanism: Mechanism, closures: Sequence[Closure] | None = None) -> set[str]:
@@ -78,33 +90,35 @@ class _Placed:
         return [step if isinstance(step, Placement) else self._moved(step) for step in steps]
 
     def _moved(self, motion: Motion) -> Placement:
-        coupled = motion.name in self.mechanism.dependent
-        values = self._coupled(motion) if coupled else self.pose[motion.name]
         if motion.kind is MotionKind.BALL:
-            return turned_by(*values)
+            return turned_by(*self.pose[motion.name])
+        along = [Polynomial({})] * 3
         if motion.kind is MotionKind.TRANSLATION:
-            parts = [Polynomial({})] * 3
-            parts[motion.axis] = values[0] * motion.sign
-            return shift(*parts)
-        count = 1 if coupled else self._parts.get(motion.name, 1)
-        cosine, sine = multiple_of_point((values[0], values[1]), count)
+            along[motion.axis] = self._travel(motion.name) * motion.sign
+            return shift(*along)
+        cosine, sine = self._point(motion.name)
         turned = turn_by(motion.axis, cosine, sine * motion.sign)
-        if motion.kind is MotionKind.SCREW and not turned.is_identity:
-            raise ValueError(f"screw '{motion.name}' is turned where the loops close")
-        return turned
+        if motion.kind is MotionKind.ROTATION:
+            return turned
+        along[motion.axis] = self._travel(motion.name) * motion.pitch * motion.sign
+        return shift(*along) @ turned
 
-    def _coupled(self, motion: Motion) -> tuple[Polynomial, ...]:
-        """Where a dependent coordinate is."""
-        coupling = next(c for c in self.mechanism.couplings if c.coordinate == motion.name)
-        if motion.kind is MotionKind.TRANSLATION:
-            slid = [self.pose[name][0] * _rational(f.ratio, motion.name) for name, f in coupling.terms]
-            return (Polynomial.sum(slid),)
-        point = (Polynomial.constant(1), Polynomial({}))
-        for leader, function in coupling.terms:
-            count = _rational(function.ratio, motion.name) * self._parts[leader]
-            c, s = multiple_of_point((self.pose[leader][0], self.pose[leader][1]), int(count))
-            point = point[0] * c - point[1] * s, point[0] * s + point[1] * c
-        return point
+    def _leaders(self, name: str) -> list[tuple[str, Fraction]]:
+        """The motions that one follows, and ratios; itself if it follows none."""
+        coupling = next((c for c in self.mechanism.couplings if c.coordinate == name), None)
+        return [(name, Fraction(1))] if coupling is None else [(n, _rational(f.ratio, name)) for n, f in coupling.terms]
+
+    def _travel(self, name: str) -> Polynomial:
+        """A displacement, or an angle as such."""
+        return Polynomial.sum(self.pose[leader][-1] * ratio for leader, ratio in self._leaders(name))
+
+    def _point(self, name: str) -> Point:
+        """Cosine and sine."""
+        points = [
+            multiple_of_point((self.pose[leader][0], self.pose[leader][1]), int(ratio * self._parts.get(leader, 1)))
+            for leader, ratio in self._leaders(name)
+        ]
+        return reduce(added, points)
 
 
 def ends_of(mechanism: Mechanism, closure: Closure) -> tuple[list[int], list[int]]:

@@ -412,7 +412,11 @@ def _check_couplings(mechanism: Mechanism) -> None:
                 valid = ", ".join(sorted(scalar)) or "none"
                 raise InputError(f"'{name}' is not a single coordinate (valid: {valid})", element=where)
         if mechanism.closures and not coupling.is_linear:
-            raise InputError("with loops, couplings must be linear", element=where)
+            raise InputError(
+                "with loops, couplings must be linear; state its linear part only, or read the model without "
+                "couplings (--mimic independent, independent_mimics=True)",
+                element=where,
+            )
         for name, _ in coupling.terms:
             if name in dependent:
                 raise InputError(f"'{name}' is itself dependent; refer to independent ones only", element=where)

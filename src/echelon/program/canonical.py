@@ -440,7 +440,8 @@ class CanonicalForms:
 
     def _refine(self, name: str, unit: int) -> None:
         if unit > _LARGEST_UNIT:
-            raise UnknownRelationsError(f"powers that are fractions of {unit:.0e}" if unit < 10**300 else "tiny powers")
+            digits = len(str(unit))
+            raise UnknownRelationsError(f"numbers in functions that need {digits} digits together; round them")
         if unit != self.unit(name):
             self.units[name] = unit
             self._changed = True

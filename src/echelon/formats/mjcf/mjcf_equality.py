@@ -138,7 +138,8 @@ def resolve(
                 known[name] = substituted(known[name], {wanted: coupling}, error)
             known[wanted] = coupling
         elif left.terms:
-            raise error(relation.element, f"it cannot be solved for one of its joints; {_IGNORE}")
+            bent_only = f"it holds nonlinear functions of {', '.join(left.terms)} only"
+            raise error(relation.element, f"it cannot be solved for one of its joints: {bent_only}; {_IGNORE}")
         elif left.constant:
             raise error(relation.element, f"it contradicts the other equalities by {float(_number(left.constant)):.3g}")
         else:

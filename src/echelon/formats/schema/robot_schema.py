@@ -222,7 +222,8 @@ class RobotDescription(Model):
     closed_at: dict[str, list[Expression]] = optional(
         {},
         "With loops, exact positions at which the second frames are where the first ones are, whatever is "
-        "stated of them: cosine and sine, a displacement, or a quaternion, by joint coordinate; as Echelon writes it.",
+        "stated of them, by joint coordinate: cosine and sine, and the angle where something travels in proportion; a "
+        "displacement; or a quaternion. As Echelon writes it.",
         {"crank": ["cos(crank_closed)", "sin(crank_closed)"]},
     )
     actuators: dict[str, Expression | LinearTerms] = optional(

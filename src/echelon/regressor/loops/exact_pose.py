@@ -16,10 +16,10 @@ from itertools import combinations
 from math import pi
 
 from echelon.arrays import Floats
-from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle
+from echelon.exact.expressions import LARGEST_EXPANSION, STEPS_PER_HALF_TURN, Angle
 from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.polynomial import Polynomial, as_polynomial
-from echelon.mechanism.closed_pose import angle_parts, follow, loop_motions
+from echelon.mechanism.closed_pose import angle_parts, follow, loop_motions, travelling
 from echelon.mechanism.joint import Motion, MotionKind, Symbol
 from echelon.mechanism.mechanism import ClosedAt, Mechanism
 from echelon.mechanism.stated import stated_values
@@ -39,8 +39,6 @@ def stated_exactly(mechanism: Mechanism) -> ClosedAt:
     """Exact positions at the assembly pose, zero where it says nothing; empty if an angle there has no exact sine."""
     upright = {m.positions[0]: 1.0 for m in mechanism.motions if m.kind is MotionKind.BALL}
     values = dict.fromkeys(mechanism.positions, 0.0) | upright | dict(mechanism.assembly)
-    if any(values.get(m.name) for m in mechanism.motions if m.kind is MotionKind.SCREW):
-        return {}
     try:
         exact, symbols = _positions(mechanism, values)
     except ValueError:  # ratios of couplings that are no numbers
@@ -51,16 +49,16 @@ def stated_exactly(mechanism: Mechanism) -> ClosedAt:
 def _positions(mechanism: Mechanism, values: Mapping[str, float]) -> tuple[ClosedAt, dict[str, Symbol]]:
     """Exact positions of what moves in loops, and the symbols that they hold."""
     angles, parts, involved = _Angles({*mechanism.symbols}), angle_parts(mechanism), loop_motions(mechanism)
-    exact = {}
+    exact, travels = dict[str, tuple[Polynomial, ...]](), travelling(mechanism)
     for motion in sorted(mechanism.motions, key=lambda m: abs(values.get(m.name, 0.0))):  # halves before their doubles
         if motion.name in involved:
-            exact[motion.name] = _exact(motion, values, parts.get(motion.name, 1), angles)
+            exact[motion.name] = _exact(motion, values, parts.get(motion.name, 1), angles, motion.name in travels)
     return exact, angles.symbols
 
 
 def check_pose(mechanism: Mechanism, pose: ClosedAt) -> None:
     """Check that exact positions are complete, and points of circles and spheres where they have to be."""
-    sizes = {MotionKind.BALL: 4, MotionKind.TRANSLATION: 1}
+    sizes, travels = {MotionKind.BALL: 4, MotionKind.TRANSLATION: 1}, travelling(mechanism)
     motions = {m.name: m for m in mechanism.motions if m.name in loop_motions(mechanism)}
     if pose.keys() != motions.keys():
         wrong = ", ".join(f"'{name}'" for name in sorted(pose.keys() ^ motions.keys()))
@@ -68,25 +66,28 @@ def check_pose(mechanism: Mechanism, pose: ClosedAt) -> None:
     field = PrimeField.random(rng := random_generator(DEFAULT_SEED), CERTIFICATE_BITS)
     values = stated_values(mechanism)
     for name, position in pose.items():
-        size = sizes.get(motions[name].kind, 2)
+        size = sizes.get(motions[name].kind, 3 if name in travels else 2)
         if len(position) != size:
             raise ValueError(f"'{name}' needs {size} numbers, not {len(position)}")
         symbols = {symbol for x in position for symbol in x.symbols()}
         if symbols - set(values.names):
             raise ValueError(f"'{name}' holds symbols without a value ({', '.join(sorted(symbols))})")
-        square = Polynomial.sum(x * x for x in position)
+        square = Polynomial.sum(x * x for x in position[: 2 if name in travels else size])
         if size > 1 and square.evaluate(values.residues(square.generators(), field, rng), field.embed) % field.p != 1:
             raise ValueError(f"the position of '{name}' is not a point of the unit circle or sphere")
 
 
-def _exact(motion: Motion, values: Mapping[str, float], parts: int, angles: _Angles) -> tuple[Polynomial, ...]:
+def _exact(
+    motion: Motion, values: Mapping[str, float], parts: int, angles: _Angles, travels: bool
+) -> tuple[Polynomial, ...]:
     if motion.kind is MotionKind.BALL:
         return tuple(map(as_polynomial, unit_quaternion([values[name] for name in motion.positions])))
     value = values[motion.name]
     if motion.kind is MotionKind.TRANSLATION:
-        return (as_polynomial(_decimal(value)),)
-    angle = angles.exact(value / parts, motion.name)
-    return angle.cos(), angle.sin()
+        return (as_polynomial(Fraction(f"{value:.{_DIGITS}f}")),)
+    angle = angles.exact(value, motion.name, parts)
+    point = angle.cos(), angle.sin()
+    return (*point, as_polynomial(parts * angles.decimal(angle))) if travels else point
 
 
 @dataclass(frozen=True)
@@ -102,17 +103,24 @@ class _Angles:
         self._taken, self.symbols = taken, dict[str, Symbol]()
         self._known = [_Known(Angle(), 0.0)]
 
-    def exact(self, value: float, name: str) -> Angle:
-        for known in self._sums():
+    def exact(self, value: float, name: str, parts: int) -> Angle:
+        """One of the equal parts of an angle."""
+        value /= parts
+        for known in self._sums() if parts <= LARGEST_EXPANSION else self._known[:1]:
             steps = (value - known.value) / _STEP
-            if abs(steps - round(steps)) * _STEP < _SAME:
+            if abs(steps - round(steps)) * _STEP * parts < _SAME:
                 return replace(
                     known.angle, half_turns=known.angle.half_turns + Fraction(round(steps), STEPS_PER_HALF_TURN)
                 )
-        symbol = self._symbol(name, value)
+        symbol = self._symbol(name, value, _DIGITS + len(str(parts)) - 1)
         angle = Angle(parts=((symbol, 1),))
         self._known += [_Known(angle, value), _Known(Angle(parts=((symbol, -1),)), -value)]
         return angle
+
+    def decimal(self, angle: Angle) -> Fraction:
+        """The value of an angle; sums of angles have sums of these."""
+        turned = [count * Fraction(str(self.symbols[symbol].exact)) for symbol, count in angle.parts]
+        return sum(turned, angle.half_turns * Fraction(pi))
 
     def _sums(self) -> Iterator[_Known]:
         yield from self._known
@@ -123,23 +131,15 @@ class _Angles:
             if a.angle.parts[0][0] != b.angle.parts[0][0]:
                 yield _Known(Angle(parts=(*a.angle.parts, *b.angle.parts)), a.value + b.value)
 
-    def _symbol(self, name: str, value: float) -> str:
+    def _symbol(self, name: str, value: float, digits: int) -> str:
         stem = "".join(c if c.isalnum() else "_" for c in name)
         symbol = stem = f"{stem}_closed" if not stem[:1].isdigit() else f"q{stem}_closed"
         while symbol in self._taken:
             symbol += "_"
         self._taken.add(symbol)
-        exact = _decimal(value)
-        self.symbols[symbol] = Symbol(symbol, float(exact), _text(exact), f"angle of {name} where the loops are closed")
+        text = f"{value:.{digits}f}"
+        self.symbols[symbol] = Symbol(symbol, float(text), text, f"angle of {name} where the loops are closed")
         return symbol
-
-
-def _decimal(value: float) -> Fraction:
-    return Fraction(f"{value:.{_DIGITS}f}")
-
-
-def _text(value: Fraction) -> str:
-    return f"{float(value):.{_DIGITS}f}"
 
 
 def unit_quaternion(parts: Sequence[float]) -> list[Fraction]:

@@ -114,15 +114,16 @@ class Positions:
         if not recorded.closing_motions:
             return None
         values = self._run(recorded.closed_at, self.resting(pose))[..., 0]
+        travels = [layout.names[place] for place in recorded.threaded]
         for name, parts, size in recorded.closing_motions:
             own, values = values[:size], values[size:]
             place = next((k for k, motion in enumerate(layout.turning) if motion.name == name), None)
             if place is not None:
                 count, rest = divmod(parts, int(recorded.units[place]))
-                identity = own[0] == 1
-                if rest and not identity.all():
+                if rest and not (own[0] == 1).all():
                     return None
-                pose.angles[identity, place] = 0  # of screws and racks
+                if name in travels:
+                    pose.angles[:, place] = own[-1]
                 own = np.stack(self.field.multiply_angle((own[0], own[1]), count))
             pose.numbers[:, layout.columns[name]] = own.T
         return pose
