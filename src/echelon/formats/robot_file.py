@@ -17,7 +17,7 @@ from echelon.choices import Measured
 from echelon.errors import InputError, locating
 from echelon.formats.builder import Built, build_mechanism
 from echelon.formats.literal import LiteralTree
-from echelon.formats.robot_sources import content_of, described_path, expanded, is_xacro, text_of
+from echelon.formats.robot_sources import described_path, expanded, text_of
 from echelon.formats.snapping import ANGLE_TOLERANCE, Gravity, ReadingOptions
 from echelon.formats.usual_effects import with_usual_effects
 from echelon.inputs import parse_xml, read_content
@@ -70,7 +70,7 @@ class RobotFile:
         from echelon.formats.description.document import read_text
 
         document = read_text(self.data, self.source)
-        if not document.lists_pairs:
+        if not isinstance(document.data, dict) or "closed_loop" not in document.data or "echelon" in document.data:
             return document
         from echelon.formats.description.frame_pairs import as_description
 
@@ -189,15 +189,14 @@ def open_robot(robot: Any) -> RobotFile:
         return RobotFile.of(*text_of(robot))
     text = os.fspath(robot)
     if isinstance(text, str) and text.lstrip().startswith("<"):
-        content = text.encode()
-        return RobotFile.of(expanded(content, "text", None) if is_xacro(content) else content, "text")
+        return RobotFile.of(expanded(text.encode(), "text", None), "text")
     if isinstance(text, str) and "\n" in text.strip():
         return RobotFile(text.encode(), "text.yaml", is_description=True)
     file = Path(text)
     if file.suffix.lower() in _DESCRIPTIONS:  # neither a name nor xacro
         return RobotFile.of(read_content(file), str(file), file.parent)
     file = described_path(str(text)) or file
-    return RobotFile.of(content_of(file), str(file), file.parent)
+    return RobotFile.of(expanded(read_content(file), str(file), file.parent), str(file), file.parent)
 
 
 def read_description(text: str | bytes, source: str, options: ReadingOptions) -> Mechanism:

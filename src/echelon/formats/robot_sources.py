@@ -19,7 +19,7 @@ from echelon.errors import InputError
 from echelon.extras import extra
 from echelon.formats.literal import roll_pitch_yaw
 from echelon.hints import nearest
-from echelon.inputs import parse_xml, read_content
+from echelon.inputs import parse_xml
 
 _DESCRIPTION = re.compile(r"\w+_description")
 _XACRO = re.compile(rb"""xmlns:xacro\s*=\s*["']https?://[^"']*xacro/?["']""")
@@ -70,13 +70,10 @@ def described_path(name: str) -> Path | None:
     return Path(next(path for path in paths if path))
 
 
-def is_xacro(content: bytes) -> bool:
-    """Whether a text is xacro source; that the namespace is declared says nothing."""
-    return _XACRO.search(content) is not None and _MACROS.search(content) is not None
-
-
 def expanded(content: bytes, source: str, directory: Path | None) -> bytes:
-    """The URDF that xacro source stands for; packages that it names are looked for around its directory."""
+    """The URDF that xacro source stands for, any other text as it is; packages are looked for around its directory."""
+    if not (_XACRO.search(content) and _MACROS.search(content)):  # that the namespace is declared says nothing
+        return content
     parse_xml(content, source)  # refuses what is damaged or harmful
     with extra("robots"):
         import xacro
@@ -95,12 +92,6 @@ def expanded(content: bytes, source: str, directory: Path | None) -> bytes:
         reason = str(error) or type(error).__name__
         problem = f"xacro cannot expand it: {reason}; expand it where its packages are: xacro robot.xacro > robot.urdf"
         raise InputError(problem, source=source) from None
-
-
-def content_of(path: Path) -> bytes:
-    """The content of a robot file, with xacro expanded."""
-    content = read_content(path)
-    return expanded(content, str(path), path.parent) if is_xacro(content) else content
 
 
 # -- MuJoCo ------------------------------------------------------------------------------------------------------------

@@ -220,14 +220,11 @@ class CanonicalForms:
         self.units: dict[str, int] = {}
         self.rooted: set[int] = set()
         self._names: dict[object, str] = {}
-        self._bases = {kind: AtomBasis(self._is_constant) for kind in ("exp", "angle")}
+        self._bases = {kind: AtomBasis(lambda name: self.generators[name].constant) for kind in ("exp", "angle")}
         self._changed = False
         self._signs = {n for n, op in enumerate(program.ops) if op == Op.SIGN}
         self._elements: dict[Signs, dict[int, RationalFunction]] = {}
         self._forms: dict[tuple[int, Signs], Form] = {}
-
-    def _is_constant(self, name: str) -> bool:
-        return self.generators[name].constant
 
     def forms(self, requests: Sequence[tuple[int, Signs]]) -> list[Form]:
         """Forms of function nodes, each for some signs.
@@ -236,7 +233,7 @@ class CanonicalForms:
         """
         for _ in range(_MOST_PASSES):
             self._changed = False
-            found = [self._form(node, signs) for node, signs in requests]
+            found = [self.form(node, signs) for node, signs in requests]
             grown = [basis for basis in self._bases.values() if basis.changed]
             if not self._changed and not grown:
                 return found
@@ -256,10 +253,6 @@ class CanonicalForms:
         ops, lhs = self.program.ops, self.program.lhs
         cone = self.program.needed([lhs[node]], self._signs)
         return sorted({lhs[n] for n in cone if ops[n] == Op.SIGN} | (self.rooted & set(cone)))
-
-    def form(self, node: int, signs: Signs) -> Form:
-        """One form, already asked for."""
-        return self._form(node, signs)
 
     def input_generator(self, node: int) -> Generator:
         """The generator of an input."""
@@ -302,7 +295,7 @@ class CanonicalForms:
             return -known[program.lhs[node]]
         if op is Op.ATAN:
             raise UnknownRelationsError("a function of an arc tangent, other than sines of its integer multiples")
-        return self._nested(op, self._form(node, signs))
+        return self._nested(op, self.form(node, signs))
 
     def _input(self, node: int, signs: Signs) -> RationalFunction:
         name = self.input_generator(node).name
@@ -330,7 +323,8 @@ class CanonicalForms:
 
     # -- functions -----------------------------------------------------------------------------------------------
 
-    def _form(self, node: int, signs: Signs) -> Form:
+    def form(self, node: int, signs: Signs) -> Form:
+        """The form of a function for some signs; final once :meth:`forms` was asked for it."""
         wanted = set(self.signed(node))
         own = tuple(pair for pair in signs if pair[0] in wanted)
         key = (node, own)

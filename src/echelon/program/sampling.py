@@ -139,7 +139,8 @@ class FunctionSampler(FieldSampler):
         reals = {node: np.tile(value, geometries) for node, value in reals.items()}
         patterns = self._patterns(reals, samples)
         spread = {name: np.repeat(value, states) for name, value in geometry.items()}
-        wanted = {g for node in patterns for signs, _ in patterns[node] for g in generators_of(self._form(node, signs))}
+        forms = [self.canonical.form(node, signs) for node, regions in patterns.items() for signs, _ in regions]
+        wanted = {g for form in forms for g in generators_of(form)}
         drawn = GeneratorValues(self.canonical, field, rng, spread, reals, samples, self._constants())
         generators = drawn.draw(wanted, self._inputs)
         values = {n: drawn.inputs[n] for n in self._inputs}
@@ -167,9 +168,6 @@ class FunctionSampler(FieldSampler):
             if len(self.canonical.rooted) == rooted:
                 return found
 
-    def _form(self, node: int, signs: Signs) -> Form:
-        return self.canonical.form(node, signs)
-
     # -- values ---------------------------------------------------------------------------------------------------
 
     def _circles(self, generators: Mapping[str, Residues], field: PrimeField) -> dict[str, tuple[Residues, Residues]]:
@@ -191,11 +189,12 @@ class FunctionSampler(FieldSampler):
         """Values of a function, region by region."""
         total = np.zeros(samples, dtype=field.dtype)
         for signs, where in regions:
-            form = self._form(node, signs)
+            form = self.canonical.form(node, signs)
             if isinstance(form, Turn):
                 turns = [(tuple(x[where] for x in circles[g]), n) for g, n in form.multiples.items()]
                 points = [(c, s) if n == 1 else field.multiply_angle((c, s), n) for (c, s), n in turns]
-                point = reduce(field.add_angles, points) if points else _identity(field, len(where))
+                zero = np.ones(len(where), dtype=field.dtype), np.zeros(len(where), dtype=field.dtype)
+                point = reduce(field.add_angles, points, zero)
                 total[where] = point[0 if self.program.ops[node] == Op.COS else 1]
             else:
                 own = {g: generators[g][where] for g in generators_of(form)}
@@ -237,10 +236,6 @@ def _size(form: Form) -> Size:
         return Size(sum(map(abs, form.exponents.values())), 0.0)
     parts = [polynomial_size([part]) for part in (form.numerator, form.denominator)]
     return Size(sum(part.degree for part in parts), sum(part.bits for part in parts))
-
-
-def _identity(field: PrimeField, samples: int) -> tuple[Residues, Residues]:
-    return np.ones(samples, dtype=field.dtype), np.zeros(samples, dtype=field.dtype)
 
 
 def _embedded(signs: npt.NDArray[np.float64], field: PrimeField) -> Residues:

@@ -347,15 +347,11 @@ def common_denominator(numbers: Iterable[Number]) -> int:
 
 def norm_bits(numbers: Sequence[Number], factor: int = 1) -> float:
     """Binary logarithm of the sum of numbers' sizes, times a factor; 0 for sums below 1."""
-    parts = (
-        (abs(Fraction(part)), root) for number in numbers for part, root in zip(parts_of(number), _ROOTS, strict=True)
-    )
-    terms = [_log2(part * factor) + log2(root) for part, root in parts if part]
+    pairs = [pair for number in numbers for pair in zip(parts_of(number), _ROOTS, strict=True)]
+    sizes = ((abs(Fraction(part)) * factor, root) for part, root in pairs if part)
+    # logarithms of whole numbers, which may be beyond the range of floats
+    terms = [log2(size.numerator) - log2(size.denominator) + log2(root) for size, root in sizes]
     return max(0.0, _sum(terms)) if terms else 0.0
-
-
-def _log2(x: Fraction) -> float:
-    return log2(x.numerator) - log2(x.denominator)  # also of whole numbers beyond the range of floats
 
 
 def _sum(terms: Sequence[float]) -> float:

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Any, TypeVar
 
 from echelon.mechanism.effect import Action, Effect, Side
 from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement
 from echelon.mechanism.mechanism import ActuatorForce, Cut, JointForce, Mechanism
 from echelon.program.tape import Program, Scalar
-from echelon.program.text import record_expression
+from echelon.program.text import heaviside, record_expression
 
 Vec = tuple[Scalar, Scalar, Scalar]
 Mat = tuple[Vec, Vec, Vec]
@@ -142,7 +141,7 @@ class Recorder:
             slopes = self.slopes[coupling.coordinate] = {}
             for name, function in coupling.terms:
                 at = known[name]
-                value, slope, curvature = function.derivatives(at.position[0], self.program.polynomial, _positive)
+                value, slope, curvature = function.derivatives(at.position[0], self.program.polynomial, heaviside)
                 slopes[name] = slope
                 position, rate = position + value, rate + at.rate[0] * slope
                 acceleration = acceleration + at.acceleration[0] * slope + at.rate[0] * at.rate[0] * curvature
@@ -180,14 +179,14 @@ class Recorder:
         rate, acceleration = coordinates.rate[0], coordinates.acceleration[0]
         position = coordinates.position[0]
         if motion.kind is MotionKind.TRANSLATION:
-            shift = _scaled(axis, position)
+            shift = scale(axis, position)
             return [Step(None, shift, (Freedom(motion.name, self.zeros, axis, rate, acceleration),))]
         turned = self.turn(motion.axis, position.cos(), position.sin() * motion.sign)
         if motion.kind is MotionKind.ROTATION:
             return [Step(turned, None, (Freedom(motion.name, axis, self.zeros, rate, acceleration),))]
-        travel = _scaled(axis, self.program.polynomial(motion.pitch))
+        travel = scale(axis, self.program.polynomial(motion.pitch))
         # a screw shifts along the axis it turns about, so both directions are the same in old and new axes
-        return [Step(turned, _scaled(travel, position), (Freedom(motion.name, axis, travel, rate, acceleration),))]
+        return [Step(turned, scale(travel, position), (Freedom(motion.name, axis, travel, rate, acceleration),))]
 
     def _axis(self, axis: int, sign: int) -> Vec:
         unit = self.program.constant(sign)
@@ -241,15 +240,6 @@ def backward(mechanism: Mechanism, own: dict[int, T], before: Callable[[T, int],
             own[parent] = plus(own[parent], moved)
 
 
-def _positive(x: Scalar) -> Scalar:
-    """1 for positive values, 0 for negative ones."""
-    return (1 + x.sign()) * Fraction(1, 2)
-
-
-def _scaled(axis: Vec, factor: Scalar) -> Vec:
-    return (axis[0] * factor, axis[1] * factor, axis[2] * factor)
-
-
 def into_frame(step: Step, v: Vec) -> Vec:
     """A vector's components after the step's rotation."""
     if step.rotation is None:
@@ -278,11 +268,9 @@ class Probes:
         recorded: list[Step] = []
         for cut, name in self.names.items():
             if cut.body == body and cut.on_parent == on_parent:
-                recorded += [self._place(cut.frame), self._freedom(cut, name), self._place(cut.frame.inverse())]
+                there, back = map(self.recorder.placement, (cut.frame, cut.frame.inverse()))
+                recorded += [there, self._freedom(cut, name), back]
         return recorded
-
-    def _place(self, placement: Placement) -> Step:
-        return self.recorder.placement(placement)
 
     def _freedom(self, cut: Cut, name: str) -> Step:
         program, zeros = self.recorder.program, self.recorder.zeros

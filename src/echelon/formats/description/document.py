@@ -62,11 +62,6 @@ class Document:
     # what the file calls elements, by the beginnings of their paths, where it is of another layout
     names: Mapping[str, str] = field(default_factory=dict)
 
-    @property
-    def lists_pairs(self) -> bool:
-        """Whether it is a list of frame pairs (see :mod:`echelon.formats.description.frame_pairs`)."""
-        return isinstance(self.data, dict) and "closed_loop" in self.data and "echelon" not in self.data
-
     def error(self, path: str, problem: str) -> InputError:
         """An error about the element at a path such as ``modified_dh[3].alpha``."""
         begun = max((name for name in self.names if path.startswith(name)), key=len, default="")

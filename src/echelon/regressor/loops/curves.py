@@ -217,7 +217,7 @@ class CurveSampler(FunctionSampler):
         for node in self._functions:
             if self._moves(node) and self.program.ops[node] == Op.EXP:
                 continue
-            form = self._form(node, ())
+            form = self.canonical.form(node, ())
             moving = {g for g in generators_of(form) if not self.canonical.generators[g].constant}
             for name in moving:
                 inner = self.canonical.generators[name].element.symbols()
@@ -238,7 +238,7 @@ class CurveSampler(FunctionSampler):
         """The given geometries, with random values for what else is constant."""
         samples = len(next(iter(geometry.values()))) if geometry else 1
         inputs = [n for n in self._inputs if self._is_symbol(n)]
-        forms = {n: self._form(n, ()) for n in self._functions if n not in self._exponentials.nodes}
+        forms = {n: self.canonical.form(n, ()) for n in self._functions if n not in self._exponentials.nodes}
         wanted = {g for form in forms.values() for g in generators_of(form)} - self._recorded.turning.keys()
         drawn = GeneratorValues(self.canonical, field, rng, geometry, {}, samples, self._constants())
         generators = drawn.draw(wanted, inputs)
