@@ -37,8 +37,6 @@ from echelon.mechanism.stated import known_values
 from echelon.program.schedule import FieldSampler
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.blocks import Block, BlockRows, blocks_of
-from echelon.regressor.loops.dependent_motion import DependentMotion
-from echelon.regressor.loops.recorded_loops import loops_of
 from echelon.regressor.steps import (
     EffectRecorder,
     Probes,
@@ -164,6 +162,17 @@ def _row(values: Mapping[int, Scalar], row: int = 0) -> dict[tuple[int, int], in
     return {(row, column): value.node for column, value in values.items() if not value.is_zero}
 
 
+def _loops(
+    recorder: Recorder, probes: Probes | None = None, chosen: Mapping[str, Scalar] | None = None
+) -> Loops | None:
+    """What keeps motions on closed configurations, where there are loops."""
+    if not recorder.mechanism.closures:
+        return None
+    from echelon.regressor.loops.recorded_loops import loops_of  # robots without loops do without it
+
+    return loops_of(recorder.mechanism, recorder, probes, chosen)
+
+
 # -- energy ------------------------------------------------------------------------------------------------------------
 
 
@@ -185,7 +194,7 @@ def energy_form(mechanism: Mechanism) -> LinearForms:
     energies = {index: _energy_of_body(rates[index]) for index in mechanism.first_column}
     sums = column_sums(mechanism, energies, lambda body, kind: energies[body][kind])
     entries = {(0, 0): program.one.node} | _row({1 + column: energy for column, energy in sums.items()})
-    loops = loops_of(mechanism, recorder) if mechanism.closures else None
+    loops = _loops(recorder)
     return LinearForms(program, entries, (1, 1 + len(mechanism.parameters)), loops)
 
 
@@ -261,8 +270,11 @@ def inverse_dynamics_regressor(mechanism: Mechanism, columns: Sequence[int] | No
     ``q[...]``, ``qd[...]``, ``qdd[...]``, geometry symbols, and ``i[...]`` where effects use measured inputs.  With
     loops, rates are those of the independent coordinates, and positions must be closed.
     """
-    program = Program()
-    closed = DependentMotion(mechanism, program) if mechanism.closures else None
+    program, closed = Program(), None
+    if mechanism.closures:
+        from echelon.regressor.loops.dependent_motion import DependentMotion  # robots without loops do without it
+
+        closed = DependentMotion(mechanism, program)
     recorded = _RecordedPowers(mechanism, program, closed.given() if closed else None)
     wanted = range(len(mechanism.parameters)) if columns is None else columns
     rows = []
@@ -294,7 +306,7 @@ def virtual_power_form(mechanism: Mechanism) -> LinearForms:
         motion = virtual_motion(mechanism, probes, speeds)
         known = motion.chosen
     entries = _row(recorded.powers(motion))
-    loops = loops_of(mechanism, recorder, probes, known) if mechanism.closures else None
+    loops = _loops(recorder, probes, known)
     many = len(mechanism.parameters) > FEW_COLUMNS
     blocks = _block_powers(recorded) if many and mechanism.measures_every_force and not mechanism.closures else None
     return LinearForms(program, entries, (1, len(mechanism.parameters)), loops, blocks, known_values(mechanism))
@@ -320,7 +332,7 @@ def power_form(mechanism: Mechanism) -> LinearForms:
     recorded = _RecordedPowers(mechanism)
     motion = any_motion(mechanism, recorded.recorder, "qd")
     entries = _row(recorded.powers(motion))
-    loops = loops_of(mechanism, recorded.recorder) if mechanism.closures else None
+    loops = _loops(recorded.recorder)
     return LinearForms(recorded.program, entries, (1, len(mechanism.parameters)), loops)
 
 
