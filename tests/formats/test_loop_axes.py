@@ -68,3 +68,12 @@ def test_ranks_do_not_depend_on_rounded_frames(name: str, digits: int, tmp_path:
     file.write_text(mjcf(ZOO[name].text, digits, 1), encoding="utf-8")
     mechanism = ec.load(file)
     assert (mechanism.degrees_of_freedom, ec.base_structure(mechanism).rank) == (ZOO[name].freedom, ZOO[name].rank)
+
+
+def test_an_axis_in_a_coordinate_plane_has_one_symbol() -> None:
+    """The other angle is exact; a symbol of value zero could be a denominator."""
+    rod = f'<body name="rod" pos="0.1 0.1 0.4"><freejoint name="rod"/>{INERTIA}</body>'
+    turning = f'<body name="b" pos="0.5 0 0"><joint name="b" axis="1 0.2 0"/>{INERTIA}</body>'
+    loop = '<equality><connect body1="rod" body2="b" anchor="0.3 0 0.1"/></equality>'
+    robot = ec.load(f"<mujoco><worldbody>{turning}{rod}</worldbody>{loop}</mujoco>")
+    assert [symbol.value for symbol in robot.symbols.values()] == [pytest.approx(np.arctan(0.2))]

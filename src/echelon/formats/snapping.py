@@ -361,7 +361,7 @@ class Snapping:
         if any(abs(a - round(a / _STEP) * _STEP) > self.angle_tolerance(element) for a in angles):
             with suppress(ValueError):
                 return _turned_to(direction)
-        read = self.named_angle if self._is_general(angles, element) else self.angle
+        read = self.computed_angle if self._is_general(angles, element) else self.angle
         azimuth = read(angles[0], f"{element} azimuth", f"azimuth{label}")
         elevation = read(angles[1], f"{element} inclination", f"inclination{label}")
         return turn(2, azimuth) @ turn(1, elevation), 2, 1
