@@ -21,15 +21,14 @@ import sys
 import tarfile
 import tempfile
 import urllib.request
-import zipfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 ROOT = Path(__file__).parent.parent
 sys.path[:0] = [str(ROOT / "src"), str(ROOT / "site")]
 
-import numpy_wheel  # noqa: E402  needs the path above
+import browser_python  # noqa: E402  needs the path above
+import numpy_wheel  # noqa: E402
 
 from echelon.zoo.exhibit import robot_files, stands_alone, usual_folders  # noqa: E402  needs the path above
 
@@ -132,12 +131,12 @@ def _unpack(package: Path, patterns: list[str], vendor: Path) -> None:
 
 
 def _python(vendor: Path, cache: Path, wheels: Path | None) -> list[str]:
-    """All wheels, and the list of them that Pyodide loads by."""
+    """All packages, compiled, and what Pyodide has to know; the names of packages that cannot be had."""
     version = LOCK["npm"]["pyodide"][0]
     packed = cache / f"pyodide-{version}.tgz"
     with tarfile.open(packed) as archive:
         stated = json.load(archive.extractfile("package/pyodide-lock.json"))  # type: ignore[arg-type]
-    files = [*_downloaded(LOCK["wheels"], BROWSER, cache), *map(_stripped, _downloaded(_compiled(), NATIVE, cache))]
+    files = [*_downloaded(LOCK["wheels"], BROWSER, cache), *_downloaded(_compiled(), NATIVE, cache)]
     missing = []
     for name in LOCK["from Pyodide's release"]:
         entry = stated["packages"][name]
@@ -145,14 +144,9 @@ def _python(vendor: Path, cache: Path, wheels: Path | None) -> list[str]:
         found = found or numpy_wheel.built(packed, entry["file_name"], cache)
         files += [found] if found else []
         missing += [] if found else [name]
-    for file in files:
-        shutil.copy(file, vendor)
-    own = _wheel_of_echelon(vendor)
-    packages = dict(_entry(vendor / file.name) for file in files)
-    name, entry = _entry(own)
-    packages[name] = {**entry, "depends": sorted(packages)}
-    lock = {"info": stated["info"], "packages": packages, "missing": missing}
+    lock = {"info": stated["info"], "packages": {}, "missing": missing}
     (vendor / "pyodide-lock.json").write_text(json.dumps(lock, indent=1))
+    browser_python.pack(vendor, files, PAGE / "explorer.py", ROOT / "src")
     return missing
 
 
@@ -177,18 +171,6 @@ def _downloaded(pins: dict[str, str], platform: str, cache: Path) -> list[Path]:
     return sorted(folder.glob("*.whl"))
 
 
-def _stripped(wheel: Path) -> Path:
-    """A wheel without its compiled parts, for packages that do without them."""
-    name, version = wheel.name.split("-")[:2]
-    found = wheel.parent / "pure" / f"{name}-{version}-py3-none-any.whl"
-    found.parent.mkdir(exist_ok=True)
-    with zipfile.ZipFile(wheel) as full, zipfile.ZipFile(found, "w", zipfile.ZIP_DEFLATED) as pure:
-        for entry in full.infolist():
-            if not entry.filename.endswith((".so", ".c", "RECORD", "/")):
-                pure.writestr(zipfile.ZipInfo(entry.filename), full.read(entry), zipfile.ZIP_DEFLATED)
-    return found
-
-
 def _released(file: str, sha256: str, version: str, cache: Path, wheels: Path | None) -> Path | None:
     """A wheel of a folder, or else of Pyodide's release, which is checked; None if it cannot be had."""
     if wheels is not None and (wheels / file).exists():  # who names a folder answers for what is in it
@@ -205,33 +187,6 @@ def _released(file: str, sha256: str, version: str, cache: Path, wheels: Path | 
         found.unlink()
         sys.exit(f"{file} is not the file that Pyodide {version} names")
     return found
-
-
-def _wheel_of_echelon(vendor: Path) -> Path:
-    """The package and what answers the page, as one wheel."""
-    source = ROOT / "src"
-    files = [
-        file for file in sorted((source / "echelon").rglob("*")) if file.is_file() and "__pycache__" not in file.parts
-    ]
-    wheel = vendor / "echelon_robotics-0-py3-none-any.whl"
-    with zipfile.ZipFile(wheel, "w", zipfile.ZIP_DEFLATED) as archive:
-        for file, name in [(f, str(f.relative_to(source))) for f in files] + [(PAGE / "explorer.py", "explorer.py")]:
-            archive.writestr(zipfile.ZipInfo(name), file.read_bytes(), zipfile.ZIP_DEFLATED)
-        about = {
-            "METADATA": "Metadata-Version: 2.1\nName: echelon-robotics\nVersion: 0\n",
-            "WHEEL": "Wheel-Version: 1.0\n",
-        }
-        for name, text in about.items():
-            archive.writestr(zipfile.ZipInfo(f"echelon_robotics-0.dist-info/{name}"), text)
-    return wheel
-
-
-def _entry(wheel: Path) -> tuple[str, dict[str, Any]]:
-    """What Pyodide has to know about a wheel."""
-    name, version = wheel.name.split("-")[:2]
-    name = name.lower().replace("_", "-")
-    entry = {"name": name, "version": version, "file_name": wheel.name, "sha256": _sha256(wheel), "depends": []}
-    return name, {**entry, "install_dir": "site", "imports": [], "package_type": "package", "unvendored_tests": False}
 
 
 def _sha256(file: Path) -> str:

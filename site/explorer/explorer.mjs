@@ -3,6 +3,7 @@ import { USUAL, understood, written } from "./address.mjs";
 import { showAnswer } from "./answer.mjs";
 import { Editor } from "./editor.mjs";
 import { byId, fill, labelled, option, toggle } from "./elements.mjs";
+import { ask, ready } from "./python.mjs";
 
 const EFFECTS = {
   viscous: "viscous friction", coulomb: "Coulomb friction", offset: "offset", rotor_inertia: "rotor inertia",
@@ -16,32 +17,8 @@ let robots = {}; // of the list, each with its pages in the zoo
 let shown = null; // the answer on the page
 let answers = 0; // on the page, errors among them
 let arm = null;
+let since = null; // seconds of the visit until Echelon could answer
 let editor;
-
-// -- the worker --------------------------------------------------------------------------------------------------------
-
-const worker = new Worker("worker.mjs", { type: "module" });
-let waiting = new Map(); // replies that are awaited, by id
-let asked = 0;
-let ready = null; // seconds until Echelon could answer
-
-worker.onmessage = ({ data }) => {
-  if (data.progress) byId("status").textContent = data.progress;
-  if (data.ready) ready = performance.now() / 1000;
-  if (data.id) waiting.get(data.id)?.(data.reply);
-  waiting.delete(data.id);
-};
-worker.onerror = (event) => {
-  showError(`echelon: the page could not start: ${event.message ?? "a file is missing"}`);
-};
-
-function ask(request) {
-  const id = ++asked;
-  return new Promise((resolve) => {
-    waiting.set(id, resolve);
-    worker.postMessage({ id, request });
-  });
-}
 
 // -- from state to answer ----------------------------------------------------------------------------------------------
 
@@ -65,17 +42,17 @@ async function update({ fresh = false, keep = false } = {}) {
 async function deriveOnce() {
   const answer = byId("answer");
   answer.setAttribute("aria-busy", "true");
-  if (ready) byId("status").textContent = "Deriving …";
+  if (since) byId("status").textContent = "Deriving …";
   const started = performance.now();
   const request = await requested();
   const reply = request.error ? request : await ask(request);
   if (pending) return;
   answer.removeAttribute("aria-busy");
   if (reply.error) return showError(reply.error);
-  const seconds = performance.now() / 1000 - Math.max(started / 1000, ready ?? 0);
+  const seconds = performance.now() / 1000 - Math.max(started / 1000, since ?? 0);
   byId("error").hidden = true;
   byId("result").hidden = byId("arm").hidden = false;
-  byId("status").textContent = `Answered in ${seconds.toFixed(2)} s; ready ${ready?.toFixed(1)} s after the visit began.`;
+  byId("status").textContent = `Answered in ${seconds.toFixed(2)} s; ready ${since?.toFixed(1)} s after the visit began.`;
   showAnswer(reply, shown, { preferred: state.changes.prefer, prefer, light });
   shown = reply;
   showChoices();
@@ -110,7 +87,7 @@ async function draw(reply) {
     return;
   }
   try {
-    const { Arm } = await import("./arm.mjs");
+    const { Arm } = await drawing;
     arm ??= new Arm(byId("canvas"), byId("legend"), light);
     arm.show(reply);
   } catch (error) {
@@ -258,7 +235,14 @@ async function visit() {
   await update({ fresh: true, keep: true });
 }
 
+const drawing = ready.then((seconds) => {
+  since = seconds;
+  return import("./arm.mjs"); // it is fetched while the first answer is derived
+});
+drawing.catch(() => {}); // who draws says it
+
 async function begin() {
+  ready.catch((error) => showError(`echelon: ${error.message}`));
   editor = new Editor(byId("editor"), byId("words"), await (await fetch("robot.schema.json")).json());
   robots = await (await fetch("robots/robots.json")).json();
   fill(byId("choice"), [option("", "own file"), ...Object.keys(robots).map((name) => option(name))]);

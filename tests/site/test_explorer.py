@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from functools import cache, partial
 from pathlib import Path
@@ -401,6 +403,46 @@ def test_everything_is_reached_by_keyboard(visit: Visit, explorer: Explorer) -> 
     explorer.check()
 
 
+_LOADED = """
+import json, sys
+from pathlib import Path
+from explorer import answer
+for file, kind in zip(sys.argv[1:], ("", "json", "latex", "c")):
+    asked = {"name": file, "text": Path(file).read_text(), "changes": {}, "file": kind}
+    assert "error" not in json.loads(answer(json.dumps(asked)))
+print(*(module.__file__ for module in list(sys.modules.values()) if module.__name__.startswith("echelon")), sep="\\n")
+"""
+
+
+def test_what_answers_is_packed_for_browsers() -> None:
+    """Modules that no import names would be missing there."""
+    explorer = ROOT / "site" / "explorer"
+    files = [str(EXAMPLES / name) for name in ("loops/four_bar.yaml", "so101.urdf", "coupled_arm.yaml", "panda.yaml")]
+    paths = os.pathsep.join(str(path) for path in (ROOT / "src", explorer))
+    done = subprocess.run(
+        [sys.executable, "-c", _LOADED, *files],
+        env={**os.environ, "PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    packed = module("browser_python", "browser_python.py").reachable(explorer / "explorer.py", ROOT / "src")
+    assert set(map(Path, done.stdout.split())) <= packed
+
+
+def test_libraries_keep_what_others_import() -> None:
+    """Two libraries of one function each, written by hand; the first exports another name that no one wants."""
+    packing = module("browser_python", "browser_python.py")
+    head, function = b"\0asm\x01\0\0\0", b"\x01\x04\x01\x60\0\0\x03\x02\x01\0"
+    exports = b"\x07\x0e\x02\x04used\0\0\x03odd\0\0"
+    body = b"\x0a\x04\x01\x02\0\x0b"
+    importing = head + b"\x01\x04\x01\x60\0\0" + b"\x02\x0c\x01\x03env\x04used\0\0"
+    wanted = {name for name, _ in packing._entries(importing, packing.IMPORTS)}
+    assert wanted == {b"used"}
+    kept = packing._with_exports(head + function + exports + body, wanted)
+    assert kept == head + function + b"\x07\x08\x01\x04used\0\0" + body
+
+
 @pytest.mark.slow
 def test_echelon_in_pyodide(tmp_path: Path) -> None:
     """The page's own worker answers, where NumPy for Pyodide can be had or built; under CI it must be."""
@@ -414,6 +456,10 @@ def test_echelon_in_pyodide(tmp_path: Path) -> None:
     steps: list[Step] = [step for clicks in CLICKS.values() for step in (*clicks, ("click", "#reset"))]
     with serving(tmp_path / "site") as port, DevTools(tmp_path / "profile") as browser:
         found = Explorer(browser, port, limit=400).visit(*steps)
+        (tmp_path / "code").mkdir()
+        files = browser.downloads(tmp_path / "code", 2, partial(browser.click, "[data-file=c]"))
+    request = {"name": PANDA.name, "text": PANDA.read_text(), "changes": {}, "file": "c"}
+    assert files == json.loads(answers().answer(json.dumps(request)))["files"]
     assert seen(found[0]) == told(PANDA)
     place = 0
     for case, clicks in CLICKS.items():
