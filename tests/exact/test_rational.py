@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from echelon.exact.expressions import parse
 from echelon.exact.polynomial import Polynomial
-from echelon.exact.rational import RationalFunction
+from echelon.exact.rational import ONE, RationalFunction, sum_of_products
 from echelon.exact.ring import divided, factors
 from support.strategies import SMALL_FIELD, in_sympy, integers, polynomials, rationals
 
@@ -33,6 +33,12 @@ def test_field_axioms(x: RationalFunction, y: RationalFunction, z: RationalFunct
     assert not x - x
     if y:
         assert (x / y) * y == x
+
+
+@pytest.mark.parametrize("root", ["sqrt(2)", "sqrt(3)", "sqrt(6)", "sin(a)"])
+def test_sums_of_products_reduce_squares_of_roots(root: str) -> None:
+    first, second = (RationalFunction(parse("d"), parse(f"{k}*d + {root}")) for k in (1, 2))
+    assert sum_of_products([(first, first), (ONE, second)]) == first * first + second
 
 
 @given(LENGTHS, LENGTHS, LENGTHS)

@@ -149,8 +149,8 @@ def sum_of_products(products: Sequence[tuple[RationalFunction, RationalFunction]
     for bottom in tops:
         element = ring.enter(bottom)
         shared = shared * (element / shared.gcd(element))
-    scaled = [top * ring.leave(shared / ring.enter(bottom)) for bottom, top in tops.items()]
-    return RationalFunction(Polynomial.sum(scaled), ring.leave(shared))
+    scaled = [top * ring.leave(ring.reduced(shared / ring.enter(bottom))) for bottom, top in tops.items()]
+    return RationalFunction(Polynomial.sum(scaled), ring.leave(ring.reduced(shared)))
 
 
 def cost_of_products(products: Sequence[tuple[RationalFunction, RationalFunction]]) -> float:
