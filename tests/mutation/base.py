@@ -88,7 +88,7 @@ FAULTS = (
         "base/test_stated_values.py::test_the_stated_zero_decides_and_is_named",
     ),
     Fault(
-        "base/own.py",
+        "base/stated_values.py",
         "if self._enough(Relations(frozenset(fixed))):",
         "if not names:",
         "values that do not matter are fixed",

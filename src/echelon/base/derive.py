@@ -3,7 +3,7 @@
 The robot's own numbers decide.  A set for general symbols may be too large for the robot at hand, because some of its
 numbers are zero, equal or otherwise related.  At special values the rank can only fall, and while the general
 representatives stay independent it does not, and they stay the representatives: one non-zero minor at the stated values
-proves it.  Otherwise the relations that matter are looked for (:mod:`echelon.base.own`).
+proves it.  Otherwise the relations that matter are looked for (:mod:`echelon.base.stated_values`).
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from echelon.base.closed_form import assembled, closed_columns, relations
 from echelon.base.linear_base import LinearBase, linear_base_parameters
 from echelon.base.matrix import BaseMatrix, column_order, reordered
 from echelon.base.model import BaseModel
-from echelon.base.own import RelationSearch, SpecialValues, stated_structure
 from echelon.base.reading_report import firm_first, report_reading
 from echelon.base.stated_columns import StatedColumns
+from echelon.base.stated_values import RelationSearch, SpecialValues, stated_structure
 from echelon.base.structure import Structure, dependent_columns, find_structure
 from echelon.errors import (
     BrokenRelationsError,
@@ -135,19 +135,19 @@ def base_parameters(
     columns = column_order(mechanism.columns, order, prefer)
     progress("structure")
     recorded = virtual_power_form(mechanism)
-    answer = own_answer(mechanism, rng, recorded, generic=generic)
-    own, structure = answer.mechanism, answer.structure
+    found = specialised(mechanism, rng, recorded, generic=generic)
+    own, structure = found.mechanism, found.structure
     if own.closed_at:  # frames were moved by rounding
         columns = firm_first(own, columns, structure.rank, rng)
     matrix = base_matrix(own, structure, columns, rng, budget, progress)
     progress("certificate")
     forms = structure.on_curves(recorded if own is mechanism else virtual_power_form(own))
     certificate = certify(forms, matrix, seed, None if generic else stated_values(own), structure.modes)
-    stated_rank = structure.rank if answer.special is None else answer.special.rank
+    stated_rank = structure.rank if found.special is None else found.special.rank
     reading = report_reading(mechanism, stated_rank, rng, recorded, None if generic else matrix)
-    if answer.undecided:
-        reading = replace(reading, doubt=answer.undecided)
-    return BaseModel(own, matrix, certificate, reading, seed, answer.special, generic)
+    if found.undecided:
+        reading = replace(reading, doubt=found.undecided)
+    return BaseModel(own, matrix, certificate, reading, seed, found.special, generic)
 
 
 def base_matrix(
@@ -193,15 +193,15 @@ def base_structure(mechanism: Mechanism, *, generic: bool = False, seed: int = D
     -------
     Structure
     """
-    return own_answer(mechanism, random_generator(seed), generic=generic).structure
+    return specialised(mechanism, random_generator(seed), generic=generic).structure
 
 
 # -- the stated values -----------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class OwnAnswer:
-    """The mechanism with the relations among its values put in, and its structure."""
+class SpecialisedMechanism:
+    """A mechanism with the relations among its stated values that its structure depends on put in."""
 
     mechanism: Mechanism
     structure: Structure  # for general values of the symbols that are left, which is that at the stated values
@@ -209,12 +209,12 @@ class OwnAnswer:
     undecided: str = ""  # why the structure at the stated values could not be found; empty if it was
 
 
-def own_answer(
+def specialised(
     mechanism: Mechanism, rng: np.random.Generator, recorded: LinearForms | None = None, *, generic: bool = False
-) -> OwnAnswer:
-    """Structure at the stated values, and the relations among them that it depends on."""
+) -> SpecialisedMechanism:
+    """A mechanism for its stated values, and its structure there."""
     try:
-        return _own_answer(mechanism, rng, recorded, generic)
+        return _specialised(mechanism, rng, recorded, generic)
     except OtherModeError as error:
         if mechanism.closed_at:
             raise
@@ -222,27 +222,29 @@ def own_answer(
             followed = closed_exactly(mechanism, Assembly(mechanism).pose)
         except ValueError:  # a screw that is turned there
             raise error from None
-        return _own_answer(followed, rng, None, generic)
+        return _specialised(followed, rng, None, generic)
 
 
-def _own_answer(
+def _specialised(
     mechanism: Mechanism, rng: np.random.Generator, recorded: LinearForms | None, generic: bool
-) -> OwnAnswer:
+) -> SpecialisedMechanism:
     values = stated_values(mechanism)
     if not values.names:
-        return OwnAnswer(mechanism, find_structure(mechanism, rng))
-    at_values, undecided = _at_values(mechanism, rng) if mechanism.closures else (None, "")
-    if at_values is not None and _is_general_with_loops(mechanism, at_values, values, rng):
-        return OwnAnswer(mechanism, at_values)
-    structure = find_structure(mechanism, rng)
-    if not mechanism.closures:
+        return SpecialisedMechanism(mechanism, find_structure(mechanism, rng))
+    if mechanism.closures:
+        at_values, undecided = _at_values(mechanism, rng)
+        if at_values is not None and _is_general_with_loops(mechanism, at_values, values, rng):
+            return SpecialisedMechanism(mechanism, at_values)
+        structure = find_structure(mechanism, rng)
+    else:
+        structure = find_structure(mechanism, rng)
         if _is_general(mechanism, structure, values, recorded, rng):
-            return OwnAnswer(mechanism, structure)
+            return SpecialisedMechanism(mechanism, structure)
         at_values, undecided = _at_values(mechanism, rng)
     if at_values is None:
-        return OwnAnswer(mechanism, structure, undecided=undecided)
+        return SpecialisedMechanism(mechanism, structure, undecided=undecided)
     if at_values.pivots == structure.pivots:
-        return OwnAnswer(mechanism, structure)
+        return SpecialisedMechanism(mechanism, structure)
 
     def pivots_of(put_in: Mapping[str, Polynomial]) -> tuple[int, ...]:
         return find_structure(substituted(mechanism, put_in), rng).pivots
@@ -250,7 +252,9 @@ def _own_answer(
     relations = RelationSearch(values, at_values.pivots, pivots_of).find()
     own = substituted(mechanism, relations.put_in(values))
     special = SpecialValues(structure.rank, at_values.rank, relations.texts(values))
-    return OwnAnswer(mechanism, structure, special) if generic else OwnAnswer(own, find_structure(own, rng), special)
+    if generic:
+        return SpecialisedMechanism(mechanism, structure, special)
+    return SpecialisedMechanism(own, find_structure(own, rng), special)
 
 
 def _at_values(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Structure | None, str]:

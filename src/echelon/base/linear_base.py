@@ -15,7 +15,7 @@ from echelon.base.certificate import Certificate, certify
 from echelon.base.closed_form import assembled, closed_columns, linear_relations
 from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseSet
-from echelon.base.own import RelationSearch, SpecialValues
+from echelon.base.stated_values import RelationSearch, SpecialValues
 from echelon.base.structure import linear_structure
 from echelon.errors import ClosedFormError, InputError
 from echelon.exact.field import Work, random_generator

@@ -15,9 +15,9 @@ from echelon.base.certificate import Certificate
 from echelon.base.evaluation import Evaluation
 from echelon.base.expression import Expression, collect
 from echelon.base.matrix import BaseMatrix, Identifiability, Row, classify
-from echelon.base.own import SpecialValues, at_values
 from echelon.base.pseudo_inverse import Metric, lift, metric_matrix, pseudo_inverse_floats
 from echelon.base.reading_report import ReadingReport
+from echelon.base.stated_values import SpecialValues, at_values
 from echelon.errors import InputError
 from echelon.exact.expressions import PI
 from echelon.exact.rational import RationalFunction

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats, independent_columns, pivoted_qr
 from echelon.base.matrix import BaseMatrix
-from echelon.base.own import stated_structure
+from echelon.base.stated_values import stated_structure
 from echelon.errors import DegenerateSampleError, InputError
 from echelon.exact.field import ARRAY_BITS, DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.field import rank as rank_modulo

@@ -9,8 +9,8 @@ from math import comb
 
 import numpy as np
 
-from echelon.base.own import at_stated_values
 from echelon.base.row_space import row_space
+from echelon.base.stated_values import at_stated_values
 from echelon.base.structure import find_structure
 from echelon.errors import ClosedFormError, DegenerateSampleError, EchelonError, InputError
 from echelon.exact.field import DEFAULT_SEED, SOLVING, PrimeField, Residues, Work, random_generator, rank

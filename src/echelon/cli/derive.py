@@ -9,7 +9,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from echelon.base.derive import OwnAnswer, base_parameters, own_answer
+from echelon.base.derive import SpecialisedMechanism, base_parameters, specialised
 from echelon.base.display import to_latex, to_markdown, to_text
 from echelon.base.linear_base import LinearBase
 from echelon.base.model import BaseModel
@@ -99,13 +99,13 @@ def run_rank_only(
         robot, rng = load_model(file, **read), random_generator(seed)
         if isinstance(robot, LinearModel):
             raise InputError("--rank-only is for robots; a linear model is always derived in closed form")
-        answer = own_answer(robot, rng, generic=generic)
+        answer = specialised(robot, rng, generic=generic)
         rank = answer.structure.rank if answer.special is None else answer.special.rank
         mimics, moved = mimic_ranks(robot, rank, rng), assembled(robot)
     deliver(_rank_json(answer, mimics, moved, seed) if as_json else _rank_text(answer, mimics, moved), output)
 
 
-def _rank_json(answer: OwnAnswer, mimics: MimicRanks | None, moved: Assembled | None, seed: int) -> str:
+def _rank_json(answer: SpecialisedMechanism, mimics: MimicRanks | None, moved: Assembled | None, seed: int) -> str:
     robot, structure = answer.mechanism, answer.structure
     optional = {
         "special": answer.special and asdict(answer.special),
@@ -126,7 +126,7 @@ def _rank_json(answer: OwnAnswer, mimics: MimicRanks | None, moved: Assembled | 
     )
 
 
-def _rank_text(answer: OwnAnswer, mimics: MimicRanks | None, moved: Assembled | None) -> str:
+def _rank_text(answer: SpecialisedMechanism, mimics: MimicRanks | None, moved: Assembled | None) -> str:
     robot, structure = answer.mechanism, answer.structure
     lines = [
         f"{robot.name}: {structure.rank} base parameters of {structure.parameters} standard parameters",

@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel as Schema
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
-from echelon.base.own import SpecialValues
 from echelon.base.reading_report import ReadingReport
+from echelon.base.stated_values import SpecialValues
 from echelon.choices import Values
 from echelon.errors import InputError
 from echelon.inputs import published_schema
