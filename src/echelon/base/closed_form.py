@@ -20,7 +20,7 @@ from functools import cached_property
 import numpy as np
 
 from echelon.base.matrix import BaseMatrix, StatedNumbers
-from echelon.base.structure import Structure, floating_pair, mount, pair_columns, pair_signature
+from echelon.base.structure import Structure, floating_pair, joint_frame, pair_columns, pair_signature
 from echelon.conventions import PER_BODY
 from echelon.errors import ClosedFormError, DegenerateSampleError
 from echelon.exact.field import (
@@ -50,12 +50,12 @@ _MOST_TIMES = 32
 
 @dataclass(frozen=True, eq=False)
 class Kernel:
-    """Some columns known to be combinations of others, with rows to find out how."""
+    """Target columns that are combinations of source columns, and rows from which the coefficients follow."""
 
     roles: SymbolRoles  # what the symbols stand for
     rows: Rows  # with the columns [auxiliary, sources, targets]
-    sources: Sequence[int]  # numbers of columns; the targets are combinations of the sources
-    targets: Sequence[int]  # numbers of columns; the targets are combinations of the sources
+    sources: Sequence[int]  # numbers of columns
+    targets: Sequence[int]
     zero: frozenset[int]  # sources that vanish in X, so that their coefficients do not matter
     # powers of length of the coefficients, by source and target; None where they are inhomogeneous
     degrees: Sequence[int] | None
@@ -126,12 +126,12 @@ class Kernel:
 
 @dataclass(frozen=True, eq=False)
 class Relation:
-    """A kernel at its place in the robot."""
+    """A kernel at its place in the robot: which columns of X its columns are."""
 
     kernel: Kernel
     columns: Sequence[int]  # columns of X, by number in the kernel
     # of the frame that the kernel's first ten columns are about, in that of the same columns of X
-    mount: Placement = Placement()  # noqa: RUF009 - immutable
+    frame: Placement = Placement()  # noqa: RUF009 - immutable
 
     @property
     def targets(self) -> list[int]:
@@ -146,15 +146,15 @@ class Relation:
     @cached_property
     def symbols(self) -> frozenset[str]:
         """Symbols that the coefficients may depend on."""
-        entries = (*(x for row in self.mount.rotation for x in row), *self.mount.translation)
+        entries = (*(x for row in self.frame.rotation for x in row), *self.frame.translation)
         return frozenset(self.kernel.sampler.symbols).union(*(entry.symbols() for entry in entries))
 
     def changes(self, kinds: Iterable[int], number: Callable[[Polynomial], T]) -> dict[int, dict[int, T]]:
         """Parameters of the whole body about the kernel's frame, as combinations of those about its own."""
         chosen = sorted(set(kinds))
-        if self.mount.is_identity or not chosen:
+        if self.frame.is_identity or not chosen:
             return {}
-        rows = [(*row, t) for row, t in zip(self.mount.rotation, self.mount.translation, strict=True)]
+        rows = [(*row, t) for row, t in zip(self.frame.rotation, self.frame.translation, strict=True)]
         plain = [[entry if entry.number is None else entry.number for entry in row] for row in rows]
         units = np.eye(PER_BODY, dtype=int)[chosen].astype(object)
         moved = move(units, np.array([*plain, [0, 0, 0, 1]], dtype=object))
@@ -185,7 +185,7 @@ def _across_joints(mechanism: Mechanism, structure: Structure) -> Iterable[Relat
     places: dict[int, tuple[list[int], Placement]] = {}
     for index, dependent in structure.by_joint.items():
         columns, chosen = pair_columns(mechanism, index), set(dependent)
-        places[index] = columns, mount(mechanism, index)
+        places[index] = columns, joint_frame(mechanism, index)
         targets = tuple(k for k, c in enumerate(columns) if c in chosen)
         shared.setdefault((targets, pair_signature(mechanism, index)), []).append(index)
     for (targets, _), indices in shared.items():

@@ -96,7 +96,7 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
     local = {column for columns in by_joint.values() for column in columns}
     remaining = [c for c in range(len(mechanism.parameters)) if c not in local]
     whole = rows_of(mechanism)
-    settled = _settled(mechanism, whole, remaining, rng)
+    settled = _independent_by_blocks(mechanism, whole, remaining, rng)
     remaining = [c for c in remaining if c not in settled]
     rows, accepted, order = whole.columns(remaining), None, 0
     modes: list[Mode] = []
@@ -108,7 +108,7 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
         supports, order = mode.dependence, mode.order
         accepted = InMode(rows, mode) if len(modes) > 1 or mode.marks is None else None
     else:
-        supports = _agreed(rows, rng)
+        supports = _confirmed_dependence(rows, rng)
     pivots = tuple(sorted((*settled, *(remaining[k] for k in range(len(remaining)) if k not in supports))))
     by_robot = {remaining[k]: tuple(remaining[s] for s in support) for k, support in supports.items()}
     ranks = tuple(len(remaining) - len(mode.dependence) for mode in modes)
@@ -117,7 +117,7 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
 
 def linear_structure(forms: LinearForms, rng: np.random.Generator) -> Structure:
     """Rank and pivots of any recorded rows without loops, all columns eliminated at once, the first ones preferred."""
-    supports = _agreed(Rows(forms, 0), rng)
+    supports = _confirmed_dependence(Rows(forms, 0), rng)
     pivots = tuple(column for column in range(forms.shape[1]) if column not in supports)
     return Structure(forms.shape[1], pivots, {}, supports)
 
@@ -179,26 +179,28 @@ def _lowest(modes: Sequence[Mode]) -> Mode:
 def floating_pair(mechanism: Mechanism, index: int) -> Mechanism:
     """A body with its parent set free: the mechanism of two bodies that moves all ways the true one can, and more.
 
-    The joint is mounted on a whole parent without its :func:`mount`.
+    On a whole parent the joint is placed at the parent's frame instead of :func:`joint_frame`.
     """
     child, parent = mechanism.bodies[index], mechanism.bodies[mechanism.bodies[index].parent]
     name = "free"
     while any(motion.name.startswith(name) for motion in child.joint.motions):
         name += "_"
     free = Joint(name, "floating", floating_motions(name))
-    hung = replace(child, parent=0, inertial=None, joint=replace(child.joint, steps=_own_steps(child, parent)))
+    hung = replace(
+        child, parent=0, inertial=None, joint=replace(child.joint, steps=_steps_from_joint_frame(child, parent))
+    )
     return Mechanism("pair", (replace(parent, parent=GROUND, joint=free, inertial=None), hung), gravity=None)
 
 
-def mount(mechanism: Mechanism, index: int) -> Placement:
-    """Where a body's joint is mounted on its parent; the parent's own frame if the parent is not a whole body.
+def joint_frame(mechanism: Mechanism, index: int) -> Placement:
+    """The frame in which a joint begins to move, in that of the parent; the parent's own if that is not a whole body.
 
     What moves to a parent that moves freely does not depend on it: the ten parameters of a whole body about one frame
     are combinations of those about another.  Of only some of them this is not true.
     """
     body = mechanism.bodies[index]
     parent = mechanism.bodies[body.parent]
-    before = body.joint.steps[: len(body.joint.steps) - len(_own_steps(body, parent))]
+    before = body.joint.steps[: len(body.joint.steps) - len(_steps_from_joint_frame(body, parent))]
     return reduce(matmul, (step for step in before if isinstance(step, Placement)), Placement())
 
 
@@ -206,12 +208,12 @@ def pair_signature(mechanism: Mechanism, index: int) -> tuple[object, ...]:
     """All that matters of :func:`floating_pair`: what the bodies carry and the joint without names."""
     body = mechanism.bodies[index]
     parent = mechanism.bodies[body.parent]
-    steps = (replace(s, name="") if isinstance(s, Motion) else s for s in _own_steps(body, parent))
+    steps = (replace(s, name="") if isinstance(s, Motion) else s for s in _steps_from_joint_frame(body, parent))
     return (parent.carried, body.carried, *steps)
 
 
-def _own_steps(body: Body, parent: Body) -> tuple[Step, ...]:
-    """The joint without the mount."""
+def _steps_from_joint_frame(body: Body, parent: Body) -> tuple[Step, ...]:
+    """The joint without what comes before its :func:`joint_frame`."""
     steps = body.joint.steps
     if parent.carried != ALL:
         return steps
@@ -238,7 +240,7 @@ def _dependent_by_joint(mechanism: Mechanism, rng: np.random.Generator) -> dict[
             continue
         signature = pair_signature(mechanism, index)
         if signature not in cache:
-            supports = _agreed(Rows(energy_form(floating_pair(mechanism, index)), 1), rng)
+            supports = _confirmed_dependence(Rows(energy_form(floating_pair(mechanism, index)), 1), rng)
             offset = len(mechanism.bodies[body.parent].carried)
             cache[signature] = tuple(sorted(k - offset for k in supports if k >= offset))
         columns = pair_columns(mechanism, index)[-len(body.carried) :]
@@ -247,8 +249,10 @@ def _dependent_by_joint(mechanism: Mechanism, rng: np.random.Generator) -> dict[
     return dependent
 
 
-def _settled(mechanism: Mechanism, rows: Rows, columns: Sequence[int], rng: np.random.Generator) -> set[int]:
-    """Columns that are independent of all others, whether or not the others are of one another.
+def _independent_by_blocks(
+    mechanism: Mechanism, rows: Rows, columns: Sequence[int], rng: np.random.Generator
+) -> set[int]:
+    """Columns that small blocks of rows show to be independent of all others.
 
     To show a column to be independent modulo one prime is a proof, so one attempt is enough.
     """
@@ -266,8 +270,8 @@ def _settled(mechanism: Mechanism, rows: Rows, columns: Sequence[int], rng: np.r
     return set()
 
 
-def _agreed(rows: Rows, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
-    """Dependent parameters with their supports, confirmed by independent primes, geometries and states."""
+def _confirmed_dependence(rows: Rows, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
+    """Dependent columns and the pivots they depend on, as several primes, geometries and states agree."""
     seen: list[dict[int, tuple[int, ...]]] = []
     sampler, count = rows.forms.sampler(), rows.forms.shape[1] + _SURPLUS_ROWS
     for _ in range(_ATTEMPTS):

@@ -239,7 +239,7 @@ _MOST_PRIMES = 64
 def interpolate(
     unknown: UnknownFunctions, rng: np.random.Generator, work: Work | None = None
 ) -> list[RationalFunction | None]:
-    """Closed forms of all functions."""
+    """Closed forms of unknown functions; None for those that take more than the work."""
     return _Interpolation(unknown, rng, Work.of(1) if work is None else work).run()
 
 

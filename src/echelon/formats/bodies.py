@@ -57,7 +57,7 @@ Read = Callable[[str], tuple[Step, ...]]
 
 @dataclass(frozen=True)
 class Part:
-    """What becomes a body or rides on one."""
+    """A link of a robot file, or a row or body of a description; it becomes a body or is fixed to one."""
 
     elements: tuple[str, ...]  # of the file, which state the frames of its joint
     name: str
@@ -83,7 +83,7 @@ def placed_before(motion: Motion, offset: Polynomial, angle: Callable[[Polynomia
 
 
 class Bodies:
-    """Bodies in the making, and where parts are on them; labels count from a number."""
+    """Makes bodies of parts, and knows where every part sits on its body; labels count from a number."""
 
     def __init__(self, first: int) -> None:
         self.first = first

@@ -150,7 +150,7 @@ class RobotFile:
     # -- mechanisms ------------------------------------------------------------------------------------------------
 
     def mechanism(self, options: ReadingOptions | None = None, literal: Collection[str] = ()) -> Mechanism:
-        """The robot."""
+        """The robot; the numbers of the literal elements are taken as they stand."""
         options = ReadingOptions() if options is None else options
         built = self.built(options, literal)
         mechanism = built.mechanism if options.symbolic else in_numbers(built.mechanism)

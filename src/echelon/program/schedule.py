@@ -219,7 +219,7 @@ class FieldSampler:
 
     @property
     def symbols(self) -> list[str]:
-        """Constants that the outputs depend on, sorted; functions of constants join when first evaluated."""
+        """Constants that the outputs depend on, sorted."""
         return sorted({self.program.inputs[n].name for n in self._inputs if self._is_symbol(n)} | self.angles)
 
     @property

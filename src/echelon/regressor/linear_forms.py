@@ -147,7 +147,7 @@ def column_sums(
     unit: Callable[[int, int], Scalar],
     wanted: Collection[int] | None = None,
 ) -> dict[int, Scalar]:
-    """What a unit of each standard parameter gives; bodies that share a parameter are added up."""
+    """What a unit of each standard parameter gives, by column, summed over the bodies that share it."""
     total: dict[int, Scalar] = {}
     for index in bodies:
         for column, kind in enumerate(mechanism.bodies[index].carried, mechanism.first_column.get(index, 0)):

@@ -78,10 +78,10 @@ class Freedom:
     """One velocity coordinate of a step."""
 
     name: str  # velocity coordinate
-    angular: Vec  # direction of the angular and linear velocity that it causes, in the moved frame's axes
-    linear: Vec  # direction of the angular and linear velocity that it causes, in the moved frame's axes
-    rate: Scalar  # its velocity and acceleration
-    acceleration: Scalar  # its velocity and acceleration
+    angular: Vec  # angular velocity that a unit of it causes, in the moved frame's axes
+    linear: Vec  # linear velocity that a unit of it causes, in the same axes
+    rate: Scalar  # its value
+    acceleration: Scalar
 
 
 @dataclass(frozen=True)
@@ -258,7 +258,7 @@ def cut_names(mechanism: Mechanism) -> dict[Cut, str]:
 
 
 class Probes:
-    """The cuts of a mechanism's outputs."""
+    """The force and torque sensors of a mechanism, recorded as freedoms that never move."""
 
     def __init__(self, mechanism: Mechanism, recorder: Recorder) -> None:
         self.recorder, self.names = recorder, cut_names(mechanism)

@@ -99,7 +99,7 @@ def build_description(
 
 
 def cut_off(robot: RobotDescription) -> tuple[str, ...]:
-    """Names of what force/torque sensors carry: sensors see fixed parts apart from what they are fixed to."""
+    """Names of the parts that force/torque sensors carry, which are bodies even where they are fixed."""
     return tuple(w for w in (getattr(output, "wrench", BASE) for output in robot.outputs or ()) if w != BASE)
 
 
