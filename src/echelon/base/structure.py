@@ -96,7 +96,7 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
     local = {column for columns in by_joint.values() for column in columns}
     remaining = [c for c in range(len(mechanism.parameters)) if c not in local]
     whole = rows_of(mechanism)
-    settled = _independent_by_blocks(mechanism, whole, remaining, rng)
+    settled = _shown_by_blocks(mechanism, whole, remaining, rng)
     remaining = [c for c in remaining if c not in settled]
     rows, accepted, order = whole.columns(remaining), None, 0
     modes: list[Mode] = []
@@ -186,9 +186,7 @@ def floating_pair(mechanism: Mechanism, index: int) -> Mechanism:
     while any(motion.name.startswith(name) for motion in child.joint.motions):
         name += "_"
     free = Joint(name, "floating", floating_motions(name))
-    hung = replace(
-        child, parent=0, inertial=None, joint=replace(child.joint, steps=_steps_from_joint_frame(child, parent))
-    )
+    hung = replace(child, parent=0, inertial=None, joint=replace(child.joint, steps=_own_steps(child, parent)))
     return Mechanism("pair", (replace(parent, parent=GROUND, joint=free, inertial=None), hung), gravity=None)
 
 
@@ -200,7 +198,7 @@ def joint_frame(mechanism: Mechanism, index: int) -> Placement:
     """
     body = mechanism.bodies[index]
     parent = mechanism.bodies[body.parent]
-    before = body.joint.steps[: len(body.joint.steps) - len(_steps_from_joint_frame(body, parent))]
+    before = body.joint.steps[: len(body.joint.steps) - len(_own_steps(body, parent))]
     return reduce(matmul, (step for step in before if isinstance(step, Placement)), Placement())
 
 
@@ -208,11 +206,11 @@ def pair_signature(mechanism: Mechanism, index: int) -> tuple[object, ...]:
     """All that matters of :func:`floating_pair`: what the bodies carry and the joint without names."""
     body = mechanism.bodies[index]
     parent = mechanism.bodies[body.parent]
-    steps = (replace(s, name="") if isinstance(s, Motion) else s for s in _steps_from_joint_frame(body, parent))
+    steps = (replace(s, name="") if isinstance(s, Motion) else s for s in _own_steps(body, parent))
     return (parent.carried, body.carried, *steps)
 
 
-def _steps_from_joint_frame(body: Body, parent: Body) -> tuple[Step, ...]:
+def _own_steps(body: Body, parent: Body) -> tuple[Step, ...]:
     """The joint without what comes before its :func:`joint_frame`."""
     steps = body.joint.steps
     if parent.carried != ALL:
@@ -249,9 +247,7 @@ def _dependent_by_joint(mechanism: Mechanism, rng: np.random.Generator) -> dict[
     return dependent
 
 
-def _independent_by_blocks(
-    mechanism: Mechanism, rows: Rows, columns: Sequence[int], rng: np.random.Generator
-) -> set[int]:
+def _shown_by_blocks(mechanism: Mechanism, rows: Rows, columns: Sequence[int], rng: np.random.Generator) -> set[int]:
     """Columns that small blocks of rows show to be independent of all others.
 
     To show a column to be independent modulo one prime is a proof, so one attempt is enough.
