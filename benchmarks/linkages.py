@@ -13,8 +13,8 @@ import echelon as ec
 from echelon.formats.robot_file import RobotFile
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.linear_forms import virtual_power_form
+from echelon.regressor.loops.assembly import Assembly
 from numeric import states_of
 from timing import interleaved
 
