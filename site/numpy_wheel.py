@@ -20,6 +20,7 @@ import sys
 import sysconfig
 import tarfile
 import tempfile
+import urllib.error
 import urllib.request
 import zipfile
 from pathlib import Path
@@ -27,9 +28,13 @@ from typing import Any
 
 PINS: dict[str, Any] = json.loads((Path(__file__).parent / "explorer" / "lock.json").read_text())["numpy"]
 MIRROR = "https://deb.debian.org/debian/"
+ARCHIVE = "https://snapshot.debian.org/archive/debian/20261124T000000Z/"
+NEWEST = "ECHELON_NEWEST_HEADERS"
+"""Debian's mirror, which has the pinned packages while they are the newest; its archive, which keeps them; and the
+variable that, set to 1, takes whatever is newest on the mirror."""
 SYSTEM, PYTHON = "usr/share/emscripten/system", "usr/include/python3.14"
 HEADERS = {"emscripten": SYSTEM, "libpython3.14-dev": PYTHON}
-"""Debian's packages, and which of their folders is needed; all are of its unstable release, which has this Python."""
+"""Debian's packages, and which of their folders is needed; versions and digests are in `lock.json`."""
 MUSL = [f"lib/libc/musl/{folder}" for folder in ("include", "arch/emscripten", "arch/generic")]
 C, CPP = ["include/compat", "include", *MUSL], ["lib/libcxx/include", "lib/libcxxabi/include"]
 FLAGS = "--target=wasm32-unknown-emscripten -fPIC -fwasm-exceptions -mllvm -wasm-enable-sjlj -nostdinc -nostdlib"
@@ -79,8 +84,8 @@ def build(place: Path, pyodide: Path, wheel: Path, output: Any) -> None:
         packed = {name: archive.extractfile(f"package/{name}") for name in ("python_stdlib.zip", "pyodide.asm.wasm")}
         library, program = (part.read() for part in packed.values() if part)
     variables = configuration(library)
-    for package, digest in _packages().items():
-        _unpack_debian(_fetched(MIRROR + package, digest), place)
+    for package in HEADERS:
+        _unpack_debian(_packed(package), place)
     config = [f"#define {name} {value}\n" for name, value in variables.items() if isinstance(value, int) and value]
     (place / PYTHON / "pyconfig.h").write_text("".join(["#define _GNU_SOURCE 1\n", *config]))
     _compilers(place, program, output)
@@ -111,17 +116,22 @@ def _fetched(address: str, sha256: str | None = None) -> bytes:
     return content
 
 
-def _packages() -> dict[str, str]:
-    """Paths of Debian's packages with their hashes, from the index of the mirror."""
-    index = lzma.decompress(_fetched(f"{MIRROR}dists/sid/main/binary-amd64/Packages.xz")).decode()
-    found = {}
-    for package in HEADERS:
+def _packed(package: str) -> bytes:
+    """A package of Debian: the pinned one, or by its index the newest where that is asked for."""
+    path, digest = PINS["headers"][package]
+    if os.environ.get(NEWEST) == "1":
+        index = lzma.decompress(_fetched(f"{MIRROR}dists/sid/main/binary-amd64/Packages.xz")).decode()
         entry = re.search(rf"^Package: {re.escape(package)}\n(?:.+\n)*", index, re.MULTILINE)
         if entry is None:
             raise OSError(f"Debian has no package {package} any more")
-        path, digest = (re.search(rf"^{key}: (.*)$", entry[0], re.MULTILINE) for key in ("Filename", "SHA256"))
-        found[path[1]] = digest[1]  # type: ignore[index]
-    return found
+        fields = dict(line.split(": ", 1) for line in entry[0].splitlines() if ": " in line)
+        path, digest = fields["Filename"], fields["SHA256"]
+    for place in (MIRROR, ARCHIVE):
+        try:
+            return _fetched(place + path, digest)
+        except urllib.error.URLError:
+            continue
+    raise OSError(f"neither {MIRROR} nor its archive has {path}; {NEWEST}=1 takes the newest there is")
 
 
 def _unpack_debian(package: bytes, place: Path) -> None:

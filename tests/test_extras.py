@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ast
+import hashlib
 import json
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -14,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from echelon.extras import EXTRAS
 from support.command_line import run_alone
@@ -202,3 +205,29 @@ def test_the_library_alone() -> None:
     first, *lines = done.stdout.splitlines()
     assert first == "(5, 2, 6) (5, 2)"
     assert [re.findall(r"\[\w+\]", line) for line in lines] == [["[symbolic]"], ["[identify]"]]
+
+
+def test_a_release_names_its_repository(tmp_path: Path) -> None:
+    """Addresses and the recipe are filled in once, however often that is asked for."""
+    for name in ("pyproject.toml", "CITATION.cff", "packaging/recipe.yaml", "packaging/release.py"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        shutil.copy(ROOT / name, tmp_path / name)
+    archive = tmp_path / "echelon_robotics-1.2.3.tar.gz"
+    archive.write_bytes(b"source")
+
+    def release(*words: str) -> subprocess.CompletedProcess[str]:
+        program = [sys.executable, str(tmp_path / "packaging/release.py"), *words]
+        return subprocess.run(program, capture_output=True, text=True, check=False)
+
+    address = "https://github.com/somebody/echelon"
+    assert [release("addresses", address).returncode for _ in range(2)] == [0, 0]
+    urls = tomllib.loads((tmp_path / "pyproject.toml").read_text())["project"]["urls"]
+    assert urls["Source"] == address
+    assert urls["Documentation"] == "https://somebody.github.io/echelon/"
+    assert yaml.safe_load((tmp_path / "CITATION.cff").read_text())["repository-code"] == address
+    assert release("recipe", str(archive)).returncode == 0
+    recipe = yaml.safe_load((tmp_path / "recipe.yaml").read_text())
+    assert recipe["source"]["url"].endswith("/echelon_robotics-1.2.3.tar.gz")
+    assert recipe["source"]["sha256"] == hashlib.sha256(b"source").hexdigest()
+    assert (recipe["context"]["version"], recipe["about"]["repository"]) == ("1.2.3", address)
+    assert release("addresses", "somewhere").stderr.startswith("'somewhere' is no address of a repository")
