@@ -11,6 +11,7 @@ import pytest
 
 import echelon as ec
 from echelon.identification.servos.servo_fit import ServoScore, scale_groups
+from echelon.identification.servos.servo_limits import Limits
 from echelon.identification.servos.servo_motion import ServoMotion, Windows, smooth
 from echelon.identification.servos.servo_start import servo_joints
 from echelon.logs.recording import Segment
@@ -147,3 +148,51 @@ def test_a_lag_that_the_model_does_not_explain_speaks_against_it() -> None:
     assert score.lags
     assert not replace(score, rms=0.001).lags  # steps of the encoder
     assert not replace(score, lag_r2=0.95).lags
+
+
+LIMITS = {
+    "torque": {"torque": np.array([0.05, np.inf])},
+    "dead": {"dead": np.array([0.0, 0.05])},
+    "speed": {"speed": np.array([0.7, np.inf])},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", LIMITS)
+def test_limits_of_servos_are_found_and_do_not_spoil_the_rest(kind: str, tmp_path: Path) -> None:
+    setup, rng = two_joints(tmp_path), np.random.default_rng(6 if kind == "dead" else 5)
+    arm = servo_arms.servo_arm(tmp_path / "swing.urdf", rng)
+    u = servo_arms.commands(arm, 20.0, rng)
+    log = servo_arms.written(tmp_path, arm.names, servo_arms.simulated(arm, u, 0.025, **LIMITS[kind]), u)
+    fit = ec.fit_servos(setup.with_settings(known={"Kp1": float(arm.gains[0])}), [log])
+    (limit,) = fit.limits
+    joint = arm.names.index(limit.joint)
+    planted = float(LIMITS[kind][kind][joint])
+    assert limit.kind == kind
+    assert limit.value == pytest.approx(planted, rel=0.02)
+    assert not fit.reasons
+    assert any(limit.joint in str(finding) for finding in fit.findings)
+    truth = fit.base.values(servo_arms.true_standard(arm, setup.mechanism))
+    gains = [fit.base.pivots.index(name) for name in ("Kp2", "Fv1", "Fv2")]
+    assert np.allclose(fit.estimate.values[gains], truth[gains], rtol=0.06)
+
+
+def test_limits_of_servos_have_exact_derivatives() -> None:
+    limits = Limits(np.array([0.2, np.inf]), np.array([0.03, 0.01]), np.array([np.inf, 1.5]))
+    error, tiny = np.random.default_rng(0).normal(0, 0.2, (500, 2)), 1e-7
+    pull = limits.pull(error)
+    numeric = (limits.pull(error + tiny).value - limits.pull(error - tiny).value) / (2 * tiny)
+    assert np.allclose(pull.by_error, numeric, atol=1e-4)
+    asked = np.cumsum(np.random.default_rng(1).normal(0, 0.05, (40, 2)), axis=0)
+    for kind, joint in limits.active:
+        up, down = (limits.having(kind, joint, getattr(limits, kind)[joint] + s * tiny) for s in (1, -1))
+        if kind == "speed":
+            numeric = (up.followed(asked, 30.0, 7)[0] - down.followed(asked, 30.0, 7)[0]) / (2 * tiny)
+            assert np.allclose(limits.followed(asked, 30.0, 7)[1], numeric, atol=1e-4)
+            assert np.abs(np.diff(limits.followed(asked, 30.0, 7)[0][:, joint])).max() < 2 * 1.5 / 210
+        else:
+            numeric = (up.pull(error).value - down.pull(error).value) / (2 * tiny)
+            found = {"torque": pull.by_torque, "dead": pull.by_dead}[kind]
+            assert np.allclose(found[:, joint], numeric[:, joint], atol=1e-3)
+    assert np.abs(pull.value[:, 0]).max() < 0.2
+    assert np.abs(limits.pull(np.full((1, 2), 0.005)).value).max() < 1e-4

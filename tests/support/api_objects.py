@@ -19,7 +19,7 @@ import numpy as np
 import echelon as ec
 from echelon.formats.robot_file import RobotFile
 from echelon.identification.conditioning import conditioning
-from echelon.identification.servos.servo_fit import ServoScore
+from echelon.identification.servos.servo_fit import ServoLimit, ServoScore
 from echelon.regressor.linear_forms import virtual_power_form
 from echelon.regressor.loops.closures import Wrist
 from support.paths import EXAMPLES
@@ -113,7 +113,9 @@ def identified() -> Any:
 
 def servo() -> ec.ServoFit:
     score = ServoScore("j1", 0.01, 0.99, 0.9)
-    return ec.ServoFit(base(), identification().estimate, 0.1, 0.01, (), (score,), (score,), (), ("run.parquet",), True)
+    limits = (ServoLimit("j1", "torque", 0.1, 0.01, 0.2),)
+    of = base(), identification().estimate, 0.1, 0.01, (), (score,), (score,), (), ("run.parquet",), True, limits
+    return ec.ServoFit(*of)
 
 
 def prediction() -> Any:

@@ -75,17 +75,31 @@ def commands(arm: ServoArm, seconds: float, rng: np.random.Generator, size: floa
     return found
 
 
-def simulated(arm: ServoArm, commanded: np.ndarray, delay: float = 0.0) -> np.ndarray:
-    """Positions 30 times a second, as encoders of 4096 steps count them, shape (N, n)."""
+def simulated(
+    arm: ServoArm,
+    commanded: np.ndarray,
+    delay: float = 0.0,
+    *,
+    torque: Any = np.inf,
+    dead: Any = 0.0,
+    speed: Any = np.inf,
+) -> np.ndarray:
+    """Positions 30 times a second, as encoders of 4096 steps count them, shape (N, n).
+
+    Servos pull no more than at an error of ``torque``, not within ``dead`` of their commands, and follow them at a
+    speed of ``speed`` at most.
+    """
     data = mujoco.MjData(arm.model)
     data.qpos[:] = commanded[0]
     held = round(1 / (RATE * STEP))
     late = round(delay / STEP)
-    found = []
+    found, goal = [], commanded[0].copy()
     for k in range(len(commanded) * held):
         if k % held == 0:
             found.append(data.qpos.copy())
-        data.ctrl[:] = commanded[max(k - late, 0) // held]
+        goal += np.clip(commanded[max(k - late, 0) // held] - goal, -speed * STEP, speed * STEP)
+        error = goal - data.qpos
+        data.ctrl[:] = data.qpos + np.clip(error - np.clip(error, -dead, dead), -torque, torque)
         mujoco.mj_step(arm.model, data)
     return np.round(np.array(found) / ENCODER) * ENCODER
 

@@ -25,13 +25,15 @@ _ONLY_FIRST = ("spring",)  # its preload is the offset
 
 
 def with_usual_effects(mechanism: Mechanism, stated: DriveNumbers) -> Mechanism:
-    """The mechanism with the usual effects in every drive, or joint, that is measured, before its own effects."""
+    """The mechanism with the usual effects in every drive, or joint, that is measured, before its own, which count."""
     found: list[Effect] = []
     places = list(_measured_places(mechanism))
     for kind in (*EVERYWHERE, *_WHERE_STATED):
         for name, side in places:
             if kind in EVERYWHERE or kind in stated.get(name, {}):
                 found += _made(mechanism, kind, name, side, stated)
+    own = {effect.parameter for effect in mechanism.effects}, {effect.actions for effect in mechanism.effects}
+    found = [effect for effect in found if effect.parameter not in own[0] and effect.actions not in own[1]]
     return _with(mechanism, (*found, *mechanism.effects))
 
 

@@ -232,6 +232,7 @@ def servo_document(fit: ServoFit, level: float = 0.95) -> dict[str, Any]:
         ],
         "delay": {"value": fit.delay, "std": fit.delay_std, "unit": "s"},
         "noise": dict(zip(estimate.outputs, map(float, estimate.noise), strict=True)),
+        "limits": [asdict(limit) for limit in fit.limits],
         "hidden": list(fit.hidden),
         "fitted": [asdict(score) for score in fit.fitted],
         "held_out": [asdict(score) for score in fit.held_out],

@@ -28,7 +28,8 @@ from echelon.base.derive import base_parameters, base_structure
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.servos.servo_motion import OutputErrorProblem, ServoMotion, Windows, smooth
+from echelon.identification.servos.servo_limits import Limits
+from echelon.identification.servos.servo_motion import OutputErrorProblem, ServoMotion, Solution, Windows, smooth
 from echelon.identification.servos.servo_start import (
     inertial,
     positive_parameters,
@@ -39,7 +40,7 @@ from echelon.identification.servos.servo_start import (
     stated_values,
 )
 from echelon.logs.faults.examine import resolution
-from echelon.logs.finding import Finding
+from echelon.logs.finding import Finding, note
 from echelon.logs.read_log import read_log
 from echelon.logs.recording import Segment
 from echelon.machine.target import one_thread
@@ -52,6 +53,9 @@ _STILL = 0.005
 _VAGUE = 5.0  # per cent
 _WELL = 0.98  # R² of positions
 _LAG = 0.9  # share of the lag behind the commands that a servo with gain and friction explains at least
+_SEEN = 0.005  # of the samples, that have to be beyond a limit
+_CLEARLY = 2.0  # as much as an encoder's steps leave, from which on something is missing
+_WORTH = 0.1  # by which more limits reduce the logarithms of what is left
 _STEPS = 1.0  # of the encoder, up to which an rms is that of its steps
 
 
@@ -73,6 +77,27 @@ class ServoScore:
         return self.lag_r2 < _LAG and self.rms > _STEPS * self.step
 
 
+@dataclass(frozen=True)
+class ServoLimit:
+    """A limit that a servo's data show."""
+
+    joint: str
+    kind: str  # torque, dead or speed
+    # the error from which on the torque does not grow, that below which there is none, rad or m, or the speed at which
+    # commands are followed at most, rad/s or m/s
+    value: float
+    std: float
+    share: float  # of the samples, that are beyond it, or within a dead band
+
+    def __str__(self) -> str:
+        what = {
+            "torque": f"pulls no more than at {self.value:.3g} from its command",
+            "dead": f"does not pull within {self.value:.3g} of its command",
+            "speed": f"follows commands at {self.value:.3g}/s at most",
+        }[self.kind]
+        return f"the servo of '{self.joint}' {what} (±{2 * self.std:.2g}), as in {self.share:.0%} of the samples"
+
+
 @dataclass(frozen=True, repr=False)
 class ServoFit:
     """A robot with servos, fitted to positions and commands.
@@ -92,6 +117,8 @@ class ServoFit:
     findings : tuple of Finding
     logs : tuple of str
     converged : bool
+    limits : tuple of ServoLimit
+        Limits of torque and speed and dead bands of servos that the data show; they are part of the model.
     """
 
     base: BaseModel
@@ -104,6 +131,7 @@ class ServoFit:
     findings: tuple[Finding, ...]
     logs: tuple[str, ...]
     converged: bool
+    limits: tuple[ServoLimit, ...] = ()
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -112,7 +140,7 @@ class ServoFit:
         found = [f"joint '{s.joint}' is not where the model says (R² {s.r2:.3f})" for s in scores if not s.r2 >= _WELL]
         found += [
             f"of what joint '{s.joint}' lags behind its commands the model explains {max(s.lag_r2, 0):.0%} only: "
-            "limits of torque or speed, backlash and dead bands of servos are not in it"
+            "is there backlash, or does its controller do more than pull with a gain up to a limit?"
             for s in scores
             if s.r2 >= _WELL and s.lags
         ]
@@ -171,41 +199,49 @@ def fit_servos(setup: Any, logs: Any, *, on_step: Callable[[str], None] | None =
         moving = replace(base, mechanism=smooth(mechanism, _STILL * speed))
         motion = ServoMotion(moving, names, tuple(base.pivots.index(servo_joints(mechanism)[n]) for n in names))
         stated = stated_values(setup, base)
-        start, delay = start_values(base, names, segments, q, X, stated, setup.settings.known)
+        start, delay, limits = start_values(base, names, segments, X, stated, setup.settings.known)
         fixed, hidden = _scales(base, groups, X, start, setup.settings.known)
 
         step("simulating")
         problem = OutputErrorProblem(
-            motion, windows, start, delay, positive_parameters(base), prior_rows(setup, base), fixed
+            motion, windows, start, delay, limits, positive_parameters(base), prior_rows(setup, base), fixed
         )
-        values, delay, covariance, noise, converged = problem.solve(step)
+        solution = _shown(problem, problem.solve(step), step)
+        more = _more_limits(motion, windows, solution)
+        if more.active != solution.limits.active:
+            other = _shown(problem, replace(problem, delay=solution.delay, limits=more).solve(step), step)
+            worth = np.sum(np.log(other.noise)) < np.sum(np.log(solution.noise)) - _WORTH
+            solution = other if worth else solution
+        found = _limits(motion, windows, solution)
         step("validating")
-        scores = _scores(motion, windows, values, delay)
-        others = () if unseen is None else _scores(motion, unseen, values, delay)
+        scores = _scores(motion, windows, solution)
+        others = () if unseen is None else _scores(motion, unseen, solution)
+    values, covariance, noise, converged = solution.values, solution.covariance, solution.noise, solution.converged
     rows = windows.measured.shape[0] * windows.measured.shape[1]
     estimate = Estimate(
         "output error",
         base.pivots,
         base.units,
         values,
-        covariance[:-1, :-1],
+        covariance[: base.rank, : base.rank],
         names,
         noise,
         (rows,) * len(names),
-        float(rows * len(names) - len(values) - 1 + len(fixed)),
+        float(rows * len(names) - len(covariance) + len(fixed)),
         {"converged": converged},
     )
     return ServoFit(
         base,
         estimate,
-        delay,
-        float(np.sqrt(covariance[-1, -1])),
+        solution.delay,
+        float(np.sqrt(covariance[base.rank, base.rank])),
         (*hidden, *_damping(mechanism, names), *_unclear(estimate, servo_joints(mechanism))),
         scores,
         others,
-        findings,
+        (*findings, *(note("servo limits", "", str(limit)) for limit in found)),
         tuple(map(str, paths)),
         converged,
+        found,
     )
 
 
@@ -355,9 +391,9 @@ def _windows(segments: Sequence[Segment], holdout: float) -> tuple[Windows, Wind
     return made(first), made(last) if last else None
 
 
-def _scores(motion: ServoMotion, windows: Windows, values: Floats, delay: float) -> tuple[ServoScore, ...]:
-    found, measured = motion.positions(windows, values, delay), windows.measured
-    commands = windows.commands(motion.names, 0.0)[0][:, windows.run_in * windows.substeps :: windows.substeps]
+def _scores(motion: ServoMotion, windows: Windows, solution: Solution) -> tuple[ServoScore, ...]:
+    found = motion.positions(windows, solution.values, solution.delay, solution.limits)
+    measured, commands = windows.measured, _commanded(motion, windows, 0.0, Limits.none(len(motion.names)))
     squares = np.mean((found - measured) ** 2, axis=(0, 1))
     spread = np.var(measured.reshape(-1, measured.shape[2]), axis=0)
     lag = np.mean((commands - measured) ** 2, axis=(0, 1))
@@ -366,3 +402,55 @@ def _scores(motion: ServoMotion, windows: Windows, values: Floats, delay: float)
             ServoScore(name, float(np.sqrt(s)), float(1 - s / v), float(1 - s / g), resolution(q.ravel()) or 0.0)
             for name, s, v, g, q in zip(motion.names, squares, spread, lag, np.moveaxis(measured, 2, 0), strict=True)
         )
+
+
+def _commanded(motion: ServoMotion, windows: Windows, delay: float, limits: Limits) -> Floats:
+    """Commands at the samples that count, shape (W, length, n)."""
+    means = windows.commands(motion.names, delay, limits)[0]
+    return means[:, windows.run_in * windows.substeps :: windows.substeps]
+
+
+def _limits(motion: ServoMotion, windows: Windows, solution: Solution) -> tuple[ServoLimit, ...]:
+    """The limits of a solution, with their deviations and the share of samples that show them."""
+    limits, count = solution.limits, len(solution.values) + 1
+    followed = _commanded(motion, windows, solution.delay, limits)
+    asked = _commanded(motion, windows, solution.delay, Limits.none(len(motion.names)))
+    error = np.abs(followed - windows.measured)
+    beyond = {
+        "torque": error > limits.torque + limits.dead,
+        "dead": error < limits.dead,
+        "speed": np.abs(asked - followed) > 0.5 * limits.speed / windows.rate,
+    }
+    stds = np.sqrt(np.diagonal(solution.covariance)[count:])
+    return tuple(
+        ServoLimit(
+            motion.names[joint],
+            kind,
+            float(value),
+            float(std),
+            float(np.mean(beyond[kind][..., joint])) if std < value / 2 else 0.0,
+        )
+        for (kind, joint), value, std in zip(limits.active, limits.values, stds, strict=True)
+    )
+
+
+def _shown(problem: OutputErrorProblem, solution: Solution, step: Callable[[str], None]) -> Solution:
+    """A solution with those limits only that the data show."""
+    motion, found = problem.motion, _limits(problem.motion, problem.windows, solution)
+    doubtful = [(some.kind, motion.names.index(some.joint)) for some in found if some.share < _SEEN]
+    if not doubtful:
+        return solution
+    return replace(problem, delay=solution.delay, limits=solution.limits.without(doubtful)).solve(step)
+
+
+def _more_limits(motion: ServoMotion, windows: Windows, solution: Solution) -> Limits:
+    """The limits with a dead band and a limit of torque at joints whose encoders show that something is missing."""
+    limits = solution.limits
+    error = np.abs(_commanded(motion, windows, solution.delay, limits) - windows.measured)
+    for joint, noise in enumerate(solution.noise):
+        step = resolution(windows.measured[..., joint].ravel()) or 0.0
+        if noise > _CLEARLY * step / np.sqrt(12):
+            low, high = np.quantile(error[..., joint], (0.1, 0.98))
+            limits = limits if limits.dead[joint] > 0 else limits.having("dead", joint, float(max(low, 1e-6)))
+            limits = limits if np.isfinite(limits.torque[joint]) else limits.having("torque", joint, float(high))
+    return limits

@@ -24,6 +24,7 @@ from echelon.arrays import Flags, Floats, Integers
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.correlation import CorrelationSums
+from echelon.identification.servos.servo_limits import Limits
 from echelon.logs.recording import Segment
 from echelon.mechanism.mechanism import Mechanism
 
@@ -32,7 +33,7 @@ Slopes = tuple[Floats, Floats, Floats]
 
 _STEP = 5e-3
 """Longest step, s: a servo's bandwidth is some 10 Hz."""
-_NEWTON, _KEPT = 24, 6
+_NEWTON, _KEPT = 60, 6
 _CONVERGED = 1e-6
 _SIGN = re.compile(r"sign\(")
 
@@ -94,18 +95,23 @@ class Windows:
         spans = np.where(self.begins[:, 1] > 0, 2.0, 1.0)
         return q, (after - before) / spans[:, None] * self.rate
 
-    def commands(self, names: Sequence[str], delay: float) -> tuple[Floats, Floats]:
-        """Means of the held commands over the steps, and their derivatives by the delay, shapes (W, steps, n)."""
+    def commands(self, names: Sequence[str], delay: float, limits: Limits) -> tuple[Floats, Floats, Floats]:
+        """Means of followed commands over the steps, and derivatives by delay and speed limits, (W, steps, n)."""
         steps = (self.run_in + self.length) * self.substeps
         edges = np.arange(steps + 1) * self.step
-        means, slopes = [], []
+        limited = bool(np.isfinite(limits.speed).any())
+        asked = [np.stack([segment.inputs[name] for name in names], axis=1) for segment in self.segments]
+        rate, followed = self.rate, [(held, np.zeros_like(held)) for held in asked]
+        if limited:
+            rate, followed = 1 / self.step, [limits.followed(held, self.rate, self.substeps) for held in asked]
+        means, slopes, by_speed = [], [], []
         for k, first in self.begins:
-            held = np.stack([self.segments[k].inputs[name] for name in names], axis=1)
             late = first / self.rate + edges - delay
-            integral, value = _integral(held, self.rate, late)
+            integral, value = _integral(followed[k][0], rate, late)
             means.append(np.diff(integral, axis=0) / self.step)
             slopes.append(-np.diff(value, axis=0) / self.step)
-        return np.stack(means), np.stack(slopes)
+            by_speed.append(np.diff(_integral(followed[k][1], rate, late)[0], axis=0) / self.step if limited else 0.0)
+        return np.stack(means), np.stack(slopes), np.stack(by_speed)
 
 
 def _integral(held: Floats, rate: float, times: Floats) -> tuple[Floats, Floats]:
@@ -128,33 +134,38 @@ class ServoMotion:
     names: tuple[str, ...]  # joints
     gains: tuple[int, ...]  # places of the servos' gains among the base parameters
 
-    def positions(self, windows: Windows, values: Floats, delay: float) -> Floats:
+    def positions(self, windows: Windows, values: Floats, delay: float, limits: Limits | None = None) -> Floats:
         """Simulated positions, shape (W, length, n); nan if the motion cannot be computed."""
-        return self._run(windows, values, delay, derivatives=False)[0]
+        return self._run(windows, values, delay, limits or Limits.none(len(self.names)), derivatives=False)[0]
 
-    def derivatives(self, windows: Windows, values: Floats, delay: float) -> tuple[Floats, Floats]:
-        """The same, and derivatives by the base parameters and the delay, shape (W, length, n, r + 1)."""
-        return self._run(windows, values, delay, derivatives=True)
+    def derivatives(
+        self, windows: Windows, values: Floats, delay: float, limits: Limits | None = None
+    ) -> tuple[Floats, Floats]:
+        """The same, and derivatives by base parameters, delay and limits, shape (W, length, n, r + 1 + l)."""
+        return self._run(windows, values, delay, limits or Limits.none(len(self.names)), derivatives=True)
 
-    def _run(self, windows: Windows, values: Floats, delay: float, *, derivatives: bool) -> tuple[Floats, Floats]:
+    def _run(
+        self, windows: Windows, values: Floats, delay: float, limits: Limits, *, derivatives: bool
+    ) -> tuple[Floats, Floats]:
         q, v = windows.start
-        h, count = windows.step, len(values) + 1
-        u, slope = windows.commands(self.names, delay)
+        h, count = windows.step, len(values) + 1 + len(limits.active)
+        u, slope, by_speed = windows.commands(self.names, delay, limits)
         a = np.zeros_like(q)
         by_q = np.zeros((*q.shape, count if derivatives else 0))
         by_v = np.zeros_like(by_q)
         found, slopes = [], []
         newton = None
         for k in range(u.shape[1]):
-            inputs = dict(zip(self.names, u[:, k].T, strict=True))
-            solved = self._accelerations(q, v, a, inputs, values, h, newton)
+            servos = _Servos(self.names, u[:, k], values[list(self.gains)], limits)
+            solved = self._accelerations(q, v, a, servos, values, h, newton)
             if solved is None:
                 shape = (len(q), windows.length, q.shape[1])
                 return np.full(shape, np.nan), np.zeros((*shape, by_q.shape[2]))
             a, middle, speed, newton = solved
             if derivatives:
-                newton = self._newton(middle, speed, a, values, inputs, h) or newton
-                by_a = self._change(middle, speed, a, inputs, slope[:, k], values, newton, by_q, by_v, h)
+                newton = self._newton(middle, speed, a, values, servos, h) or newton
+                by_u = np.stack([slope[:, k], by_speed[:, k]]) if by_speed.ndim > 1 else slope[None, :, k]
+                by_a = self._change(middle, speed, a, servos, by_u, values, newton, by_q, by_v, h)
                 by_q = by_q + h * by_v + h**2 / 2 * by_a
                 by_v = by_v + h * by_a
             q, v = q + h * speed, v + h * a
@@ -168,7 +179,7 @@ class ServoMotion:
         q: Floats,
         v: Floats,
         a: Floats,
-        inputs: dict[str, Floats],
+        servos: _Servos,
         values: Floats,
         h: float,
         newton: Slopes | None,
@@ -177,22 +188,22 @@ class ServoMotion:
         for count in range(1, _NEWTON + 1):
             speed = v + h / 2 * a
             middle = q + h / 2 * speed
-            if newton is None or count % _KEPT == 0:  # slopes change little from step to step, and cost the most
-                newton = self._newton(middle, speed, a, values, inputs, h)
-            rest = self.base.predict(middle, speed, a, values, inputs=inputs)
+            # slopes change little from step to step, and cost the most, but for friction that turns its sign
+            if newton is None or count % _KEPT == 0 or count > 2 * _KEPT:
+                newton = self._newton(middle, speed, a, values, servos, h)
+            rest = self.base.predict(middle, speed, a, values, inputs=servos.inputs(middle))
             if newton is None or not np.isfinite(rest).all():
                 return None
             change = np.linalg.solve(newton[0], rest[..., None])[..., 0]
-            a = a - change
+            a = a - change * (1.0 if count <= 3 * _KEPT else 0.5)
             if np.abs(change).max() <= _CONVERGED * (1 + np.abs(a).max()):
                 return a, middle, speed, newton
         return None
 
-    def _newton(
-        self, q: Floats, v: Floats, a: Floats, values: Floats, inputs: dict[str, Floats], h: float
-    ) -> Slopes | None:
+    def _newton(self, q: Floats, v: Floats, a: Floats, values: Floats, servos: _Servos, h: float) -> Slopes | None:
         """Newton's matrix, and slopes by positions and velocities; None where the matrix is singular."""
-        by_q, by_v = self.base.inverse_dynamics_derivatives(q, v, a, values, inputs=inputs)
+        by_q, by_v = self.base.inverse_dynamics_derivatives(q, v, a, values, inputs=servos.inputs(q))
+        by_q = servos.with_stiffness(by_q, q)
         matrix = self.base.mass_matrix(q, values) + h / 2 * by_v + h**2 / 4 * by_q
         regular = np.isfinite(matrix).all() and np.linalg.cond(matrix).max() < 1 / np.finfo(float).eps
         return (matrix, by_q, by_v) if regular else None
@@ -202,25 +213,73 @@ class ServoMotion:
         middle: Floats,
         speed: Floats,
         a: Floats,
-        inputs: dict[str, Floats],
-        slope: Floats,
+        servos: _Servos,
+        by_u: Floats,
         values: Floats,
         newton: Slopes,
         by_q: Floats,
         by_v: Floats,
         h: float,
     ) -> Floats:
-        """Derivatives of the accelerations of a step, shape (W, n, r + 1)."""
+        """Derivatives of the accelerations of a step, shape (W, n, r + 1 + l); ``by_u`` by delay and speed limits."""
         matrix, slope_q, slope_v = newton
         right = slope_q @ (by_q + h / 2 * by_v) + slope_v @ by_v
-        right[:, :, :-1] += self.base.regressor(middle, speed, a, inputs=inputs)
-        right[:, :, -1] -= values[list(self.gains)] * slope
+        right[:, :, : len(values)] += self.base.regressor(middle, speed, a, inputs=servos.inputs(middle))
+        right[:, :, len(values) :] -= servos.slopes(middle, by_u)
         return np.asarray(-np.linalg.solve(matrix, right), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class _Servos:
+    """Servos in a step of all windows."""
+
+    names: tuple[str, ...]
+    commands: Floats  # followed, shape (W, n)
+    gains: Floats  # shape (n,)
+    limits: Limits
+
+    @cached_property
+    def _are_limited(self) -> bool:
+        return any(kind != "speed" for kind, _ in self.limits.active)
+
+    def inputs(self, q: Floats) -> dict[str, Floats]:
+        """Commands that servos without limits would pull alike for, by joint."""
+        u = q + self.limits.pull(self.commands - q).value if self._are_limited else self.commands
+        return dict(zip(self.names, u.T, strict=True))
+
+    def with_stiffness(self, by_q: Floats, q: Floats) -> Floats:
+        """Derivatives of the forces by positions, (W, n, n), where servos at their limits pull no more."""
+        if not self._are_limited:
+            return by_q
+        missing = self.gains * (self.limits.pull(self.commands - q).by_error - 1)
+        return by_q + missing[:, :, None] * np.eye(len(self.names))
+
+    def slopes(self, q: Floats, by_u: Floats) -> Floats:
+        """Derivatives of the pulls by the delay and the limits, shape (W, n, 1 + l)."""
+        pull, active = self.limits.pull(self.commands - q), self.limits.active
+        found = np.zeros((*q.shape, 1 + len(active)))
+        found[:, :, 0] = self.gains * pull.by_error * by_u[0]
+        for place, (kind, j) in enumerate(active, 1):
+            by = {"torque": pull.by_torque, "dead": pull.by_dead, "speed": pull.by_error * by_u[-1]}[kind]
+            found[:, j, place] = self.gains[j] * by[:, j]
+        return found
 
 
 _STEPS = 60
 _STUCK = 1e8  # damping from which on no step helps
 _SETTLED = 1e-2  # standard deviations by which a last step moves
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What an output-error fit finds."""
+
+    values: Floats  # shape (r,)
+    delay: float  # s
+    limits: Limits
+    covariance: Floats  # of values, delay and limits, shape (r + 1 + l, r + 1 + l)
+    noise: Floats  # of the joints, shape (n,)
+    converged: bool  # whether steps became small
 
 
 @dataclass(frozen=True)
@@ -231,14 +290,15 @@ class OutputErrorProblem:
     windows: Windows
     start: Floats
     delay: float  # at the start, s
+    limits: Limits  # at the start; those that there are change
     positive: Flags  # shape (r,)
     prior: Floats  # see prior_rows
     fixed: Floats  # shape (c, r): directions along which nothing changes
 
-    def solve(self, step: Callable[[str], None]) -> tuple[Floats, float, Floats, Floats, bool]:
-        """Values, delay, covariance of both, noise of the joints, and whether steps became small."""
+    def solve(self, step: Callable[[str], None]) -> Solution:
+        """The values from which the motion is nearest to the measured one."""
         free = self._free()
-        values = np.append(self.start, self.delay)
+        values = np.concatenate([self.start, [self.delay], self.limits.values])
         rest, slopes = self._linearised(values)
         if not np.isfinite(rest).all():
             raise InputError(
@@ -262,41 +322,46 @@ class OutputErrorProblem:
         hessian, _ = self._normal(rest, slopes, inflated, values, free)
         scale = 1 / np.sqrt(np.diagonal(hessian))
         inverse = scale[:, None] * np.linalg.pinv(hessian * np.outer(scale, scale), hermitian=True) * scale
-        return values[:-1], float(values[-1]), free @ inverse @ free.T, noise, converged
+        r = len(self.start)
+        limits = self.limits.moved(values[r + 1 :])
+        return Solution(values[:r], float(values[r]), limits, free @ inverse @ free.T, noise, converged)
 
     def _free(self) -> Floats:
-        """Basis of the changes that are allowed, of parameters and delay, shape (r + 1, d)."""
-        count = len(self.start)
-        held = np.hstack([self.fixed, np.zeros((len(self.fixed), 1))])
+        """Basis of the changes that are allowed, of parameters, delay and limits, shape (r + 1 + l, d)."""
+        count, more = len(self.start), self.limits.values
+        held = np.hstack([self.fixed, np.zeros((len(self.fixed), 1 + len(more)))])
         sizes = np.abs(self.start)
-        scale = np.append(np.where(sizes > 0, sizes, 1.0), 1e-2)
+        scale = np.concatenate([np.where(sizes > 0, sizes, 1.0), [1e-2], more])
         _, singular, right = np.linalg.svd(held * scale, full_matrices=True)
         rank = int(np.sum(singular > 1e-12 * singular.max(initial=1e-300)))
         basis: Floats = scale[:, None] * right[rank:].T
-        return basis.reshape(count + 1, -1)
+        return basis.reshape(count + 1 + len(more), -1)
 
     def _moved(self, values: Floats, change: Floats) -> Floats:
         """Values after a step that leaves positive ones positive: their logarithms change, by no more than 1."""
         tried = values + change
-        some = np.flatnonzero(self.positive)
+        some = np.flatnonzero(np.concatenate([self.positive, [False], np.ones(len(self.limits.values), dtype=bool)]))
         tried[some] = values[some] * np.exp(np.clip(change[some] / values[some], -1.0, 1.0))
         return tried
 
     def _linearised(self, values: Floats) -> tuple[Floats, Floats]:
-        found, slopes = self.motion.derivatives(self.windows, values[:-1], float(values[-1]))
+        r = len(self.start)
+        limits = self.limits.moved(values[r + 1 :])
+        found, slopes = self.motion.derivatives(self.windows, values[:r], float(values[r]), limits)
         return found - self.windows.measured, slopes
 
     def _cost(self, rest: Floats, noise: Floats, values: Floats) -> float:
-        return float(np.sum((rest / noise) ** 2) + np.sum((self.prior @ (values[:-1] - self.start)) ** 2))
+        return float(np.sum((rest / noise) ** 2) + np.sum((self.prior @ (values[: len(self.start)] - self.start)) ** 2))
 
     def _normal(
         self, rest: Floats, slopes: Floats, noise: Floats, values: Floats, free: Floats
     ) -> tuple[Floats, Floats]:
         along = (slopes / noise[:, None]).reshape(-1, slopes.shape[-1]) @ free
         weighted = (rest / noise).reshape(-1)
-        prior = self.prior @ free[:-1]
+        r = len(self.start)
+        prior = self.prior @ free[:r]
         hessian = along.T @ along + prior.T @ prior
-        gradient = along.T @ weighted + prior.T @ (self.prior @ (values[:-1] - self.start))
+        gradient = along.T @ weighted + prior.T @ (self.prior @ (values[:r] - self.start))
         return hessian, gradient
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from echelon.arrays import Flags, Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.extras import extra
+from echelon.identification.servos.servo_limits import KINDS as LIMITS
+from echelon.identification.servos.servo_limits import Limits
 from echelon.logs.recording import Segment
 from echelon.mechanism.effect import KINDS
 from echelon.mechanism.mechanism import Mechanism
@@ -21,6 +23,9 @@ _PRIOR = 1.0  # standard deviation of inertial parameters, in sizes of their bod
 _ANYTHING = 1e3  # standard deviation of effects, in the largest parameters of bodies
 _DELAYS = tuple(k / 100 for k in range(16))  # s
 _SLIGHT = 1e-3  # of a gain, that friction has at least at the start
+_SATURATED = (0.995, 0.98, 0.95, 0.9, 0.8, 0.65, 0.5)  # shares of samples that are below a limit that is tried
+_IDLE = (0.1, 0.2, 0.35, 0.5)  # and within a dead band
+_FAR_LESS = 0.7  # of a row's squares that a limit leaves
 _CERTAIN = 10.0  # standard errors of a gain that is a good start
 _SERVO = KINDS["servo"][0].term
 
@@ -71,16 +76,15 @@ def start_values(
     base: BaseModel,
     names: Sequence[str],
     segments: Sequence[Segment],
-    q: Floats,
     X: Floats,
     stated: Floats,
     known: Mapping[str, float],
-) -> tuple[Floats, float]:
-    """Stated values of bodies, and gains, friction and a delay that fit differentiated positions best.
+) -> tuple[Floats, float, Limits]:
+    """Stated values of bodies, and gains, friction, a delay and limits that fit differentiated positions best.
 
     A joint's row over its gain, q − u + Σ (f/Kp) x + (1/Kp) τ = 0, has the signal with the least noise alone.  Where
-    the bodies' forces τ are too small to tell the gain, it is taken to be like that of the other joints.  ``q`` and
-    ``X`` are the smooth positions and the regressor without commands.
+    the bodies' forces τ are too small to tell the gain, it is taken to be like that of the other joints.  ``X`` is the
+    regressor at smooth positions, without commands.  A limit is taken where it explains far more.
     """
     start, servos = stated.copy(), servo_joints(base.mechanism)
     for name, value in known.items():
@@ -96,11 +100,7 @@ def start_values(
         held = np.where(bodies | given, start, 0.0)
         held[gain] = 0.0
         rows.append(_Row(free, X[:, k, free], X[:, k] @ held, positive[free]))
-    pulls = {delay: _pulls(segments, names, delay) - q for delay in _DELAYS}
-    solved = {d: [row.solved(pull) for row, pull in zip(rows, p.T, strict=True)] for d, p in pulls.items()}
-    misfits = {d: sum(f[3] / (p @ p) for f, p in zip(solved[d], pulls[d].T, strict=True)) for d in _DELAYS}
-    delay = min(misfits, key=lambda d: misfits[d])
-    found = solved[delay]
+    found, delay, limits = _limited(rows, segments, names)
     told = [1 / weight for _, weight, certain, _ in found if certain]
     if not told and not given[gains].any():
         raise InputError(
@@ -111,17 +111,71 @@ def start_values(
         if not given[gain]:
             start[gain] = 1 / weight if certain else np.median(told or start[gains][given[gains]])
         start[row.free] = np.where(row.positive, np.maximum(shares, _SLIGHT), shares) * start[gain]
-    return start, delay
+    return start, delay, limits
 
 
-def _pulls(segments: Sequence[Segment], names: Sequence[str], delay: float) -> Floats:
-    """Smooth commands as servos hold them, late by a delay, shape (N, n)."""
+def _limited(
+    rows: Sequence[_Row], segments: Sequence[Segment], names: Sequence[str]
+) -> tuple[list[tuple[Floats, float, bool, float]], float, Limits]:
+    """What each joint's row gives with the delay and the limits of servos that leave least."""
+
+    def solved(delay: float, limits: Limits) -> tuple[list[tuple[Floats, float, bool, float]], Floats]:
+        pulls = _pulls(segments, names, delay, limits)
+        found = [row.solved(pull) for row, pull in zip(rows, pulls.T, strict=True)]
+        return found, np.array([one[3] / max(pull @ pull, 1e-300) for one, pull in zip(found, pulls.T, strict=True)])
+
+    limits = Limits.none(len(names))
+    delay = min(_DELAYS, key=lambda d: solved(d, limits)[1].sum())
+    found, left = solved(delay, limits)
+    errors = np.abs(_errors(segments, names, delay, limits))
+    speeds = np.abs(np.vstack([np.diff(s.signals["q"], axis=0) * s.rate for s in segments]))
+    candidates = {
+        "torque": np.quantile(errors, _SATURATED, axis=0),
+        "speed": np.quantile(speeds, _SATURATED, axis=0),
+        "dead": np.quantile(errors, _IDLE, axis=0),
+    }
+    for _ in candidates:  # a servo may have one of each
+        best, of = left * _FAR_LESS, limits
+        for kind, levels in candidates.items():
+            for level in levels:
+                tried = replace(limits, **{kind: level})
+                misfit = solved(delay, tried)[1]
+                for joint in map(int, np.flatnonzero(misfit < best)):
+                    of = replace(of, **{k: _with(getattr(of, k), joint, getattr(limits, k)[joint]) for k in LIMITS})
+                    of = of.having(kind, joint, float(level[joint]))
+                best = np.minimum(best, misfit)
+        if of.active == limits.active:
+            break
+        limits = of
+        delay = min(_DELAYS, key=lambda d: solved(d, limits)[1].sum())
+        found, left = solved(delay, limits)
+    return found, delay, limits
+
+
+def _with(values: Floats, place: int, value: float) -> Floats:
+    changed = values.copy()
+    changed[place] = value
+    return changed
+
+
+def _errors(segments: Sequence[Segment], names: Sequence[str], delay: float, limits: Limits) -> Floats:
+    """Commands as servos hold and follow them, late by a delay, less positions, shape (N, n)."""
     parts = []
     for s in segments:
         times = np.arange(len(s)) / s.rate
-        late = [np.interp(times - delay - 0.5 / s.rate, times, s.inputs[name]) for name in names]
-        parts.append(lowpass(np.stack(late, axis=1), _band(s.rate), s.rate))
+        asked = np.stack([s.inputs[name] for name in names], axis=1)
+        held = limits.followed(asked, s.rate, 1)[0]
+        late = [np.interp(times - delay - 0.5 / s.rate, times, column) for column in held.T]
+        parts.append(np.stack(late, axis=1) - s.signals["q"])
     return np.vstack(parts)
+
+
+def _pulls(segments: Sequence[Segment], names: Sequence[str], delay: float, limits: Limits) -> Floats:
+    """Smooth pulls of the servos over their gains, shape (N, n)."""
+    pulls = limits.pull(_errors(segments, names, delay, limits)).value
+    ends = np.cumsum([len(s) for s in segments])
+    parts = zip(np.split(pulls, ends[:-1]), segments, strict=True)
+    return np.vstack([lowpass(part, _band(s.rate), s.rate) for part, s in parts])
 
 
 @dataclass(frozen=True)

@@ -237,10 +237,11 @@ def jumps(time: Floats, values: Floats, usable: Flags, turns: bool) -> Integers:
     if turns:
         whole = np.rint(step / (2 * np.pi))
         step = np.where(np.abs(step) > WRAP, step - 2 * np.pi * whole, step)
-    before, after = np.append(0.0, step[:-1]), np.append(step[1:], 0.0)
+    before, after = np.append(step[0], step[:-1]), np.append(step[1:], step[-1])
     off = np.abs(step - 0.5 * (before + after))
     usual = float(np.sort(off)[-max(_FEWEST, len(off) // 500)])
     alone = np.abs(step) > _LEAP * np.maximum(np.abs(before), np.abs(after))
+    alone &= np.abs(step) > _LEAST_JUMP * np.ptp(values[usable])
     # a sensor that wakes up goes on elsewhere, too
     return np.flatnonzero(alone & (off > _LEAP * max(usual, _NO_ENCODER)) & (before != 0))
 
@@ -309,6 +310,7 @@ _MOVED = 0.02
 _STEPS = 2.0
 _FEW_LEVELS = 30
 _LEAP = 5.0
+_LEAST_JUMP = 5e-3
 _CUT = 6  # samples on both sides, so that stretches end there
 
 _PINNED_RUN = 5
