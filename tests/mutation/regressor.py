@@ -4,12 +4,18 @@ from mutation.fault import Fault
 
 SPATIAL, ENERGY = "regressor/steps.py", "regressor/linear_forms.py"
 POWER, PROBES, LIFTING = "regressor/linear_forms.py", "regressor/steps.py", "regressor/loops/closed_curve.py"
-MOVING, JOINTS = "regressor/loops/moving.py", "mechanism/test_joints.py"
+MOVING, AXES, JOINTS = "regressor/loops/moving.py", "mechanism/joint.py", "mechanism/test_joints.py"
 TRUTHS = "regressor/test_loops_truths.py::test_four_bar regressor/test_loops_truths.py::test_parallelogram"
 
 FAULTS = (
     Fault(SPATIAL, "a[2] * b[0] - a[0] * b[2]", "a[0] * b[2] - a[2] * b[0]", "cross products", JOINTS),
-    Fault(SPATIAL, "((a, d, g), (b, e, h), (c, f, i))", "((a, b, c), (d, e, f), (g, h, i))", "no transpose", JOINTS),
+    Fault(
+        "mechanism/joint.py",
+        "((a, d, g), (b, e, h), (c, f, i))",
+        "((a, b, c), (d, e, f), (g, h, i))",
+        "no transpose",
+        JOINTS,
+    ),
     Fault(POWER, "add(add(coriolis, coriolis), ", "add(coriolis, ", "half of Coriolis's acceleration", JOINTS),
     Fault(POWER, "cross(before, turning)", "cross(turning, before)", "gyroscopic acceleration", JOINTS),
     Fault(POWER, "(-gx, -gy, -gz)", "(gx, gy, gz)", "gravity upside down", JOINTS),
@@ -80,7 +86,7 @@ FAULTS = (
         "base/test_sensors.py::test_force_and_torque_sensors_agree_with_mujoco",
     ),
     Fault("regressor/steps.py", "(xy + wz,", "(xy - wz,", "rotation of a ball", JOINTS),
-    Fault("regressor/steps.py", "= c, -s, s, c", "= c, s, -s, c", "rotation of a hinge", JOINTS),
+    Fault("regressor/steps.py", "position.sin() * motion.sign)", "position.sin())", "sense of a hinge", JOINTS),
     Fault(LIFTING, "known:] = -solved", "known:] = solved", "Newton's steps along curves", TRUTHS),
     Fault(
         LIFTING, "[:, dependent] = -solved", "[:, dependent] = solved", "velocities of dependent coordinates", TRUTHS

@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from echelon.inertia import Array
-from echelon.mechanism.joint import GROUND, Motion, MotionKind
+from echelon.mechanism.joint import GROUND, Motion, MotionKind, transpose
 from echelon.mechanism.joint import Step as Described
 from echelon.program.tape import Scalar
 from echelon.regressor.steps import (
@@ -45,7 +45,6 @@ from echelon.regressor.steps import (
     into_frame,
     product,
     scale,
-    transposed,
 )
 
 MASS = 3
@@ -191,7 +190,7 @@ class ForwardPass:
             c, s = parallel.cosine * c - parallel.sine * s, parallel.sine * c + parallel.cosine * s
             parallel = replace(parallel, cosine=c, sine=s, rate=rate, count=parallel.count + 1)
         rotation = product(self.recorder.turn(parallel.axis, parallel.cosine, parallel.sine), parallel.fixed)
-        back, unit = transposed(rotation), _with(self.recorder.zeros, axis, program.one)
+        back, unit = transpose(rotation), _with(self.recorder.zeros, axis, program.one)
         angular, carried = apply(back, parallel.start.angular), apply(back, parallel.start.angular_rate)
         angular_rate = add(carried, cross(angular, scale(unit, way * parallel.rate)))
         # points on the axis move as before the rotation: where ω has no part along it, only ω̇ moves them

@@ -10,14 +10,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
+from typing import Any, TypeVar
 
 from echelon.conventions import PER_BODY
 from echelon.errors import InputError
 from echelon.exact.expressions import Angle, parse
 from echelon.exact.polynomial import Number, Polynomial, as_polynomial
 
+T = TypeVar("T")
+Square = tuple[tuple[T, T, T], tuple[T, T, T], tuple[T, T, T]]
 Vector = tuple[Polynomial, Polynomial, Polynomial]
-Matrix = tuple[Vector, Vector, Vector]
+Matrix = Square[Polynomial]
 
 _ZERO, _ONE = Polynomial({}), Polynomial.constant(1)
 ORIGIN: Vector = (_ZERO, _ZERO, _ZERO)
@@ -71,13 +74,18 @@ def turn(axis: int, angle: Angle) -> Placement:
 
 def turn_by(axis: int, c: Polynomial, s: Polynomial) -> Placement:
     """A rotation about a coordinate axis by the cosine and sine of an angle."""
+    return Placement(turned(IDENTITY, axis, c, s))
+
+
+def turned(identity: Square[T], axis: int, c: T, s: T) -> Square[T]:
+    """The unit matrix turned about a coordinate axis, with entries of any numbers."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
-    entries = [list(row) for row in IDENTITY]
-    entries[i][i], entries[i][j], entries[j][i], entries[j][j] = c, -s, s, c
-    return Placement(as_matrix(entries))
+    entries: list[list[Any]] = [list(row) for row in identity]
+    entries[i][i], entries[i][j], entries[j][i], entries[j][j] = c, -s, s, c  # type: ignore[operator]
+    return as_matrix(entries)
 
 
-def as_matrix(entries: list[list[Polynomial]]) -> Matrix:
+def as_matrix(entries: list[list[T]]) -> Square[T]:
     """Nested lists as the tuple form."""
     (a, b, c), (d, e, f), (g, h, i) = entries
     return ((a, b, c), (d, e, f), (g, h, i))
@@ -95,7 +103,7 @@ def multiply(left: Matrix, right: Matrix) -> Matrix:
     return transpose((rotate(left, columns[0]), rotate(left, columns[1]), rotate(left, columns[2])))
 
 
-def transpose(matrix: Matrix) -> Matrix:
+def transpose(matrix: Square[T]) -> Square[T]:
     """Transpose, which for a rotation is the inverse."""
     (a, b, c), (d, e, f), (g, h, i) = matrix
     return ((a, d, g), (b, e, h), (c, f, i))

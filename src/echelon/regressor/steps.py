@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from echelon.mechanism.effect import Action, Effect, Side
-from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement
+from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement, transpose, turned
 from echelon.mechanism.mechanism import ActuatorForce, Cut, JointForce, Mechanism
 from echelon.program.tape import Program, Scalar
 from echelon.program.text import heaviside, record_expression
@@ -48,20 +48,14 @@ def apply(matrix: Mat, v: Vec) -> Vec:
 
 def product(left: Mat, right: Mat) -> Mat:
     """Matrix product."""
-    columns = transposed(right)
-    return transposed((apply(left, columns[0]), apply(left, columns[1]), apply(left, columns[2])))
+    columns = transpose(right)
+    return transpose((apply(left, columns[0]), apply(left, columns[1]), apply(left, columns[2])))
 
 
 def identity(program: Program) -> Mat:
     """The unit matrix."""
     zero, one = program.zero, program.one
     return ((one, zero, zero), (zero, one, zero), (zero, zero, one))
-
-
-def transposed(matrix: Mat) -> Mat:
-    """Transpose."""
-    (a, b, c), (d, e, f), (g, h, i) = matrix
-    return ((a, d, g), (b, e, h), (c, f, i))
 
 
 def quaternion_times(quaternion: Iterable[Any], vector: Iterable[Any]) -> tuple[Any, Any, Any, Any]:
@@ -195,12 +189,7 @@ class Recorder:
 
     def turn(self, axis: int, c: Scalar, s: Scalar) -> Mat:
         """Axes of a frame that is turned about a coordinate axis, by the angle's cosine and sine."""
-        zero, one = self.program.zero, self.program.one
-        i, j = (axis + 1) % 3, (axis + 2) % 3
-        rows = [[one if a == b else zero for b in range(3)] for a in range(3)]
-        rows[i][i], rows[i][j], rows[j][i], rows[j][j] = c, -s, s, c
-        (a, b, c_), (d, e, f), (g, h, k) = rows
-        return ((a, b, c_), (d, e, f), (g, h, k))
+        return turned(identity(self.program), axis, c, s)
 
     def _ball(self, motion: Motion, coordinates: Coordinates) -> Step:
         w, x, y, z = coordinates.position
@@ -244,7 +233,7 @@ def into_frame(step: Step, v: Vec) -> Vec:
     """A vector's components after the step's rotation."""
     if step.rotation is None:
         return v
-    return apply(transposed(step.rotation), v)
+    return apply(transpose(step.rotation), v)
 
 
 def cut_names(mechanism: Mechanism) -> dict[Cut, str]:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from echelon.exact.field import PrimeField, Residues
 from echelon.mechanism.closed_pose import ends_of
 from echelon.mechanism.closure import Closure, ClosureKind
-from echelon.mechanism.joint import Placement
+from echelon.mechanism.joint import Placement, transpose
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.loops.moving import Pose
@@ -35,7 +35,6 @@ from echelon.regressor.steps import (
     identity,
     into_frame,
     product,
-    transposed,
 )
 
 Wrench = tuple[Vec, Vec]
@@ -154,15 +153,15 @@ class _Loop:
             direction, lever, value = units[k], zeros, difference[k]
             if len(positions) < len(units):  # otherwise the axes of the common body serve, with fewer terms
                 direction, value = apply(axes, units[k]), seen[k]
-                lever = apply(transposed(axes), cross(difference, direction))
-            on_first = (_negative(lever), _negative(apply(transposed(axes), direction)))
-            on_second = (zeros, apply(transposed(other_axes), direction))
+                lever = apply(transpose(axes), cross(difference, direction))
+            on_first = (_negative(lever), _negative(apply(transpose(axes), direction)))
+            on_second = (zeros, apply(transpose(other_axes), direction))
             yield value, (on_first, on_second)
         for i, j, target in self.closure.kind.directions:
             a, b = apply(axes, units[i]), apply(other_axes, units[j])
             moment = cross(b, a)
-            on_first = (_negative(apply(transposed(axes), moment)), zeros)
-            on_second = (apply(transposed(other_axes), moment), zeros)
+            on_first = (_negative(apply(transpose(axes), moment)), zeros)
+            on_second = (apply(transpose(other_axes), moment), zeros)
             yield dot(a, b) - self.recorder.program.constant(target), (on_first, on_second)
 
     def efforts(self, on_first: Wrench, on_second: Wrench) -> list[tuple[str, Scalar]]:
