@@ -225,3 +225,13 @@ def test_units_after_names_that_say_nothing_count(motion: Motion, tmp_path: Path
     for k, name in enumerate(("shoulder", "elbow")):
         log[f"{name}_deg"], log[f"{name}_load_kg.cm"] = np.degrees(motion["q"][:, k]), 10.197 * motion["tau"][:, k]
     assert "elbow_joint: {column: elbow_load_kg.cm, unit: kgf·cm}" in written(tmp_path, log)
+
+
+def test_gravity_and_inertia_tell_the_rate_of_a_log_without_a_clock(motion: Motion, tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(ARM)
+    log = pd.DataFrame(np.hstack([motion["q"], motion["tau"]]), columns=["q1", "q2", "tau1", "tau2"])
+    log.to_csv(tmp_path / "log.csv", index=False)
+    said = run("setup", str(tmp_path / "arm.urdf"), str(tmp_path / "log.csv"), "-o", str(tmp_path / "setup.yaml"))
+    assert said.returncode == 0, said.stderr
+    assert "explains the outputs if the rate is 300 Hz" in said.stdout
+    assert "  rate: 300 " in (tmp_path / "setup.yaml").read_text()

@@ -19,7 +19,7 @@ from echelon.codegen import TARGETS
 from echelon.errors import InputError, one_line
 from echelon.extras import extra
 from echelon.hints import nearest_of
-from echelon.identification.identify import identify
+from echelon.identification.identify import explained_rate, identify
 from echelon.identification.predict import Prediction, predict_log
 from echelon.identification.result import limited
 from echelon.identification.servos.servo_fit import fit_servos
@@ -264,7 +264,7 @@ def run_setup(robot: Path, logs: Sequence[Path], output: Destination | None) -> 
     from echelon.setup.skeleton import skeleton
 
     with steps(f"looking at {logs[0]}"):
-        found = skeleton(robot, logs, Path() if output is None else output.path.parent)
+        found = skeleton(robot, logs, Path() if output is None else output.path.parent, explained_rate)
     if output is None:
         show(found.text.rstrip())
         return

@@ -50,7 +50,7 @@ _ALTERNATIVES = 2
 """Changes that are named together, because nothing tells them apart."""
 _PROGRAMMES = 16
 """Physical programmes that are solved at most."""
-_RATES = ((10.0, 31), (1.17, 9))  # how far from the best one rates are tried, and how many: coarse, then fine
+_RATES = ((10.0, 31), (1.17, 9), (1.03, 9))  # how far from the best one rates are tried, and how many
 _SAME_RATE = 0.05  # relative difference from which on a rate is another one
 _ALIKE = 0.5  # cosine from which on outputs and what the prior predicts have something to do with one another
 _RIDGE = 1e-9  # of squares of columns: what the data leave open stays small
@@ -66,6 +66,7 @@ class Culprit:
     # mean); of a common unit, the outputs as multiples of what the prior predicts
     before: float
     after: float
+    rate: float = 1.0  # times the rate that was taken
 
     @property
     def reduction(self) -> float:
@@ -194,7 +195,7 @@ class _Search:
         alike = self._likely([change for mark, change in marks if mark <= best - log(APART)])
         if len(alike) > _ALTERNATIVES:
             return None
-        return Culprit(", or ".join(change.text for change in alike), exp(before), exp(best))
+        return Culprit(", or ".join(change.text for change in alike), exp(before), exp(best), alike[0].rate)
 
     def _likely(self, changes: list[_Change]) -> list[_Change]:
         """Those of several changes with which the prior predicts best: a mirrored robot can exist as well."""

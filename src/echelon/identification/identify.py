@@ -61,6 +61,9 @@ _BIASED = ("ols", "wls", "irls", "huber")
 _CLEARLY = 5.0
 """Times a sensor's noise in the band, or an estimate's standard deviation, that is more than noise."""
 _ROTOR = "a rotor inertia was taken in at {}: it weighs nothing, which else a constant force would have to explain"
+_NICE, _NEAR = (1.0, 1.2, 1.25, 1.5, 2.0, 2.4, 2.5, 3.0, 4.0, 5.0, 6.0, 7.5, 8.0, 10.0), 0.02
+"""Rates at which robots are logged, in powers of ten, and how near a rate is to one of them that it is."""
+_EXPLAINED = 0.1  # of the outputs' spread, that is left with a rate that explains them
 _SAME_UNIT = 0.5
 """Decades that a factor between outputs may be off that of a unit."""
 
@@ -255,6 +258,31 @@ def _prior(setup: Setup, base: BaseModel) -> Prior | None:
         return prior_from(base, setup.prior)
     stated = np.array([np.nan if value is None else value for value in setup.mechanism.standard_values()])
     return None if np.isnan(stated).all() else Prior(setup.mechanism.name, stated, ())
+
+
+def explained_rate(setup: Setup, logs: Sequence[Path]) -> float | None:
+    """The samples per second of a log without a clock with which a robot that can exist explains its outputs.
+
+    The set-up states another rate.  Gravity has no time in it and inertia its square, so that they tell the rate where
+    they share parameters; None if nothing does.
+    """
+    columns, base = setup.columns[0], base_parameters(setup.mechanism, seed=setup.seed)
+    preparation = survey(setup, base, logs).preparation
+    prior = _prior(setup, base)
+    found = find_culprit(
+        base,
+        Plan(base, setup.columns, preparation).samples(logs[0]),
+        (columns,),
+        band=preparation.band or np.inf,
+        prior=None if prior is None else _base_values(prior, base),
+        only_rate=True,
+    )
+    if found is None or columns.rate is None or found.after > _EXPLAINED:
+        return None
+    rate = columns.rate * found.rate
+    ten = 10 ** np.floor(np.log10(rate))
+    near = min((ten * n for n in _NICE), key=lambda nice: abs(np.log(nice / rate)))
+    return float(near if abs(near / rate - 1) < _NEAR else f"{rate:.3g}")
 
 
 def _base_values(prior: Prior, base: BaseModel) -> Floats | None:

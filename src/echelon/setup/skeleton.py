@@ -9,13 +9,13 @@ from __future__ import annotations
 import os
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from echelon.errors import InputError
+from echelon.errors import EchelonError, InputError
 from echelon.formats.robot_file import RobotFile, open_robot
 from echelon.inputs import dump_flow
 from echelon.logs.columns.by_values import PERIODS
@@ -27,7 +27,7 @@ from echelon.logs.read_log import first_table, opened, read_log
 from echelon.logs.units import factor
 from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.logs import Understood, joined, stated_gears, understood
-from echelon.setup.setup import load_setup
+from echelon.setup.setup import Setup, load_setup
 from echelon.signals.clock import round_rate
 
 _EFFECTS = """\
@@ -43,6 +43,8 @@ effects:                                # no torques are logged: servos follow c
   - {type: coulomb, at: all}
   - {type: rotor_inertia, at: all}
 """
+GUESS = 333.0
+"""Hz, at which hardly any robot is logged."""
 _UNUSED = "columns that are not used"
 _WIDTH = 112
 _COARSE = 0.2
@@ -58,8 +60,16 @@ class Skeleton:
     report: tuple[str, ...]  # what the trial showed, line by line
 
 
-def skeleton(robot: str | os.PathLike[str], logs: Sequence[str | os.PathLike[str]], folder: Path) -> Skeleton:
-    """A set-up for a robot file and its logs, to be put into a folder."""
+def skeleton(
+    robot: str | os.PathLike[str],
+    logs: Sequence[str | os.PathLike[str]],
+    folder: Path,
+    rate_of: Callable[[Setup, Sequence[Path]], float | None] | None = None,
+) -> Skeleton:
+    """A set-up for a robot file and its logs, to be put into a folder.
+
+    ``rate_of`` finds the rate of a log without a clock from a set-up that states :data:`GUESS`.
+    """
     file = open_robot(robot)
     if file.is_description and "log" in file.document.data:
         raise InputError("this set-up says already what its logs mean; edit it, or begin with a robot file",
@@ -71,8 +81,10 @@ def skeleton(robot: str | os.PathLike[str], logs: Sequence[str | os.PathLike[str
     if found.columns.references and not found.columns.outputs:
         found = _commanded(understood(log, setup, only=len(paths) == 1, by_values=True, outputs=False))
     found = _with_rate(found, log)
+    if _lacks_clock(found, log) and not found.problems and rate_of is not None:
+        found = _with_explained_rate(found, file, log, folder, lambda setup: rate_of(setup, paths))
     problems = found.problems
-    if found.columns.positions and not (found.columns.time or found.columns.rate or first_table(log).clocks):
+    if _lacks_clock(found, log):
         problems += ("no column is the time: state the rate of the samples",)
     body = _body(file, found, log, folder)
     questions = (*problems, *_questions(found.columns))
@@ -112,6 +124,26 @@ def _with_rate(found: Understood, log: LogFile) -> Understood:
         return found
     note = f"{why} {1000 * period:.4g} ms: the rate is {round_rate(period):.4g} Hz"
     return replace(found, columns=replace(columns, time=None, rate=round_rate(period)), notes=(*found.notes, note))
+
+
+def _lacks_clock(found: Understood, log: LogFile) -> bool:
+    columns = found.columns
+    return bool(columns.positions) and not (columns.time or columns.rate or first_table(log).clocks)
+
+
+def _with_explained_rate(
+    found: Understood, file: RobotFile, log: LogFile, folder: Path, rate_of: Callable[[Setup], float | None]
+) -> Understood:
+    """With the rate that explains the outputs, where masses and gravity tell one."""
+    trial = _body(file, replace(found, columns=replace(found.columns, rate=GUESS)), log, folder)
+    try:
+        rate = rate_of(load_setup(RobotFile(trial.encode(), "setup.yaml", True, folder)))
+    except EchelonError:  # what is wrong with the log is said when it is tried
+        return found
+    if rate is None:
+        return found
+    note = f"no column is the time; a robot that can exist explains the outputs if the rate is {rate:g} Hz"
+    return replace(found, columns=replace(found.columns, rate=rate), notes=(*found.notes, note))
 
 
 def _questions(columns: ColumnMap) -> list[str]:
