@@ -149,3 +149,11 @@ def test_an_inexact_angle_says_what_would_be_exact(angle: Angle) -> None:
     assert not angle.is_exact
     with pytest.raises(ValueError, match="multiple of pi/12"):
         angle.cos()
+
+
+def test_parts_of_a_quotient_may_be_beyond_doubles() -> None:
+    """Written sets have such numbers where frames of a file were made exact; what no double comes near to is refused."""
+    large = 10**400
+    assert parse(f"{3 * large + 1}/{large}") == Polynomial.constant(Fraction(3 * large + 1, large))
+    with pytest.raises(ValueError, match="beyond the range of double precision"):
+        parse(f"{large}*L")

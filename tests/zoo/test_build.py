@@ -48,6 +48,17 @@ def exhibit(path: Path, folder: Path, floating: bool = False) -> tuple[dict[str,
     return row, (folder / task.slug / "index.html").read_text(encoding="utf-8")
 
 
+def test_coefficients_beyond_meaning_are_a_doubt(tmp_path: Path) -> None:
+    """Here of a pendulum with links of 100,000 km; the index marks it, too."""
+    (tmp_path / "arm.yaml").write_text(re.sub(r"l1: [0-9.]+", "l1: 1e8", PENDULUM), encoding="utf-8")
+    row, html = exhibit(tmp_path / "arm.yaml", tmp_path)
+    (doubt,) = row["doubts"]
+    assert doubt.startswith("Coefficients are as large as 1e+16")
+    assert doubt in html
+    write_index(tmp_path, [row])
+    assert ">in doubt</span>" in (tmp_path / "index.html").read_text(encoding="utf-8")
+
+
 def test_numbers_are_those_of_derive(tmp_path: Path) -> None:
     path = ROOT / "examples/rx90.yaml"
     row, html = exhibit(path, tmp_path)

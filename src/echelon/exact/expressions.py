@@ -221,6 +221,8 @@ class _Reader:
 
     def _number(self, node: ast.Constant) -> Polynomial:
         literal = ast.get_source_segment(self.text, node) or ""
+        if literal.isdecimal() and len(literal) <= _LONGEST_DECIMAL:  # parts of quotients may be beyond all doubles
+            return Polynomial.constant(int(literal))
         return Polynomial.constant(parse_decimal(literal))
 
     def _symbol(self, name: str) -> Polynomial:

@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode
 
+import numpy as np
+
 import echelon
 from echelon.base.derive import base_parameters
 from echelon.base.display import classification_rows, facts, headline, to_latex
@@ -48,6 +50,7 @@ _ROOTS = {
 }
 """What must stand in a file with each ending; a URDF that is damaged is an entry, too."""
 _LARGEST = 20_000_000  # bytes; what is larger is no robot
+_BEYOND_MEANING = 1e9  # of a coefficient, in powers of metres; in SI units those of robots are below a thousand
 
 
 @dataclass(frozen=True)
@@ -188,6 +191,7 @@ def build_exhibit(task: Task) -> Row | None:
         "rank": base.rank,
         "standard": len(base.parameters),
         "literal": reading.literal_rank if reading.literal_rank != base.rank else None,
+        "doubts": _doubts(base),
         "faults": wrong,
     }
     shown = {**_page(base, row, sensors, sources, missing), "site": task.site}
@@ -196,6 +200,18 @@ def build_exhibit(task: Task) -> Row | None:
     written_into(task.folder / task.slug, files)
     write_atomically(task.folder / task.slug / ROW, json.dumps(row, indent=1, ensure_ascii=False) + "\n")
     return row
+
+
+def _doubts(base: BaseModel) -> list[str]:
+    """Why the file may have more base parameters than the robot that was meant."""
+    found = [base.reading.doubt] if base.reading.doubt else []
+    if any(symbol.value is None for name, symbol in base.mechanism.symbols.items() if name in base.matrix.symbols):
+        return found
+    largest = float(np.max(np.abs(base.B_float()), initial=0.0))
+    if largest < _BEYOND_MEANING:
+        return found
+    problem = f"Coefficients are as large as {largest:.0e}: the rounded numbers of the file keep parameters apart"
+    return [*found, f"{problem} by almost nothing. The robot that was meant probably has fewer base parameters."]
 
 
 def _in_explorer(task: Task) -> str:
@@ -275,6 +291,7 @@ def _page(base: BaseModel, row: Row, sensors: Context, sources: dict[str, str], 
         "more_snaps": max(len(base.reading.snaps) - _SNAPS, 0),
         "decisive": [str(snap) for snap in base.reading.decisive],
         "sensors": sensors,
+        "notes": [one_line(note) for note in base.reading.notes],
         "facts": facts(base),
         "certificate": str(base.certificate),
         "sources": {name: len(text.encode()) for name, text in sources.items()},
