@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from echelon.exact.expressions import Angle, parse, parse_angle
+from echelon.exact.polynomial import Polynomial
 from support.strategies import in_sympy
 
 SYMBOLS = ("D3", "RL4", "alpha")
@@ -152,7 +153,7 @@ def test_an_inexact_angle_says_what_would_be_exact(angle: Angle) -> None:
 
 
 def test_parts_of_a_quotient_may_be_beyond_doubles() -> None:
-    """Written sets have such numbers where frames of a file were made exact; what no double comes near to is refused."""
+    """Sets have them where frames of a file were made exact; values that no double comes near to are refused."""
     large = 10**400
     assert parse(f"{3 * large + 1}/{large}") == Polynomial.constant(Fraction(3 * large + 1, large))
     with pytest.raises(ValueError, match="beyond the range of double precision"):
