@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from fractions import Fraction
 
 import pytest
 import sympy
 
 import echelon as ec
-from echelon.base.matrix import column_order
+from echelon.base.matrix import coefficient_value, column_order
 from echelon.conventions import PARAMETERS, UNITS
+from echelon.exact.expressions import parse
+from echelon.exact.rational import RationalFunction
 from echelon.formats.robot_file import read_description
 from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.effect import Side, ready_made
@@ -40,6 +43,18 @@ def test_reduced_echelon_form_of_the_same_space(robot: Callable[[], Mechanism], 
     assert tuple(order[p] for p in pivots) == other.matrix.pivots
     # square roots may stand in another form
     assert (rational_b(other, order) - expected).applyfunc(sympy.radsimp).is_zero_matrix
+
+
+def test_quotients_that_cancel_are_numbers_all_the_same() -> None:
+    """Expanded, both parts are sums of terms 1e18 times as large, which doubles lose."""
+    top, bottom = parse("(x - 1)^9"), parse("(x - 51/50)^9*y + x - 51/50")
+    x, y = Fraction(1.01), Fraction(0.3)
+    expected = (x - 1) ** 9 / ((x - Fraction(51, 50)) ** 9 * y + x - Fraction(51, 50))
+    assert coefficient_value(RationalFunction(top, bottom), {"x": 1.01, "y": 0.3}) == pytest.approx(
+        float(expected), 1e-14
+    )
+    with pytest.raises(ec.InputError, match="is zero at these values"):
+        coefficient_value(RationalFunction(parse("1"), parse("x - y")), {"x": 0.5, "y": 0.5})
 
 
 def test_preferred_parameters_become_representatives() -> None:

@@ -15,6 +15,7 @@ from functools import cached_property
 from math import inf
 from typing import TYPE_CHECKING, Any, get_args
 
+import flint
 import numpy as np
 import numpy.typing as npt
 
@@ -23,7 +24,7 @@ from echelon.conventions import PARAMETERS
 from echelon.errors import EchelonError, InputError, shortened
 from echelon.exact.expressions import BEYOND_DOUBLES, parse
 from echelon.exact.field import PrimeField, Residues, Work, reduced_echelon, residues_at
-from echelon.exact.polynomial import Number, float_generators, generator_values
+from echelon.exact.polynomial import Number, generator_values
 from echelon.exact.rational import RationalFunction, cost_of_products
 from echelon.extras import extra
 from echelon.mechanism.mechanism import Parameter
@@ -117,11 +118,11 @@ class BaseMatrix:
 
     def floats(self, symbols: Mapping[str, float]) -> npt.NDArray[np.float64]:
         """B in double precision.  Shapes: returns (base parameters, standard parameters)."""
-        values = float_generators(self.generators, symbols)
+        known = {id(c): coefficient_value(c, symbols) for c in self.coefficients}
         matrix = np.zeros(self.shape)
         for i, row in enumerate(self.rows):
             for column, coefficient in row.items():
-                matrix[i, column] = coefficient_value(coefficient, values)
+                matrix[i, column] = known[id(coefficient)]
         return matrix
 
     def sympy(self, exact: Mapping[str, Any] | None = None) -> sympy.ImmutableSparseMatrix:
@@ -163,10 +164,35 @@ def classify(matrix: BaseMatrix) -> dict[str, Identifiability]:
     return {name: seen.get(column, Identifiability.UNIDENTIFIABLE) for column, name in enumerate(matrix.parameters)}
 
 
-def coefficient_value(coefficient: RationalFunction, generators: Mapping[str, float]) -> float:
+_PRECISIONS = (128, 512, 2048)
+_DOUBLE_BITS = 53
+_NOTHING = 1e-30  # an error as small as this does not matter, as of a coefficient that is zero
+
+
+def _quotient_value(coefficient: RationalFunction, symbols: Mapping[str, float]) -> float:
+    """A quotient by balls, because both parts of a long one may be sums that cancel but for 1e-12 of their terms."""
+    from echelon.program.arithmetics import ball
+
+    for bits in _PRECISIONS:
+        with flint.ctx.workprec(bits):
+            values: Mapping[str, Any] = generator_values(
+                coefficient.generators(),
+                lambda name: flint.arb(symbols[name]),
+                lambda x, n: ((n * x).cos(), (n * x).sin()),
+            )
+            value = coefficient.evaluate(values, ball)
+            if value.rel_accuracy_bits() >= _DOUBLE_BITS or value.rad() < _NOTHING:
+                return float(value)
+    raise ZeroDivisionError
+
+
+def coefficient_value(coefficient: RationalFunction, symbols: Mapping[str, float]) -> float:
     """A coefficient in double precision."""
     try:
-        value = coefficient.evaluate(generators, float)
+        if coefficient.is_polynomial:
+            value = coefficient.numerator.at(symbols)
+        else:
+            value = _quotient_value(coefficient, symbols)
     except ZeroDivisionError:
         problem = f"the denominator {coefficient.denominator} is zero at these values of the symbols"
         raise InputError(f"{problem}: other representatives are needed") from None

@@ -29,7 +29,7 @@ from echelon.claims.reading import Precision
 from echelon.claims.result import Agreement, TermDifference
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
 from echelon.exact.field import PrimeField, Work, reduced_echelon, residues_at, substituted
-from echelon.exact.polynomial import Number, Surd, float_generators, is_trigonometric, symbol_of
+from echelon.exact.polynomial import Number, Surd, is_trigonometric, symbol_of
 from echelon.exact.rational import RationalFunction
 
 Row = Mapping[int, RationalFunction]
@@ -72,10 +72,9 @@ class Geometry:
 
     def roughly(self, value: RationalFunction) -> float | None:
         """A coefficient's value, if its symbols have one."""
-        generators = value.generators()
-        if any(symbol_of(g) not in self.floats for g in generators):
+        if any(symbol not in self.floats for symbol in value.symbols()):
             return None
-        return coefficient_value(value, float_generators(generators, self.floats))
+        return coefficient_value(value, self.floats)
 
 
 def _fraction(x: Number) -> Number:

@@ -19,7 +19,6 @@ from echelon.base.model import BaseModel
 from echelon.base.structure import find_structure
 from echelon.errors import CertificateError, EchelonError, InputError
 from echelon.exact.expressions import parse
-from echelon.exact.polynomial import float_generators
 from echelon.exact.rational import RationalFunction
 from echelon.files import write_atomically
 from echelon.formats.linear_document import linear_document
@@ -127,7 +126,7 @@ def _term(parameter: str, coefficient: RationalFunction, known: Mapping[str, flo
         term["denominator"] = str(coefficient.denominator)
     term["value"] = None
     if all(s in known for s in coefficient.symbols()):
-        term["value"] = coefficient_value(coefficient, float_generators(coefficient.generators(), known))
+        term["value"] = coefficient_value(coefficient, known)
     return term
 
 
