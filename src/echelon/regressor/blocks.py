@@ -21,6 +21,7 @@ from echelon.mechanism.joint import ALL, GROUND
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import GENERAL, StatedValues
 from echelon.program.sampling import FunctionSampler
+from echelon.program.schedule import FieldSampler
 from echelon.program.tape import Program
 
 _SURPLUS_ROWS = 4
@@ -142,7 +143,9 @@ class BlockRows:
         present = set(columns)
         chosen = [{key: n for key, n in entries.items() if key[1] in present} for entries in self.entries]
         owned = [[column for column in columns if column in present] for columns in self.columns]
-        sampler = FunctionSampler(self.program, [n for entries in chosen for n in entries.values()])
+        nodes = [n for entries in chosen for n in entries.values()]
+        plain = FieldSampler.suits(self.program, nodes)
+        sampler = FieldSampler(self.program, nodes) if plain else FunctionSampler(self.program, nodes)
         geometry = values.draw(sampler.symbols, field, rng)
         states = max(map(len, owned), default=0) + _SURPLUS_ROWS
         residues = iter(sampler.evaluate(field, rng, states, geometry)[:, 0])
