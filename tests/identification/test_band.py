@@ -152,7 +152,9 @@ def test_noise_that_no_band_mends_is_said() -> None:
 def test_what_noise_takes_away_is_given_back(friction: bool) -> None:
     """Bias and coverage of least squares, before and after the correction.
 
-    With friction, encoders this coarse bias by less than a standard deviation, before and after.
+    Where dry friction takes rows near rest out of the fit, in which encoders this coarse err most, they bias by less
+    than a standard deviation, and the correction gives back too much: ZZ1 is .17 deviations too small before and .83
+    too large after, the mean of 60 logs, and 96 % and 94 % of intervals hold.
     """
     errors: list[list[np.ndarray]] = [[], []]
     base, true = pendulum(friction), np.append(TRUE, FRICTION) if friction else TRUE

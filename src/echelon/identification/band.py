@@ -86,7 +86,11 @@ class Noisy:
         return warning("noisy positions", self.source, f"{text}; finer encoders or measured velocities would help")
 
     def corrected(self, estimate: Estimate) -> Estimate:
-        """An estimate by least squares without the bias, as if it were known exactly."""
+        """An estimate by least squares without the bias, as if it were known exactly.
+
+        Where rows near rest leave the fit, it may be too much by up to a standard deviation: coarse encoders err most
+        there, and their spectrum is that of all samples.
+        """
         if not self.is_known:
             return estimate
         whole = np.linalg.inv(np.eye(len(self.lost)) - self.lost)

@@ -13,7 +13,7 @@ A change is named only if it is far better than what was read, and than every ot
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -21,12 +21,11 @@ from math import degrees, exp, inf, log, pi, radians
 
 import numpy as np
 
-from echelon.arrays import Flags, Floats, Integers
+from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.errors import EchelonError
-from echelon.identification.physics.feasibility import nearest_physical
+from echelon.identification.marks import Marks, Normal, States
 from echelon.identification.rows.plan import begun
-from echelon.identification.rows.rows import rows_taken
 from echelon.logs.columns.column_map import Channel, ColumnMap, motion_of
 from echelon.logs.recording import Samples
 from echelon.mechanism.joint import MotionKind
@@ -42,8 +41,6 @@ _MUCH_BETTER = 0.5
 """The same for the prediction of a log that was not fitted, which may be of another day."""
 APART = 0.93
 """The same relative to every other change."""
-_LARGEST = 120
-"""Base parameters beyond which physics is not asked: programmes of that size take seconds."""
 _FOREIGN = 50.0
 """Ratio of an output to what the prior predicts that no robot explains: below that of units, above errors of priors."""
 _ALTERNATIVES = 2
@@ -53,8 +50,6 @@ _PROGRAMMES = 16
 _RATES = ((10.0, 31), (1.17, 9), (1.03, 9))  # how far from the best one rates are tried, and how many
 _SAME_RATE = 0.05  # relative difference from which on a rate is another one
 _ALIKE = 0.5  # cosine from which on outputs and what the prior predicts have something to do with one another
-_RIDGE = 1e-9  # of squares of columns: what the data leave open stays small
-_FLOOR = 1e-4  # of an output's spread: smaller residuals count as equal
 
 
 @dataclass(frozen=True)
@@ -72,31 +67,6 @@ class Culprit:
     def reduction(self) -> float:
         """Logarithm by which it reduces residuals, the mean of all outputs."""
         return log(self.before / self.after)
-
-
-@dataclass(frozen=True)
-class States:
-    """Samples of the logs that changes are tried on."""
-
-    q: Floats
-    qd: Floats
-    qdd: Floats
-    y: Floats
-    inputs: Mapping[str, Floats]
-    pieces: tuple[Samples, ...]  # stretches that the samples are, with the filter of both sides
-
-    def rows(self, values: Floats) -> Floats:
-        """Signals (samples, …) after the filter of both sides, shape (rows, …)."""
-        ends = np.cumsum([len(piece) for piece in self.pieces])
-        parts = zip(self.pieces, np.split(values, ends[:-1]), strict=True)
-        return np.concatenate([rows_taken(piece, part)[1] for piece, part in parts])
-
-    @cached_property
-    def fitted(self) -> Flags:
-        """Rows that are fitted, shape (rows, outputs)."""
-        found = [rows_taken(piece, piece.q[:, :1]) for piece in self.pieces]
-        every = (np.ones((len(rows), self.y.shape[1]), dtype=bool) for _, rows, _ in found)
-        return np.concatenate([a if flags is None else flags for a, (_, _, flags) in zip(every, found, strict=True)])
 
 
 @dataclass(frozen=True)
@@ -174,7 +144,7 @@ class _Search:
         self.base, self.rows, self.columns, self.velocities = base, rows, columns, velocities
         self.values, self.prior = values, prior
         self.outputs = [output.name for output in base.mechanism.outputs]
-        self.marks = _Marks(base, rows.y.shape[1])
+        self.marks = Marks(base, rows.y.shape[1])
         self._read = self.marks.products(rows)
 
     def found(self, changes: Sequence[_Change]) -> Culprit | None:
@@ -210,12 +180,12 @@ class _Search:
         except EchelonError:  # loops that cannot be closed
             return inf
 
-    def _mark(self, normals: list[_Normal], *, physical: bool, failed: float | None = None) -> float:
+    def _mark(self, normals: list[Normal], *, physical: bool, failed: float | None = None) -> float:
         if self.values is not None:
             return self.marks.mark(normals, self.values)
         return self.marks.physical(normals, failed) if physical else self.marks.free(normals)
 
-    def _normals(self, change: _Change) -> list[_Normal]:
+    def _normals(self, change: _Change) -> list[Normal]:
         same = change.positions is None and change.velocities is None and change.shift is None and change.rate == 1.0
         products = self._read if same else self.marks.products(self._changed(change))
         return self.marks.normals(products, change.outputs)
@@ -232,10 +202,7 @@ class _Search:
 
     def _of_outputs(self) -> Iterator[_Change]:
         m, label = len(self.outputs), self._named("output", self.outputs, self.columns.outputs)
-        for i in range(m):
-            yield _Change(f"the sign of {label[i]} is wrong (scale: -1)", outputs=_scaled(m, i, -1.0))
-        for i, j in combinations(range(m), 2):
-            yield _Change(f"{label[i]} and {label[j]} are exchanged", outputs=_exchanged(m, i, j))
+        yield from _flips(label, lambda text, matrix: _Change(text, outputs=matrix))
         for i in range(m):
             for factor, prefix in ((1e-3, "m"), (1e3, "k")):
                 if not abs(log(self._sizes[i] * factor)) > log(_FOREIGN):  # also where it is nan
@@ -244,17 +211,12 @@ class _Search:
 
     def _of_positions(self) -> Iterator[_Change]:
         label, n = self._position_labels, len(self._position_labels)
-        places = {name: k for k, name in enumerate(self.outputs)}
-        for i in range(n):
-            yield _Change(f"the sign of {label[i]} is wrong (scale: -1)", _scaled(n, i, -1.0))
-            output = places.get(self.names[i])
-            if output is not None and n == len(self.names):
-                text = (
-                    f"'{self.names[i]}' turns the other way: position and output have the wrong sign, or its axis has"
-                )
-                yield _Change(text, _scaled(n, i, -1.0), outputs=_scaled(len(self.outputs), output, -1.0))
-        for i, j in combinations(range(n), 2):
-            yield _Change(f"{label[i]} and {label[j]} are exchanged", _exchanged(n, i, j))
+        yield from _flips(label, _Change)
+        for i, name in enumerate(self.names if n == len(self.names) else ()):
+            if name in self.outputs:
+                text = f"'{name}' turns the other way: position and output have the wrong sign, or its axis has"
+                forces = _scaled(len(self.outputs), self.outputs.index(name), -1.0)
+                yield _Change(text, _scaled(n, i, -1.0), outputs=forces)
         for i in range(n):
             if self._slides[i]:
                 yield _Change(f"{label[i]} is in mm (unit: mm)", _scaled(n, i, 1e-3))
@@ -271,11 +233,9 @@ class _Search:
 
     def _of_velocities(self) -> Iterator[_Change]:
         label, n = self._named("velocity", self._keys, self.columns.velocities), len(self._keys)
+        yield from _flips(label, lambda text, matrix: _Change(text, velocities=matrix))
         for i in range(n):
-            yield _Change(f"the sign of {label[i]} is wrong (scale: -1)", velocities=_scaled(n, i, -1.0))
             yield _Change(f"{label[i]} is in degrees (unit: deg/s)", velocities=_scaled(n, i, radians(1)))
-        for i, j in combinations(range(n), 2):
-            yield _Change(f"{label[i]} and {label[j]} are exchanged", velocities=_exchanged(n, i, j))
 
     def _of_gears(self) -> Iterator[_Change]:
         """Positions or outputs that are on the other side of the gears."""
@@ -411,6 +371,14 @@ class _Search:
         return replace(rows, qd=qd, qdd=qdd)
 
 
+def _flips(label: Sequence[str], change: Callable[[str, Floats], _Change]) -> Iterator[_Change]:
+    """Wrong signs and exchanges of columns."""
+    for i, name in enumerate(label):
+        yield change(f"the sign of {name} is wrong (scale: -1)", _scaled(len(label), i, -1.0))
+    for i, j in combinations(range(len(label)), 2):
+        yield change(f"{label[i]} and {label[j]} are exchanged", _exchanged(len(label), i, j))
+
+
 def _scaled(size: int, place: int, factor: float) -> Floats:
     matrix = np.eye(size)
     matrix[place, place] = factor
@@ -421,92 +389,3 @@ def _exchanged(size: int, i: int, j: int) -> Floats:
     order = list(range(size))
     order[i], order[j] = j, i
     return np.eye(size)[order]
-
-
-# -- marks ------------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class _Normal:
-    """Normal equations of one output's rows: [W y]ᵀ[W y], the mean square of y about its mean, and rows."""
-
-    columns: Integers  # shape (n_i,); parameters that it can depend on
-    matrix: Floats  # shape (n_i + 1, n_i + 1)
-    spread: float
-    rows: int
-
-    def square(self, values: Floats) -> float:
-        """Mean square of the residual."""
-        full = np.append(values[self.columns], -1.0)
-        return float(max(full @ self.matrix @ full, 0.0)) / max(self.rows, 1)
-
-
-class _Marks:
-    """How well the best parameters predict rows: mean logarithm of residual over spread, of all outputs."""
-
-    def __init__(self, base: BaseModel, outputs: int) -> None:
-        self._base, self._outputs = base, outputs
-        places, parameters = base.sparsity
-        self._entries: list[Integers] = [np.flatnonzero(places == i) for i in range(outputs)]
-        self.columns = [parameters[entries] for entries in self._entries]
-
-    def products(self, rows: States) -> list[Floats]:
-        """Of each output [W Y 1]ᵀ[W Y 1] over its rows, with the measured values Y of all outputs."""
-        entries = self._base.regressor_entries(rows.q, rows.qd, rows.qdd, None, dict(rows.inputs), threads=1)
-        filtered = rows.rows(np.column_stack([entries, rows.y, np.ones(len(rows.y))]))
-        beside = np.arange(entries.shape[1], filtered.shape[1])
-        found = []
-        for i, chosen in enumerate(self._entries):
-            whole = filtered[np.ix_(rows.fitted[:, i], np.append(chosen, beside))]
-            found.append(whole.T @ whole)
-        return found
-
-    def normals(self, products: Sequence[Floats], outputs: Floats | None = None) -> list[_Normal]:
-        """Normal equations where outputs are linear combinations of what was read."""
-        mixed = np.eye(self._outputs) if outputs is None else outputs
-        found = []
-        for columns, product, mix in zip(self.columns, products, mixed, strict=True):
-            n = len(columns)
-            T = np.zeros((n + 2, len(product)))
-            T[:n, :n], T[n, n:-1], T[n + 1, -1] = np.eye(n), mix, 1.0
-            whole = T @ product @ T.T
-            count = round(float(whole[-1, -1]))
-            spread = (whole[n, n] - whole[n, -1] ** 2 / max(count, 1)) / max(count, 1)
-            found.append(_Normal(columns, whole[:-1, :-1], float(max(spread, 0.0)), count))
-        return found
-
-    def free(self, normals: Sequence[_Normal]) -> float:
-        """Of any parameters."""
-        return self.mark(normals, self._solved(normals)[0])
-
-    def physical(self, normals: Sequence[_Normal], failed: float | None = None) -> float:
-        """Of those of the nearest robot that can exist; where none is found ``failed``, or the mark of any."""
-        values, matrix = self._solved(normals)
-        if len(values) > _LARGEST:
-            return self.mark(normals, values)
-        try:
-            standard, _ = nearest_physical(self._base, values, np.linalg.inv(matrix))
-        except (EchelonError, np.linalg.LinAlgError):
-            return self.mark(normals, values) if failed is None else failed
-        return self.mark(normals, self._base.B_float() @ standard)
-
-    def _solved(self, normals: Sequence[_Normal]) -> tuple[Floats, Floats]:
-        """Parameters by iteratively reweighted least squares, and the normal matrix, shape (r,) and (r, r)."""
-        size = self._base.rank
-        floors = np.array([_FLOOR**2 * some.spread or 1.0 for some in normals])
-        noise = np.array([some.spread or 1.0 for some in normals])
-        for _ in range(4):
-            matrix, right = np.zeros((size, size)), np.zeros(size)
-            for some, square in zip(normals, noise, strict=True):
-                matrix[np.ix_(some.columns, some.columns)] += some.matrix[:-1, :-1] / square
-                right[some.columns] += some.matrix[:-1, -1] / square
-            scale = np.sqrt(np.where(np.diagonal(matrix) > 0, np.diagonal(matrix), 1.0))
-            matrix += np.diag(_RIDGE * scale**2)
-            values = np.linalg.solve(matrix / np.outer(scale, scale), right / scale) / scale
-            noise = np.maximum([some.square(values) for some in normals], floors)
-        return values, matrix
-
-    @staticmethod
-    def mark(normals: Sequence[_Normal], values: Floats) -> float:
-        told = [some for some in normals if some.spread > 0]
-        return float(np.mean([0.5 * log(max(some.square(values) / some.spread, _FLOOR**2)) for some in told]))
