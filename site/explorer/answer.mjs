@@ -13,7 +13,13 @@ export function showAnswer(reply, before, { preferred, prefer, light }) {
   fill(byId("differences"), sentences(reply, before, moved).map((text) => element("li", {}, text)));
   table(reply, moved, preferred, prefer, light);
   forms(reply);
-  fill(byId("facts"), reply.facts.flatMap(([label, text]) => [element("dt", {}, label), element("dd", {}, text)]));
+  fill(byId("facts"), reply.facts.flatMap(([label, text]) => [element("dt", {}, label), element("dd", {}, ...linked(text))]));
+}
+
+/** A text in which files of the documentation are links to its pages. */
+function linked(text) {
+  const parts = text.split(/\bdocs\/([\w-]+)\.md\b/);
+  return parts.map((part, k) => (k % 2 ? element("a", { href: `../${part}.html` }, part) : part));
 }
 
 // -- what changed ------------------------------------------------------------------------------------------------------
