@@ -220,11 +220,14 @@ class CanonicalForms:
         self.units: dict[str, int] = {}
         self.rooted: set[int] = set()
         self._names: dict[object, str] = {}
-        self._bases = {kind: AtomBasis(lambda name: self.generators[name].constant) for kind in ("exp", "angle")}
+        self._bases = {kind: AtomBasis(self._is_constant) for kind in ("exp", "angle")}
         self._changed = False
         self._signs = {n for n, op in enumerate(program.ops) if op == Op.SIGN}
         self._elements: dict[Signs, dict[int, RationalFunction]] = {}
         self._forms: dict[tuple[int, Signs], Form] = {}
+
+    def _is_constant(self, name: str) -> bool:  # no lambda, so that forms can be pickled
+        return self.generators[name].constant
 
     def forms(self, requests: Sequence[tuple[int, Signs]]) -> list[Form]:
         """Forms of function nodes, each for some signs.
