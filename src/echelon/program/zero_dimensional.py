@@ -32,18 +32,19 @@ Product = tuple[int, int]
 
 
 class Residue:
-    """Computes with the residues of one sample; numbers are these."""
+    """Computes with the residues of one sample; numbers are these.  It counts the numbers that it adds."""
 
     zero, one = 0, 1
 
     def __init__(self, field: PrimeField) -> None:
-        self._field, self.minus_one = field, field.p - 1
+        self._field, self.minus_one, self.added = field, field.p - 1, 0
 
     def combined(self, parts: Iterable[tuple[int, Row]], begin: Row | None = None) -> Row:
         """Sum of a row and multiples of rows."""
         total, p = dict(begin or {}), self._field.p
         known = total.get
         for factor, row in parts:
+            self.added += len(row)
             for monomial, number in row.items():
                 total[monomial] = known(monomial, 0) + factor * number
         return {monomial: rest for monomial, number in total.items() if (rest := number % p)}
@@ -226,6 +227,7 @@ class NormalForms:
 _MONOMIALS = 1500  # default bound on the number of monomials
 _DEGREES = 6  # of monomials above that of equations; those of loops with finitely many solutions need two at most
 _FAILURES = 2  # samples in a row that have infinitely many solutions; then the others are taken to have them, too
+AT_ONCE = 20  # numbers of many samples are added together about as quickly as one of a single sample
 _ENTRIES = 1 << 24  # recorded numbers, or powers of multiplications; more samples are treated in parts
 
 
@@ -255,8 +257,16 @@ class Solver:
         self._limit = monomial_limit
         self._rings: dict[tuple[tuple[Exponents, ...], ...], _Ring] = {}
 
-    def solve(self, equations: Sequence[Mapping[Exponents, Residues]], field: PrimeField) -> Solutions:
-        """Solve polynomials by the exponents of their terms, with coefficients of shape (samples,)."""
+    def solve(
+        self,
+        equations: Sequence[Mapping[Exponents, Residues]],
+        field: PrimeField,
+        spend: Callable[[float], None] = lambda _: None,
+    ) -> Solutions:
+        """Solve polynomials by the exponents of their terms, with coefficients of shape (samples,).
+
+        ``spend`` is told of the work that is done, in numbers that are added, and may raise an exception to end it.
+        """
         system = [Equation.of(terms, field) for terms in equations if terms]
         if not system:
             return Solutions(np.zeros(0, dtype=np.int64), [])
@@ -269,13 +279,16 @@ class Solver:
         ring = self._rings.get(key)
         while left.size and failures < _FAILURES:
             if ring is None:
+                sample, numbers = [equation.at(left[:1]) for equation in system], Residue(field)
                 try:
-                    sample = [equation.at(left[:1]) for equation in system]
-                    ring = _recorded(*_explore(sample, variables, field, self._limit), sample, field)
+                    ring = _recorded(*_explore(sample, variables, numbers, field, self._limit), sample, field)
                 except _UnsolvedSystemError:
                     failures += 1
                     left = left[1:]
                     continue
+                finally:
+                    spend(numbers.added)
+            spend(len(left) * ring.recording.size / AT_ONCE)
             rest = ring.solve(system, left, field, solutions)
             if len(left) - len(rest) > most:
                 self._rings[key], most = ring, len(left) - len(rest)
@@ -330,12 +343,12 @@ def _recorded(steps: list[_Step], monomials: Monomials, sample: list[Equation], 
 
 
 def _explore(
-    system: list[Equation], variables: int, field: PrimeField, monomial_limit: int
+    system: list[Equation], variables: int, numbers: Residue, field: PrimeField, monomial_limit: int
 ) -> tuple[list[_Step], Monomials]:
     """The steps for a single sample, and the monomials that they need."""
     monomials = Monomials(variables)
     polynomials = [dict(zip(e.exponents, e.coefficients[0].tolist(), strict=True)) for e in system]
-    forms, steps = NormalForms(monomials, Residue(field), polynomials), list[_Step]()
+    forms, steps = NormalForms(monomials, numbers, polynomials), list[_Step]()
     degree, highest = 0, max(equation.degree for equation in system)
     while True:
         steps += _complete(forms, system, degree, field)

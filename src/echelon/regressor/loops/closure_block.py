@@ -10,7 +10,7 @@ quaternion, of one dimension more than there are velocities to solve for; the un
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, reduce
 from itertools import combinations_with_replacement, product
@@ -20,7 +20,7 @@ import numpy as np
 
 from echelon.arrays import Integers
 from echelon.exact.field import PrimeField, Residues
-from echelon.program.zero_dimensional import Solutions
+from echelon.program.zero_dimensional import AT_ONCE, Solutions
 from echelon.regressor.loops.moving import Pose
 from echelon.regressor.loops.positions import Positions, Recorded
 
@@ -46,9 +46,10 @@ class ClosureBlock:
         """The block with one of the unknown coordinates drawn."""
         return ClosureBlock(self.recorded, self.nodes, self.unknown[1:])
 
-    def solve(self, positions: Positions, pose: Pose) -> Solutions:
-        """Values of the unknown coordinates at which the equations hold."""
-        return self.recorded.solver.solve(self._polynomials(positions, pose), positions.field)
+    def solve(self, positions: Positions, pose: Pose, spend: Callable[[float], None]) -> Solutions:
+        """Values of the unknown coordinates at which the equations hold; see :meth:`Solver.solve`."""
+        spend(len(pose.numbers) * self.points * self.equations.size / AT_ONCE)
+        return self.recorded.solver.solve(self._polynomials(positions, pose), positions.field, spend)
 
     def put(self, pose: Pose, points: Residues, field: PrimeField) -> None:
         """Write solutions (samples, variables) into poses, those that they were found from."""

@@ -7,7 +7,7 @@ about one point, three equations bring its centre to its place, and its rotation
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +23,7 @@ from echelon.regressor.loops.positions import Positions, Recorded
 _ROUNDS = 40
 _FIRST_TRIES, _MOST_TRIES = 1 << 10, 1 << 15  # together, in the first round and in one of the last
 _MOST_POINTS = 3**6  # at which the equations of a block are evaluated, for each sample
-_MOST_WORK = 4e6  # evaluations of equations of blocks, for each sample, until a first solution is found: a minute
+_MOST_WORK = 1.5e7  # numbers that are added, for each sample, until a solution is found: five to ten seconds
 _LEAST_KEPT = 64  # variants of poses while loops are closed one after the other
 _FAILURES = 8  # of the tries that close a loop with one unknown about once in two
 
@@ -195,8 +195,7 @@ class PoseFinder:
         """
         drawn, wanted = np.arange(len(owners)), len(np.unique(owners))
         for block in blocks:
-            self._spend(len(owners) * block.points / wanted)
-            chosen, pose = _closed(positions.at(owners), pose, block)
+            chosen, pose = _closed(positions.at(owners), pose, block, lambda work: self._spend(work / wanted))
             kept = _thinned(drawn[chosen], most, rng)
             owners, drawn, pose = owners[chosen[kept]], drawn[chosen[kept]], pose.at(kept)
             if not owners.size:
@@ -246,7 +245,9 @@ def _thinned(drawn: Indices, most: int, rng: np.random.Generator) -> Indices:
     return rng.permutation(order[np.concatenate([first, rest])[:most]])
 
 
-def _closed(positions: Positions, pose: Pose, block: ClosureBlock) -> tuple[Indices, Pose]:
+def _closed(
+    positions: Positions, pose: Pose, block: ClosureBlock, spend: Callable[[float], None]
+) -> tuple[Indices, Pose]:
     """The samples for which a block closes, as often as it does, and their poses.
 
     Where links lie upon each other, or its equations depend on one another, they leave infinitely many solutions; there
@@ -257,13 +258,13 @@ def _closed(positions: Positions, pose: Pose, block: ClosureBlock) -> tuple[Indi
         return good, pose.at(good)
     if block.points > _MOST_POINTS:
         raise SingularPoseError(f"{len(block.unknown)} coordinates would have to be solved for at once")
-    solutions = block.solve(positions, pose)
+    solutions = block.solve(positions, pose, spend)
     samples = np.repeat(np.arange(len(solutions.counts)), np.maximum(solutions.counts, 0))
     closed = pose.at(samples)
     if samples.size:
         block.put(closed, np.concatenate([solutions.points[k] for k in np.unique(samples)]), positions.field)
     open_ = np.flatnonzero(solutions.counts < 0)
     if open_.size:
-        more, others = _closed(positions.at(open_), pose.at(open_), block.fewer)
+        more, others = _closed(positions.at(open_), pose.at(open_), block.fewer, spend)
         samples, closed = np.concatenate([samples, open_[more]]), closed + others
     return samples, closed
