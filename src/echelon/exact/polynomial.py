@@ -21,6 +21,7 @@ from math import isqrt, sqrt
 from typing import Any, TypeVar
 
 T = TypeVar("T")
+_MOST_DIGITS = 15  # of the denominator of a fraction next to a number
 Rational = int | Fraction
 
 _RADICANDS = (1, 2, 3, 6)
@@ -156,6 +157,13 @@ def circle_point(tangent: Fraction) -> tuple[Fraction, Fraction]:
     """Cosine and sine of the angle of which the half has a tangent."""
     size = 1 + tangent * tangent
     return (1 - tangent * tangent) / size, 2 * tangent / size
+
+
+def simple_fraction(value: float, tolerance: float) -> Fraction:
+    """A simple fraction next to a number."""
+    exact = Fraction(value)
+    found = (exact.limit_denominator(10**digits) for digits in range(_MOST_DIGITS))
+    return next((f for f in found if abs(f - exact) <= tolerance), exact.limit_denominator(10**_MOST_DIGITS))
 
 
 def cosine_of_turn(k: int) -> Number:

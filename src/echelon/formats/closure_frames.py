@@ -16,15 +16,17 @@ from operator import matmul
 
 import numpy as np
 
+from echelon.arrays import Floats
 from echelon.exact.polynomial import Polynomial, as_polynomial, is_trigonometric, symbol_of
 from echelon.formats.snapping import PRECISION, Snapping
 from echelon.inertia import rotation_quaternion
-from echelon.mechanism.closed_pose import parted, turned_by
+from echelon.mechanism.closed_pose import parted, rational_rotation
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import IDENTITY, Body, Motion, MotionKind, Placement, Symbol, Vector, shift
 from echelon.mechanism.mechanism import Snap
 from echelon.mechanism.stated import placement_matrix
 
+_ROUNDING = 1e-15
 _MOST_ANGLES = 18  # a product of six rotations by three angles each has thousands of terms
 
 
@@ -64,12 +66,14 @@ def _rounded(chain: Sequence[Placement], angles: Sequence[str], symbols: Mapping
             f"between the two bodies lie {len(angles)} angles that are no multiples of 15° ({shown}, …), too many to "
             "derive the second frame from the first: state both, or values of all symbols"
         )
-    from echelon.regressor.loops.exact_pose import unit_quaternion  # robots without loops load without it
-
     pose = reduce(np.matmul, (placement_matrix(placement, known) for placement in chain))
-    quaternion = unit_quaternion(rotation_quaternion(pose[:3, :3]).tolist())
+    return rational_frame(pose)
+
+
+def rational_frame(pose: Floats) -> Placement:
+    """The frame next to a pose with rational numbers, to fifteen digits."""
     x, y, z = (as_polynomial(Fraction(f"{value:.15f}")) for value in pose[:3, 3])
-    return shift(x, y, z) @ turned_by(*map(as_polynomial, quaternion))
+    return shift(x, y, z) @ rational_rotation(rotation_quaternion(pose[:3, :3]).tolist(), _ROUNDING)
 
 
 _PINS = (ClosureKind.SPHERICAL, ClosureKind.REVOLUTE)

@@ -20,7 +20,8 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, Residues, random_generator
 from echelon.exact.polynomial import multiple_of, symbol_of
-from echelon.formats.exact_frames import NEAR, NOISE, ExactFrames, Station, is_number, rational_frame
+from echelon.formats.closure_frames import rational_frame
+from echelon.formats.exact_frames import NEAR, NOISE, ExactFrames, Station, is_number
 from echelon.formats.snapping import LENGTH_TOLERANCE, PRECISION, Snapping
 from echelon.mechanism.closed_pose import parted, shown_loops
 from echelon.mechanism.closure import Closure, ClosureKind
@@ -93,22 +94,43 @@ class _AtZero:
     @cached_property
     def stations(self) -> list[Station]:
         """All axes and points."""
-        return [*self.motions.values(), *(station for ends in self.ends.values() for station in ends)]
+        ends = [station for ends in self.ends.values() for station in ends]
+        return [*self.motions.values(), *ends, *self._hinges(ends)]
+
+    def _hinges(self, ends: Sequence[Station]) -> Iterator[Station]:
+        """Axes through two points at which the same bodies are joined."""
+        for one, two in combinations([s for s in ends if s.is_point and s.axis is None], 2):
+            others = [s for s in ends if {*s.bodies} == {*one.bodies} and s not in (one, two)]
+            apart = two.place - one.place
+            if {*one.bodies} == {*two.bodies} and not others and apart.any():
+                floats, residues = one.pose.copy(), [list(row) for row in one.residues]
+                floats[:3, 2] = apart / np.linalg.norm(apart)
+                for row, a, b in zip(residues, one.modulo(3), two.modulo(3), strict=False):
+                    row[2] = b - a
+                yield Station(floats, residues, 2, True, False, one.bodies, None, is_between=True)
 
     @cached_property
     def noise(self) -> float:
         """By how much relations in loops are missed that are nearly true; 0 if all are exact, rad or lengths."""
-        axes = [s for s in self._looped if s.axis is not None]
-        missed = (m for a, b in combinations(axes, 2) for m in self._missed(a, b))
         lengths = sorted(self._lengths())
         apart = (b - a for (a, u), (b, v) in pairwise(lengths) if b - a < LENGTH_TOLERANCE and u != v)
-        return max((*missed, *(max(size, NOISE) for size in apart)), default=0.0)
+        return max((self.misses[0], *(max(size, NOISE) for size in apart))) or self.misses[1]
+
+    @cached_property
+    def misses(self) -> tuple[float, float]:
+        """By how much relations between axes are missed at most, without those between two points and with them."""
+        axes = [s for s in self._looped if s.axis is not None]
+        found = [0.0, 0.0]
+        for a, b in combinations(axes, 2):
+            for k in range(a.is_between or b.is_between, 2):
+                found[k] = max((found[k], *self._missed(a, b)))
+        return found[0], found[1]
 
     def kept_by(self, other: _AtZero) -> bool:
         """Whether another reading has exact relations, and its axes and points are where they are here."""
         near = _MOVED * max(self.noise, NOISE)
         for one, two in zip(self.stations, other.stations, strict=True):
-            if one.axis is not None and np.linalg.norm(one.direction - two.direction) > near:
+            if not (one.axis is None or one.is_between) and np.linalg.norm(one.direction - two.direction) > near:
                 return False
             apart = two.place - one.place
             if one.is_line and not one.is_point:
@@ -116,7 +138,9 @@ class _AtZero:
             if (one.is_line or one.is_point) and np.linalg.norm(apart) > near * self.extent:
                 return False
         axes = [s for s in other._looped if s.axis is not None]
-        return not any(m <= near for a, b in combinations(axes, 2) for m in other._missed(a, b))
+        most = {False: near, True: NEAR}
+        pairs = combinations(axes, 2)
+        return not any(m <= most[a.is_between or b.is_between] for a, b in pairs for m in other._missed(a, b))
 
     @property
     def extent(self) -> float:
@@ -245,7 +269,11 @@ class _AtZero:
     @property
     def mended(self) -> Mechanism:
         """The mechanism with exact axes and points."""
-        exact, bodies, closures = ExactFrames(self.stations, self.noise, self.extent), list[Body](), list[Closure]()
+        exact, bodies, closures = (
+            ExactFrames(self.stations, self.misses[0] or self.noise, self.misses[1], self.extent),
+            list[Body](),
+            list[Closure](),
+        )
         at = {body: pose.exact or rational_frame(pose.floats) for body, pose in self.poses.items()}
         for k, body in enumerate(self.mechanism.bodies):
             here, steps = at[body.parent], list[Step]()

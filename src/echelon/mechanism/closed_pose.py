@@ -14,7 +14,7 @@ from functools import reduce
 from math import lcm
 
 from echelon.exact.expressions import Point, added, multiple_of_point
-from echelon.exact.polynomial import Polynomial
+from echelon.exact.polynomial import Polynomial, Rational, as_polynomial, simple_fraction
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement, shift, turn_by
 from echelon.mechanism.mechanism import ClosedAt, Mechanism
@@ -146,13 +146,21 @@ def _rational(ratio: Polynomial | None, name: str) -> Fraction:
     return Fraction(number)
 
 
-def turned_by(w: Polynomial, x: Polynomial, y: Polynomial, z: Polynomial) -> Placement:
-    """The rotation of a unit quaternion."""
+def turned_by(w: Polynomial, x: Polynomial, y: Polynomial, z: Polynomial, *, twice: Rational = 2) -> Placement:
+    """The rotation of a unit quaternion, or of another one with 2 by the square of its length."""
     one = Polynomial.constant(1)
     return Placement(
         (
-            (one - (y * y + z * z) * 2, (x * y - w * z) * 2, (x * z + w * y) * 2),
-            ((x * y + w * z) * 2, one - (x * x + z * z) * 2, (y * z - w * x) * 2),
-            ((x * z - w * y) * 2, (y * z + w * x) * 2, one - (x * x + y * y) * 2),
+            (one - (y * y + z * z) * twice, (x * y - w * z) * twice, (x * z + w * y) * twice),
+            ((x * y + w * z) * twice, one - (x * x + z * z) * twice, (y * z - w * x) * twice),
+            ((x * z - w * y) * twice, (y * z + w * x) * twice, one - (x * x + y * y) * twice),
         )
     )
+
+
+def rational_rotation(quaternion: Sequence[float], tolerance: float) -> Placement:
+    """The rotation by rational numbers next to that of a quaternion of any length."""
+    lead = max(map(abs, quaternion))
+    w, x, y, z = parts = [simple_fraction(float(part) / lead, tolerance) for part in quaternion]
+    square = sum(part * part for part in parts)
+    return turned_by(*map(as_polynomial, (w, x, y, z)), twice=Fraction(2) / square)
