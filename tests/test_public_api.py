@@ -17,7 +17,8 @@ import pytest
 import echelon as ec
 
 PUBLIC = [
-    "AssemblyWarning", "Audit", "BaseModel", "CertificateError", "ClosedFormError", "EchelonError", "Estimate",
+    "AssemblyWarning", "Audit", "BaseModel", "CertificateError", "ClosedFormError", "DoubtWarning", "EchelonError",
+    "Estimate",
     "ExcitingTrajectory", "Expression", "Identifiability", "Identification", "InputError", "LinearBase",
     "LinearModel", "Match", "Mechanism", "MissingExtraError", "NormalEquations", "NumericComparison",
     "Observation", "Payload", "RecordedRows", "RowSpaces", "SensorReport", "ServoFit", "Setup", "SpecialGeometry",

@@ -29,6 +29,7 @@ from echelon.codegen.source import generate as generate
 from echelon.errors import AssemblyWarning as AssemblyWarning
 from echelon.errors import CertificateError as CertificateError
 from echelon.errors import ClosedFormError as ClosedFormError
+from echelon.errors import DoubtWarning as DoubtWarning
 from echelon.errors import EchelonError as EchelonError
 from echelon.errors import InputError as InputError
 from echelon.errors import MissingExtraError as MissingExtraError

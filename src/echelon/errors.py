@@ -63,6 +63,10 @@ class AssemblyWarning(UserWarning):
     """A mechanism with loops is taken in a pose that is not near the stated one."""
 
 
+class DoubtWarning(UserWarning):
+    """Something speaks against a number of base parameters, such as lengths that are nearly equal in a loop."""
+
+
 class SlowWarning(UserWarning):
     """A large evaluation goes the slow way, because a package is not installed."""
 

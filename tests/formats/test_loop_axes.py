@@ -42,7 +42,8 @@ def mjcf(text: str, digits: int, seed: int) -> str:
         product = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]]) @ turns[name]
         place = frames[parent].T @ (at[name] - at[parent])
         axes = [shown(frames[name].T @ whole @ vector(joint[k])) for k in ("axis", "axis2") if k in joint]
-        joints = "".join(f'<joint name="{name}{k}" axis="{axis}"/>' for k, axis in enumerate(axes))
+        kind = "slide" if joint["type"] == "prismatic" else "hinge"
+        joints = "".join(f'<joint name="{name}{k}" type="{kind}" axis="{axis}"/>' for k, axis in enumerate(axes))
         joints = joints or f'<joint name="{name}" type="ball"/>'
         inner = "".join(body(other) for other in robot["bodies"] if other["parent"] == name)
         return f'<body name="{name}" pos="{shown(place)}" quat="{shown(product)}">{joints}{INERTIA}{inner}</body>'
@@ -59,7 +60,18 @@ def mjcf(text: str, digits: int, seed: int) -> str:
     return f'<mujoco><option gravity="{gravity}"/>{world}{equality}</mujoco>'
 
 
-CASES = [("Peaucellier", 6), ("Peaucellier", 17), ("Sarrus, oblique", 6), ("Jansen", 17), ("Delta, crosses", 17)]
+CASES = [
+    ("Peaucellier", 6),
+    ("Peaucellier", 17),
+    ("Sarrus, oblique", 6),
+    ("Jansen", 17),
+    ("Delta, crosses", 6),
+    ("Delta, crosses", 17),
+    ("scissor lift", 6),
+    ("3-UPU", 8),
+    ("3-UPU, general", 6),
+    ("Gough-Stewart, 3-3", 6),
+]
 
 
 @pytest.mark.parametrize(("name", "digits"), slow_unless(lambda case: case == ("Peaucellier", 6), CASES))

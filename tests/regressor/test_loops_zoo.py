@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.base.reading_report import doubt_of_directions
+from echelon.base.reading_report import doubt_of_loops
 from echelon.base.structure import find_structure
 from support.closed_states import check, read, states
 from support.selection import one_in
@@ -74,10 +74,10 @@ def test_the_rank_of_some_measurements(name: str, output: str, rank: int) -> Non
 def test_directions_without_exact_values_are_refused_where_they_matter() -> None:
     """Arms along (1, 2, 0): rods that are stated beside them are not parallel to them exactly."""
     mechanism = read(delta("universal, axis: x, axis2: y", ROOTS))
-    assert "do not confirm 67: rank 34" in doubt_of_directions(mechanism, 67)
+    assert "do not confirm 67: rank 34" in doubt_of_loops(mechanism, 67)
     with pytest.raises(ec.InputError, match=r"67 base parameters would show, but fewer do.*count as generic \(bodies"):
         ec.base_structure(mechanism)
-    assert not doubt_of_directions(read(delta("universal, axis: x, axis2: y")), 34)
+    assert not doubt_of_loops(read(delta("universal, axis: x, axis2: y")), 34)
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) for n in ZOO])

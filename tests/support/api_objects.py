@@ -255,6 +255,7 @@ OBJECTS: Mapping[str, Example] = {
     "excitation": Example(lambda: ec.exciting_trajectory(setup(), **MOTION), moved),
     "limits": Example(lambda: ec.load_setup(file("special.yaml")), run),
     "AssemblyWarning": error(ec.AssemblyWarning, "moved"),
+    "DoubtWarning": error(ec.DoubtWarning, "doubtful"),
     "EchelonError": error(ec.EchelonError, "wrong"),
     "InputError": error(ec.InputError, "wrong", source="arm.yaml", element="joint"),
     "MissingExtraError": error(ec.MissingExtraError, "casadi", "excite"),

@@ -8,6 +8,7 @@ proves it.  Otherwise the relations that matter are looked for (:mod:`echelon.ba
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import overload
@@ -19,13 +20,14 @@ from echelon.base.closed_form import assembled, closed_columns, relations
 from echelon.base.linear_base import LinearBase, linear_base_parameters
 from echelon.base.matrix import BaseMatrix, column_order, reordered
 from echelon.base.model import BaseModel
-from echelon.base.reading_report import firm_first, report_reading
+from echelon.base.reading_report import doubt_of_loops, firm_first, report_reading
 from echelon.base.stated_columns import StatedColumns
 from echelon.base.stated_values import RelationSearch, SpecialValues, stated_structure
 from echelon.base.structure import Structure, dependent_columns, find_structure
 from echelon.errors import (
     BrokenRelationsError,
     DegenerateSampleError,
+    DoubtWarning,
     EchelonError,
     InputError,
     OtherModeError,
@@ -182,6 +184,9 @@ def base_matrix(
 def base_structure(mechanism: Mechanism, *, generic: bool = False, seed: int = DEFAULT_SEED) -> Structure:
     """Rank and representatives only, without closed forms.
 
+    Warns with a :class:`~echelon.DoubtWarning` of what speaks against the rank, which :attr:`BaseModel.reading` tells
+    as its ``doubt``.
+
     Parameters
     ----------
     mechanism : Mechanism
@@ -193,7 +198,10 @@ def base_structure(mechanism: Mechanism, *, generic: bool = False, seed: int = D
     -------
     Structure
     """
-    return specialised(mechanism, random_generator(seed), generic=generic).structure
+    answer = specialised(mechanism, random_generator(seed), generic=generic)
+    if doubt := answer.undecided or doubt_of_loops(answer.mechanism, answer.structure.rank):
+        warnings.warn(doubt, DoubtWarning, stacklevel=2)
+    return answer.structure
 
 
 # -- the stated values -----------------------------------------------------------------------------------------------

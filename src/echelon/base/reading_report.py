@@ -105,7 +105,7 @@ def report_reading(
         chosen = set(_decisive(reading, elements, rank, len(mechanism.bodies), rng))
         decisive = [snap for snap in coarse if snap.element in chosen]
     doubt = _doubt(mechanism, recorded, literal_rank, rank, matrix if literal_rank == rank else None)
-    doubt = doubt or _faint(mechanism, rank, [snap.difference for snap in coarse if snap.difference < _ROUNDED])
+    doubt = doubt or _faint(mechanism, rank, [snap.difference for snap in coarse])
     return ReadingReport(reading.snaps, notes, literal_rank, tuple(decisive), doubt, mimics, moved)
 
 
@@ -123,15 +123,19 @@ def mechanism_notes(mechanism: Mechanism) -> list[str]:
     return [*closing_notes(mechanism), *notes, *([f"{what}: independent is {split}"] if split else [])]
 
 
-def doubt_of_directions(mechanism: Mechanism, rank: int) -> str:
-    """What speaks against a rank with loops where directions have no exact values, such as (1, 2, 0); empty if nothing.
+def doubt_of_loops(mechanism: Mechanism, rank: int) -> str:
+    """What speaks against a rank with loops; empty if nothing.
 
-    Points that are stated along such a direction are not on it exactly.
+    Points that are stated along directions without exact values, such as (1, 2, 0), are not on them exactly, and
+    rounding may break relations that are not among those that are restored.
     """
-    coarse = mechanism.reading is not None and any(snap.difference > ROUNDING for snap in mechanism.reading.snaps)
-    if not mechanism.closures or not inexact_symbols(mechanism) or coarse:
+    if not mechanism.closures:
         return ""
-    return _doubt(mechanism, None, rank, rank, None)
+    snaps = () if mechanism.reading is None else mechanism.reading.snaps
+    coarse = [snap.difference for snap in snaps if snap.difference > ROUNDING]
+    if coarse:
+        return _faint(mechanism, rank, coarse)
+    return _doubt(mechanism, None, rank, rank, None) if inexact_symbols(mechanism) else ""
 
 
 def _doubt(
@@ -172,13 +176,14 @@ def _faint(mechanism: Mechanism, rank: int, moved: Sequence[float]) -> str:
 
     Relations such as three points on a line may be broken by rounding, and not among those that are restored.
     """
-    if not (mechanism.closures and moved):
+    fine = [difference for difference in moved if difference < _ROUNDED]
+    if not (mechanism.closures and fine):
         return ""
     try:
         found = numeric_ranks(mechanism, literal=False)
     except InputError:  # values are missing, or loops do not close at the stated ones
         return ""
-    singular, most = found.singular, max(moved)
+    singular, most = found.singular, max(fine)
     small = [k for k in range(1, rank) if ROUNDING < singular[k] < most and found.gap(k) > _CLEAR_GAP]
     if not small:
         return ""

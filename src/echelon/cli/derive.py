@@ -14,7 +14,7 @@ from echelon.base.display import to_latex, to_markdown, to_text
 from echelon.base.linear_base import LinearBase
 from echelon.base.model import BaseModel
 from echelon.base.numeric_comparison import NumericComparison, compare_numeric
-from echelon.base.reading_report import MimicRanks, doubt_of_directions, mechanism_notes, mimic_ranks
+from echelon.base.reading_report import MimicRanks, doubt_of_loops, mechanism_notes, mimic_ranks
 from echelon.base.sensors import SensorReport, sensor_report
 from echelon.base.special import SpecialGeometry, special_geometry
 from echelon.cli.destination import Destination, deliver
@@ -139,7 +139,7 @@ def _rank_text(answer: SpecialisedMechanism, mimics: MimicRanks | None, moved: A
     if moved is not None:
         lines.append(f"assembly pose: {moved}")
     lines += [f"note: {note}" for note in mechanism_notes(robot)]
-    if doubt := answer.undecided or doubt_of_directions(robot, structure.rank):
+    if doubt := answer.undecided or doubt_of_loops(robot, structure.rank):
         lines.append(f"doubt: {doubt}")
     if len(structure.modes) > 1:
         ranks = ", ".join(map(str, structure.modes))

@@ -16,7 +16,7 @@ from io import TextIOWrapper
 from types import FrameType
 from typing import Any
 
-from echelon.errors import AssemblyWarning, SlowWarning, one_line
+from echelon.errors import AssemblyWarning, DoubtWarning, SlowWarning, one_line
 
 _STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
 _SIGNALLED = 128  # added to a signal's number, the exit code of a process that it ended
@@ -50,7 +50,7 @@ def _said_plainly(show: Callable[..., None]) -> Callable[..., None]:
     said: set[str] = set()
 
     def warn(message: Warning | str, category: type[Warning], *where: Any, **options: Any) -> None:
-        if issubclass(category, AssemblyWarning | SlowWarning):
+        if issubclass(category, AssemblyWarning | DoubtWarning | SlowWarning):
             text = one_line(str(message))
             if text not in said:  # it may come up in several places
                 said.add(text)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from itertools import combinations
 from math import atan2, cos, hypot, pi, sin
 
@@ -70,7 +71,7 @@ class ExactFrames:
     def __init__(self, stations: Sequence[Station], noise: float, most: float, scale: float) -> None:
         self._tolerance = min(NEAR, max(_MORE * noise, 2 * most, PRECISION))
         self._length = min(NEAR, max(_MORE * noise, NOISE)) * scale
-        self._noise, self._fine = NOISE * scale, min(NEAR, noise)
+        self._fine = min(NEAR, noise)
         self._frames = [Placement()]
         self._turned: dict[Station, Placement] = {}
         self._coarse = 0.1 / noise
@@ -81,6 +82,7 @@ class ExactFrames:
             )
         self._stations = [s for s in stations if s.is_line or s.is_point]
         self._origin, self._best = self._simplest([s.place for s in self._stations])
+        self._start = shift(*(as_polynomial(Fraction(f"{v:.{DIGITS}f}")) for v in self._origin)) @ self._best
         self._at = self._clusters()
         self._places = self._solved([s for s in axes if not s.is_line])
 
@@ -216,8 +218,7 @@ class ExactFrames:
 
     def _solved(self, slides: Sequence[Station]) -> dict[Station, Placement]:
         """Exact places of points and lines."""
-        start = shift(*(as_polynomial(Fraction(f"{v:.{DIGITS}f}")) for v in self._origin)) @ self._best
-        back, turned = start.inverse(), _floats(self._best)
+        back, turned = self._start.inverse(), _floats(self._best)
         planes = list[Placement]()
         axes = {s: self._plane(s, planes) for s in (*self._stations, *slides) if s.is_line or s in slides}
         features = [Feature(self._at[s], axes[s] if s.is_line else SPACE, s.bodies) for s in self._stations]
@@ -230,7 +231,7 @@ class ExactFrames:
             self._length,
             lambda normal: self._best.inverse() @ self._aligned(turned @ normal),
         )
-        places = [_shifted(start @ shift(*place)) for place in solved.unknowns.places(self._shortest)]
+        places = [_shifted(self._start @ shift(*place)) for place in solved.unknowns.places(self._shortest)]
         return {station: places[k] for station, k in self._at.items()}
 
     def _plane(self, station: Station, planes: list[Placement]) -> int:
@@ -265,17 +266,13 @@ class ExactFrames:
 
     def _decimals(self, place: Floats) -> Placement:
         """The place with the shortest decimals."""
-        start = shift(*(as_polynomial(Fraction(f"{v:.{DIGITS}f}")) for v in self._origin))
         x, y, z = _floats(self._best).T @ (place - self._origin)
-        return _shifted(start @ self._best @ shift(self._shortest(x), self._shortest(y), self._shortest(z)))
+        return _shifted(self._start @ shift(self._shortest(x), self._shortest(y), self._shortest(z)))
 
 
+@lru_cache(maxsize=1024)
 def _floats(placement: Placement) -> Floats:
     return placement_matrix(placement, {})[:3, :3]
-
-
-def _place(placement: Placement) -> Floats:
-    return placement_matrix(placement, {})[:3, 3]
 
 
 def _shifted(placement: Placement) -> Placement:
