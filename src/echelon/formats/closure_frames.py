@@ -76,6 +76,7 @@ def rational_frame(pose: Floats) -> Placement:
     return shift(x, y, z) @ rational_rotation(rotation_quaternion(pose[:3, :3]).tolist(), _ROUNDING)
 
 
+_FEW_ANGLES = 6
 _PINS = (ClosureKind.SPHERICAL, ClosureKind.REVOLUTE)
 _PARALLEL = 1e-9
 
@@ -83,9 +84,13 @@ _PARALLEL = 1e-9
 def with_parallelogram(closure: Closure, element: str, bodies: Sequence[Body], snapping: Snapping) -> Closure:
     """A closure moved to where it completes a parallelogram, if it nearly does.
 
-    Only where the loop is closed while all coordinates are zero is it known beforehand where that is.
+    Only where the loop is closed while all coordinates are zero is it known beforehand where that is.  In general
+    frames all relations of the loops are looked at together later (:mod:`echelon.formats.loop_axes`).
     """
     chains = parted(closure.first, closure.second, lambda k: bodies[k].parent)
+    steps = [step for chain in chains for k in chain for step in bodies[k].joint.steps if isinstance(step, Placement)]
+    if len(_angles([*steps, *closure.placements])) > _FEW_ANGLES:
+        return closure
     pivots = [[_Pivot.of(bodies, chain[k:]) for k in range(len(chain))] for chain in chains]
     inner, outer = sorted(([p for p in side if p is not None] for side in pivots), key=len, reverse=True)
     if closure.kind not in _PINS or [*map(len, chains)].count(0) or (len(inner), len(outer)) != (2, 1):
