@@ -220,6 +220,14 @@ def test_of_two_robots_in_one_file_the_first_is_taken_and_the_other_named(motion
         ec.identify(tmp_path / "arm.urdf", tmp_path / "log.csv")
 
 
+def test_motors_and_links_are_not_two_robots(motion: Motion, tmp_path: Path) -> None:
+    log = pd.DataFrame({"time": motion["t"]})
+    for side, gear in (("motor", 50), ("link", 1)):
+        for k in range(2):
+            log[f"{side}_q_{k + 1}"], log[f"{side}_tau_{k + 1}"] = gear * motion["q"][:, k], motion["tau"][:, k] / gear
+    assert "several sets" not in written(tmp_path, log)
+
+
 def test_units_after_names_that_say_nothing_count(motion: Motion, tmp_path: Path) -> None:
     log = pd.DataFrame({"sec": motion["t"]})
     for k, name in enumerate(("shoulder", "elbow")):

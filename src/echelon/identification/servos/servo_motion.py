@@ -302,8 +302,8 @@ class OutputErrorProblem:
         rest, slopes = self._linearised(values)
         if not np.isfinite(rest).all():
             raise InputError(
-                "the robot with its starting values cannot be simulated: do servos reach limits of torque or speed, "
-                "which the model does not have, or is the mass matrix of the file not positive?"
+                "the robot with its starting values cannot be simulated: are signs, units or the order of the commands "
+                "wrong, or is the mass matrix of the file not positive?"
             )
         noise, damping, converged, count = _noise(rest), 1e-3, False, 0
         while not converged and count < _STEPS and damping < _STUCK:

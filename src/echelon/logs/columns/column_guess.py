@@ -14,7 +14,7 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.logs.columns.by_values import Family, are_numbers, blocks, classified, clock, families, in_order
 from echelon.logs.columns.column_map import Channel, ColumnMap, actuators, coordinates, units
-from echelon.logs.columns.column_names import SHARES, Meaning, aliases, meaning, stated_unit, words
+from echelon.logs.columns.column_names import KNOWN, SHARES, Meaning, aliases, meaning, stated_unit, words
 from echelon.logs.columns.unlogged import unlogged_joints
 from echelon.logs.files.log_file import Table
 from echelon.logs.finding import counted, listed
@@ -101,7 +101,7 @@ def _of_several(
     for word in dict.fromkeys(first.values()):
         own = [name for name in names if first.get(name, word) == word]
         short = {name: said.get(name, name).removeprefix(word) for name in own}
-        if word.strip("/_").lower() in words() or len(own) == len(names):
+        if re.sub(r"[\W_]", "", word).lower() in KNOWN or len(own) == len(names):
             continue
         of = _of_all(own, _meanings(own, mechanism, short)[0], mechanism, look, outputs=outputs, by_values=False)
         found |= {} if of.problems else {word: of}

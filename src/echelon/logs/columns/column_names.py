@@ -44,6 +44,8 @@ _OTHERS = {
     "header unix ros output est estimated sim robot main arm out yout signal signals js",
 }
 _ROLES = {word: role for role, words in _OTHERS.items() for word in words.split()}
+KNOWN = frozenset(_KINDS) | frozenset(_ROLES)
+"""Words that say something of what is measured."""
 _UNITS = {
     "rad": "rad",
     "deg": "deg",
