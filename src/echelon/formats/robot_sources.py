@@ -169,7 +169,8 @@ def _mjcf_equality(model: Any, k: int) -> tuple[str, dict[str, str]]:
 
 def _mjcf_drives(root: Element, model: Any) -> None:
     """Actuators of joints, and sensors of forces."""
-    import mujoco
+    with extra("mjcf"):
+        import mujoco
 
     actuators, sensors = SubElement(root, "actuator"), SubElement(root, "sensor")
     driving = np.isin(model.actuator_trntype, (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT))
