@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from echelon.errors import InputError
 from echelon.formats.robot_file import read_description
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
@@ -153,3 +154,23 @@ def test_exact_angles_are_never_snapped(angle: str) -> None:
     assert not mechanism.reading.snaps
     values = {"pi/2000": np.pi / 2000, "pi/7": np.pi / 7, "pi/2 + pi/2000": np.pi / 2 + np.pi / 2000, "2*beta": 0.0002}
     np.testing.assert_allclose(pose_of(mechanism, 0, {"j1": 0.0}), turned(X, values[angle]), atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("rows", "exact"),
+    [
+        ("[[cos(a), 0, sin(a)], [0, 1, 0], [-sin(a), 0, cos(a)]]", True),
+        ("[[sqrt(3)/2, -1/2, 0], [1/2, sqrt(3)/2, 0], [0, 0, 1]]", True),
+        ("[[0.866, -0.5, 0], [0.5, 0.866, 0], [0, 0, 1]]", False),
+        ("[[1, 0, 0], [0, 1, 0], [0, 0, -1]]", False),
+        ("[[1, 0, 0], [0, cos(a), -sin(b)], [0, sin(b), cos(a)]]", False),
+    ],
+)
+def test_rotations_by_rows_are_exact_rotations(rows: str, exact: bool) -> None:
+    joint = "joint: {type: revolute, axis: z, origin: {rotation: " + rows + "}}"
+    text = f"symbols: {{a: 0.3, b: 0.3}}\nbodies: [{{name: j, {joint}}}]"
+    if exact:
+        read(text)
+    else:
+        with pytest.raises(InputError, match="not exactly a rotation matrix"):
+            read(text)

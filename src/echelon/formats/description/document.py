@@ -20,6 +20,7 @@ import numpy as np
 
 from echelon.errors import InputError
 from echelon.exact.expressions import PI, RESERVED, STEPS_PER_HALF_TURN, Angle, as_angle, parse, parse_angle
+from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator, residues_at
 from echelon.exact.polynomial import Number, Polynomial, Rational, Surd, is_trigonometric, symbol_of
 from echelon.formats.literal import central_inertial
 from echelon.formats.snapping import NOT_FINITE, ReadingOptions, Snapping, checked_size, gravity_vector
@@ -35,8 +36,6 @@ from echelon.mechanism.joint import (
     X,
     Y,
     Z,
-    multiply,
-    transpose,
     turn,
 )
 from echelon.mechanism.mechanism import Mechanism, Snap
@@ -274,9 +273,7 @@ class Expressions:
     def _rotation(self, rows: tuple[tuple[str, str, str], ...], path: str) -> Matrix:
         a, b, c = (self.vector(row, f"{path}[{i}]") for i, row in enumerate(rows))
         matrix: Matrix = (a, b, c)
-        # the third row of a rotation is the cross product of the first two
-        third = tuple(a[i] * b[j] - a[j] * b[i] for i, j in ((1, 2), (2, 0), (0, 1)))
-        if multiply(matrix, transpose(matrix)) != IDENTITY or c != third:
+        if not _is_rotation(matrix):
             problem = "this is not exactly a rotation matrix: use entries such as sqrt(3)/2, cos(beta), or rpy angles"
             raise self.error(path, problem)
         return matrix
@@ -285,6 +282,19 @@ class Expressions:
         """A turn about a coordinate axis."""
         angle = self.angle(text, path, name)
         return turn(axis, angle) if angle != Angle() else Placement()
+
+
+def _is_rotation(matrix: Matrix) -> bool:
+    """Whether rows are orthonormal and right-handed, at a random point modulo a prime: long products take minutes."""
+    rng = random_generator(DEFAULT_SEED)
+    field = PrimeField.random(rng, CERTIFICATE_BITS)
+    entries = [entry for row in matrix for entry in row]
+    symbols = {s: field.draw(rng, (1,)) for s in sorted({s for entry in entries for s in entry.symbols()})}
+    point = residues_at({g for entry in entries for g in entry.generators()}, symbols, field)
+    a, b, c = ([entry.evaluate(point, field.embed) % field.p for entry in row] for row in matrix)
+    third = [(a[i] * b[j] - a[j] * b[i]) % field.p for i, j in ((1, 2), (2, 0), (0, 1))]
+    products = [sum(x * y for x, y in zip(*pair, strict=True)) % field.p for pair in ((a, a), (b, b), (a, b))]
+    return products == [1, 1, 0] and c == third
 
 
 def coordinate_axis(direction: str) -> tuple[int, int]:
