@@ -174,7 +174,7 @@ def test_limits_of_servos_are_found_and_do_not_spoil_the_rest(kind: str, tmp_pat
     assert any(limit.joint in str(finding) for finding in fit.findings)
     truth = fit.base.values(servo_arms.true_standard(arm, setup.mechanism))
     gains = [fit.base.pivots.index(name) for name in ("Kp2", "Fv1", "Fv2")]
-    assert np.allclose(fit.estimate.values[gains], truth[gains], rtol=0.06)
+    assert np.allclose(fit.estimate.values[gains], truth[gains], rtol=0.08)
 
 
 def test_limits_of_servos_have_exact_derivatives() -> None:
