@@ -41,6 +41,8 @@ _DIGITS = 40
 _LOOSE = 1e-60
 """Coefficients must be known as well as this before they are rounded."""
 _SURPLUS_ROWS = 6
+_MOST_PRIMES = 16
+"""Fractions of up to 75 digits are found exactly; nobody reads longer ones, and balls take less time."""
 
 Pair = tuple[int, int]
 """(pivot, column) of a coefficient of B."""
@@ -194,7 +196,7 @@ class StatedColumns:
         roots = symbol_roles(self.mechanism).irrational
         unknown = UnknownFunctions(evaluate, (), frozenset(), frozenset(), [0] * len(pairs), roots)
         try:
-            found = interpolate(unknown, self.rng, Work.of(1))
+            found = interpolate(unknown, self.rng, Work.of(1), _MOST_PRIMES)
         except ClosedFormError:
             return None
         return None if None in found else [f.numerator.number or 0 for f in found if f is not None]

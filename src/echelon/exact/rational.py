@@ -237,10 +237,10 @@ _MOST_PRIMES = 64
 
 
 def interpolate(
-    unknown: UnknownFunctions, rng: np.random.Generator, work: Work | None = None
+    unknown: UnknownFunctions, rng: np.random.Generator, work: Work | None = None, most_primes: int = _MOST_PRIMES
 ) -> list[RationalFunction | None]:
-    """Closed forms of unknown functions; None for those that take more than the work."""
-    return _Interpolation(unknown, rng, Work.of(1) if work is None else work).run()
+    """Closed forms of unknown functions; None for those that take more than the work, or longer numbers."""
+    return _Interpolation(unknown, rng, Work.of(1) if work is None else work, most_primes).run()
 
 
 @dataclass(eq=False)
@@ -253,8 +253,8 @@ class _Pending:
 
 
 class _Interpolation:
-    def __init__(self, unknown: UnknownFunctions, rng: np.random.Generator, work: Work) -> None:
-        self.unknown, self.rng, self.work = unknown, rng, work
+    def __init__(self, unknown: UnknownFunctions, rng: np.random.Generator, work: Work, most_primes: int) -> None:
+        self.unknown, self.rng, self.work, self.most_primes = unknown, rng, work, most_primes
 
     def run(self) -> list[RationalFunction | None]:
         if not self.unknown.degrees:
@@ -285,7 +285,7 @@ class _Interpolation:
     def _coefficients(self, pending: dict[int, _Pending]) -> dict[int, RationalFunction]:
         done: dict[int, RationalFunction] = {}
         primes = {p for function in pending.values() for p in function.primes}
-        for _ in range(_MOST_PRIMES):
+        for _ in range(self.most_primes):
             candidates = {i: f for i, p in pending.items() if (f := _reconstructed(p)) is not None}
             for index in self._confirmed(candidates):
                 done[index] = candidates[index]
