@@ -269,11 +269,8 @@ class _AtZero:
     @property
     def mended(self) -> Mechanism:
         """The mechanism with exact axes and points."""
-        exact, bodies, closures = (
-            ExactFrames(self.stations, self.misses[0] or self.noise, self.misses[1], self.extent),
-            list[Body](),
-            list[Closure](),
-        )
+        exact = ExactFrames(self.stations, self.misses[0] or self.noise, self.misses[1], self.extent)
+        bodies, closures = list[Body](), list[Closure]()
         at = {body: pose.exact or rational_frame(pose.floats) for body, pose in self.poses.items()}
         for k, body in enumerate(self.mechanism.bodies):
             here, steps = at[body.parent], list[Step]()

@@ -15,7 +15,7 @@ import numpy as np
 from echelon.arrays import Floats
 
 _ROUNDED = {"torque": 0.05, "dead": 0.01}  # of a limit, within which its corner is rounded
-KINDS = ("torque", "dead", "speed")
+LIMITS = ("torque", "dead", "speed")
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Limits:
     @property
     def active(self) -> tuple[tuple[str, int], ...]:
         """Kinds and joints of the limits that there are."""
-        found = dict(zip(KINDS, (np.isfinite(self.torque), self.dead > 0, np.isfinite(self.speed)), strict=True))
+        found = dict(zip(LIMITS, (np.isfinite(self.torque), self.dead > 0, np.isfinite(self.speed)), strict=True))
         return tuple((kind, int(joint)) for kind, some in found.items() for joint in np.flatnonzero(some))
 
     @property

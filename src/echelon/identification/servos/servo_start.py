@@ -11,8 +11,7 @@ from echelon.arrays import Flags, Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.extras import extra
-from echelon.identification.servos.servo_limits import KINDS as LIMITS
-from echelon.identification.servos.servo_limits import Limits
+from echelon.identification.servos.servo_limits import LIMITS, Limits
 from echelon.logs.recording import Segment
 from echelon.mechanism.effect import KINDS
 from echelon.mechanism.mechanism import Mechanism
@@ -141,7 +140,8 @@ def _limited(
                 tried = replace(limits, **{kind: level})
                 misfit = solved(delay, tried)[1]
                 for joint in map(int, np.flatnonzero(misfit < best)):
-                    of = replace(of, **{k: _with(getattr(of, k), joint, getattr(limits, k)[joint]) for k in LIMITS})
+                    for other in LIMITS:
+                        of = of.having(other, joint, float(getattr(limits, other)[joint]))
                     of = of.having(kind, joint, float(level[joint]))
                 best = np.minimum(best, misfit)
         if of.active == limits.active:
@@ -150,12 +150,6 @@ def _limited(
         delay = min(_DELAYS, key=lambda d: solved(d, limits)[1].sum())
         found, left = solved(delay, limits)
     return found, delay, limits
-
-
-def _with(values: Floats, place: int, value: float) -> Floats:
-    changed = values.copy()
-    changed[place] = value
-    return changed
 
 
 def _errors(segments: Sequence[Segment], names: Sequence[str], delay: float, limits: Limits) -> Floats:
