@@ -24,7 +24,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.errors import EchelonError
-from echelon.identification.marks import Marks, Normal, States
+from echelon.identification.culprit_marks import Marks, Normal, States
 from echelon.identification.rows.plan import begun
 from echelon.logs.columns.column_map import Channel, ColumnMap, motion_of
 from echelon.logs.recording import Samples
