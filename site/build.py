@@ -57,7 +57,10 @@ def main() -> None:
     given = parser.parse_args()
     if not given.only_pages:
         rows = build_zoo(ZOO, only=given.zoo, jobs=given.jobs, progress=told, site="../")
-        print(f"zoo: {sum('failed' not in row for row in rows)} of {len(rows)} readings of robots have an answer")
+        failed = [str(row["failed"]) for row in rows if "failed" in row]
+        print(f"zoo: {len(rows) - len(failed)} of {len(rows)} readings of robots have an answer")
+        if lacking := next((reason for reason in failed if "pip install" in reason), ""):
+            sys.exit(f"the environment of the site is not whole: {lacking}")
     write_docs()
     configuration = str(ROOT / "site" / "mkdocs.yml")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "-f", configuration]
