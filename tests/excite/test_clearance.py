@@ -18,7 +18,7 @@ from echelon.excite.problem.robot_shapes import entry_shapes, mesh_shape, read_g
 from echelon.excite.problem.shapes import Kind, Shape, plane_gaps
 from echelon.excite.problem.task import ResolvedLimits, task_of
 from echelon.excite.solve.design import start_pose
-from echelon.excite.verify import least_clearances
+from echelon.excite.verify import LeastClearances
 from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
 from echelon.formats.robot_file import open_robot
 from echelon.mechanism.joint import rotation
@@ -59,7 +59,7 @@ def test_touching_pairs_are_left_out_on_request() -> None:
     assert len(found.pairs) == 0
     assert found.notes == ("'s1' and 's3' are not checked: they are too near at the reference pose",)
     assert found.values(np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 3))).shape == (2, 0)
-    assert least_clearances(found, motion(mechanism, 0)).bounds.shape == (0,)
+    assert LeastClearances(found, motion(mechanism, 0), 1e-3).bounds.shape == (0,)
 
 
 STATED = """

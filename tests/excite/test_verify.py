@@ -22,13 +22,13 @@ from echelon.excite.problem.state_limits import MotionLimit, StateLimits
 from echelon.excite.problem.trajectory import Basis, Fourier, Splines, Trajectory
 from echelon.excite.verify import (
     ACTIVE,
+    LeastClearances,
     Margin,
     MotionBounds,
-    least_clearances,
     loop_margins,
+    margins_between,
     motion_margins,
     reach,
-    state_margins,
     when_kept,
 )
 from echelon.program.function import Argument, Function
@@ -97,13 +97,13 @@ def test_bounds_are_sharp_where_limits_are_near(case: int) -> None:
     least, largest = reach(motion, far)
     assert np.all(low - least <= 0.25 * 50 + 0.2)
     assert np.all(largest - high <= 0.25 * 50 + 0.2)
-    assert all(margin.kept for margin in state_margins(motion, far))
+    assert all(margin.kept for margin in margins_between(far, *reach(motion, far)))
 
 
 def test_margins_of_states_carry_their_limits() -> None:
     limits = limits_of(2)
     motion = moving(families(2.0)["fourier at rest"], limits, 0.1)
-    found, (least, largest) = state_margins(motion, limits), reach(motion, limits)
+    found, (least, largest) = margins_between(limits, *reach(motion, limits)), reach(motion, limits)
     assert [m.label for m in found] == list(limits.labels)
     np.testing.assert_array_equal([(m.low, m.high) for m in found], np.column_stack([limits.low, limits.high]))
     np.testing.assert_array_equal([(m.least, m.largest) for m in found], np.column_stack([least, largest]))
@@ -160,14 +160,15 @@ def test_spikes_of_rates_are_found(arguments: str) -> None:
 def test_functions_that_jump() -> None:
     """Dry friction: its sign takes all values, and a trajectory that turns meets all of them."""
     limits = function_of(lambda qd: qd.sign() * 3, "qd")
-    (margin,) = state_margins(sweep(), limits)
+    (margin,) = margins_between(limits, *reach(sweep(), limits))
     assert (margin.least, margin.largest) == pytest.approx((-3, 3))
     assert not margin.kept
 
 
 def test_poles_are_beyond_all_limits() -> None:
     """1/(q − 1/2) has no bound, and nothing is said to be kept."""
-    (margin,) = state_margins(sweep(), function_of(lambda q: 1 / (q - 1 / 2)))
+    limits = function_of(lambda q: 1 / (q - 1 / 2))
+    (margin,) = margins_between(limits, *reach(sweep(), limits))
     assert margin.least == -np.inf
     assert margin.largest == np.inf
     assert not margin.kept
@@ -277,7 +278,7 @@ def test_no_sample_is_below_the_bound(seed: int) -> None:
     mechanism, shapes = random_arm(seed)
     clearance = clearance_of(mechanism, shapes, 0.03)
     trajectory = motion(mechanism, seed, 0.35)
-    found = least_clearances(clearance, trajectory, 2e-3)
+    found = LeastClearances(clearance, trajectory, 2e-3)
     t = np.linspace(0, trajectory.duration, 8001)
     q = trajectory(t)
     least = clearance.values(q, q, q).min(axis=0)
@@ -301,7 +302,7 @@ def test_a_short_dip_is_found() -> None:
     phase = np.pi / 20  # q1 = 2 sin(2πt + phase) is zero between two of 20 samples
     coefficients[1:, 0] = 2 * np.cos(phase), 2 * np.sin(phase)
     trajectory = Trajectory(mechanism.positions, ("rad", "rad"), Fourier(1.0, 1), coefficients)
-    found = least_clearances(clearance, trajectory, 1e-4)
+    found = LeastClearances(clearance, trajectory, 1e-4)
     # link 1 is the first moving body, so only link 2 and the post are checked
     assert found.found[0] == pytest.approx(0.04, abs=2e-3)
     assert 0.03 - 1e-3 < found.bounds[0] <= 0.04 + 1e-12
@@ -318,7 +319,7 @@ def test_motions_that_rest_at_every_first_sample_are_seen_through() -> None:
     coefficients = np.zeros((129, 2))
     coefficients[0, 0], coefficients[128, 0] = 0.3, -0.3  # q1 = 0.3 (1 − cos(128πt))
     trajectory = Trajectory(mechanism.positions, ("rad", "rad"), Fourier(1.0, 64), coefficients)
-    found = least_clearances(clearance_of(mechanism, shapes, 0.0), trajectory, 1e-3)
+    found = LeastClearances(clearance_of(mechanism, shapes, 0.0), trajectory, 1e-3)
     assert 0.03 - 1e-3 < found.bounds[0] <= 0.04 + 1e-12
 
 
@@ -326,7 +327,7 @@ def test_faulty_distances_do_not_weaken_a_certificate(monkeypatch: pytest.Monkey
     mechanism, shapes = random_arm(1)
     clearance = clearance_of(mechanism, shapes, 0.03)
     trajectory = motion(mechanism, 1, 0.35)
-    sound = least_clearances(clearance, trajectory, 5e-3)
+    sound = LeastClearances(clearance, trajectory, 5e-3)
     true = Engine.measure
 
     def faulty(engine: Engine, places: Floats, asked: npt.NDArray[np.intp], reach: float) -> Any:
@@ -336,7 +337,7 @@ def test_faulty_distances_do_not_weaken_a_certificate(monkeypatch: pytest.Monkey
         return found
 
     monkeypatch.setattr(Engine, "measure", faulty)
-    assert np.all(least_clearances(clearance, trajectory, 5e-3).bounds <= sound.found + 1e-12)
+    assert np.all(LeastClearances(clearance, trajectory, 5e-3).bounds <= sound.found + 1e-12)
 
 
 def test_arguments_are_checked() -> None:
@@ -349,7 +350,7 @@ def test_arguments_are_checked() -> None:
     with pytest.raises(InputError, match="rotates freely"):
         clearance_of(ec.load("examples/floating_tree.yaml"), (), 0.1)
     with pytest.raises(InputError, match="must move the positions q1, q2, q3"):
-        least_clearances(clearance_of(mechanism, shapes, 0.1), motion(planar(2), 0))
+        LeastClearances(clearance_of(mechanism, shapes, 0.1), motion(planar(2), 0), 1e-3)
     with pytest.raises(InputError, match="lie in a plane"):
         mesh_shape("flat", -1, np.eye(4), np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]))
 

@@ -38,7 +38,6 @@ from echelon.claims.result import Agreement, Audit, Finding, Missing, Witness
 from echelon.errors import InputError
 from echelon.exact.expressions import parse
 from echelon.exact.polynomial import Polynomial
-from echelon.exact.rational import RationalFunction
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.loops.assembly import Assembly
@@ -146,15 +145,12 @@ def _notes(model: BaseModel, compared: Sequence[RowComparison]) -> tuple[str, ..
 
 
 def _finding(index: int, claim: Claim, compared: RowComparison, span: Span, search: WitnessSearch) -> Finding:
-    witness = search.unseen_by_outputs(_clearest(compared)) if compared.columns else None
+    witness = None
+    if compared.columns:  # the one whose coefficient is wrong by most
+        sizes = [abs(d.difference or 0.0) for d in compared.differences]
+        witness = search.unseen_by_outputs(compared.columns[sizes.index(max(sizes))])
     redundant = index in span.redundant
     return Finding(index + 1, claim, compared.agreement, redundant, compared.differences, compared.largest, witness)
-
-
-def _clearest(compared: RowComparison) -> int:
-    """The column whose coefficient is wrong by most."""
-    sizes = [abs(d.difference) if d.difference is not None else 0.0 for d in compared.differences]
-    return compared.columns[sizes.index(max(sizes))]
 
 
 def _missing(index: int, search: WitnessSearch) -> Missing:
@@ -208,7 +204,6 @@ class _Linking:
 
 
 _STATES = 16
-_ZERO = RationalFunction(0)
 _NEGLIGIBLE = 1e-12
 
 

@@ -15,6 +15,7 @@ precision.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -51,14 +52,9 @@ class Geometry:
     @staticmethod
     def of(model: BaseModel) -> Geometry:
         """The values that a model's mechanism states."""
-        exact: dict[str, Number] = {}
-        floats: dict[str, float] = {}
-        for name, symbol in model.mechanism.symbols.items():
-            if symbol.value is not None:
-                floats[name] = symbol.value
-            if symbol.number is not None:
-                exact[name] = symbol.number
-        return Geometry(exact, floats)
+        symbols = model.mechanism.symbols.items()
+        exact = {name: symbol.number for name, symbol in symbols if symbol.number is not None}
+        return Geometry(exact, {name: symbol.value for name, symbol in symbols if symbol.value is not None})
 
     def exactly(self, value: RationalFunction) -> Number | None:
         """A coefficient's exact value, if its lengths have one."""
@@ -83,24 +79,18 @@ def _fraction(x: Number) -> Number:
 
 @dataclass(frozen=True)
 class RowComparison:
-    """What is found about one row; see :class:`echelon.claims.result.Finding`.
-
-    ``columns`` are those of the differences, ``numeric`` says that it agrees at the robot's lengths only.
-    """
+    """What is found about one row; see :class:`echelon.claims.result.Finding`."""
 
     agreement: Agreement
-    numeric: bool = False
+    numeric: bool = False  # whether it agrees at the robot's lengths only
     largest: float = 0.0
-    columns: tuple[int, ...] = ()
+    columns: tuple[int, ...] = ()  # those of the differences
     differences: tuple[TermDifference, ...] = ()
 
 
 def led_by(matrix: BaseMatrix, rows: Sequence[Row], rng: np.random.Generator) -> BaseMatrix:
     """B with the claimed rows' own leading parameters as representatives, as far as they can be."""
-    uses: dict[int, int] = {}
-    for row in rows:
-        for column in row:
-            uses[column] = uses.get(column, 0) + 1
+    uses = Counter(column for row in rows for column in row)
     leaders = []
     for row in rows:
         own = [c for c, value in row.items() if uses[c] == 1 and not value.symbols()]

@@ -160,6 +160,8 @@ FUNCTIONS |= {Op.ABS: "fabs{f}({x})", Op.SIGN: "sign_of({x})"}
 OVERLOADED = {op: pattern.format(f="", x="{x}") for op, pattern in FUNCTIONS.items()}
 """The same for languages in which one name serves all types."""
 
+_WITH_SIGN = OVERLOADED | {Op.ABS: "abs({x})", Op.SIGN: "sign({x})"}
+
 # C99: a header and a source file
 C = Language(
     name="c",
@@ -239,11 +241,7 @@ MATLAB = Language(
     name="matlab",
     files={"{robot}_{function}.m": "matlab.m.j2"},
     comment="% ",
-    functions={
-        **OVERLOADED,
-        Op.ABS: "abs({x})",
-        Op.SIGN: "sign({x})",
-    },
+    functions=_WITH_SIGN,
     element="{name}({index})",
     entry="result({index})",
     separator=", ",
@@ -258,11 +256,7 @@ JULIA = Language(
     name="julia",
     files={"{robot}.jl": "julia.jl.j2"},
     comment="# ",
-    functions={
-        **OVERLOADED,
-        Op.ABS: "abs({x})",
-        Op.SIGN: "sign({x})",
-    },
+    functions=_WITH_SIGN,
     number="T({x})",
     real={Precision.DOUBLE: "Float64", Precision.SINGLE: "Float32"},
     separator=", ",
@@ -276,12 +270,7 @@ RUST = Language(
     name="rust",
     files={"{robot}.rs": "rust.rs.j2"},
     comment="//! ",
-    functions={
-        **{op: "math::" + pattern for op, pattern in OVERLOADED.items()},
-        Op.ABS: "math::abs({x})",
-        Op.LOG: "math::ln({x})",
-        Op.SIGN: "math::sign({x})",
-    },
+    functions={op: f"math::{pattern}" for op, pattern in _WITH_SIGN.items()} | {Op.LOG: "math::ln({x})"},
     real={Precision.DOUBLE: "f64", Precision.SINGLE: "f32"},
     separator="][",
     define="let {name} = {value};",
@@ -289,7 +278,5 @@ RUST = Language(
     splits=True,
 )
 
-TARGETS: Mapping[str, Language] = {
-    language.name: language for language in (C, CPP, CUDA, PYTHON, JAX, CASADI, MATLAB, JULIA, RUST)
-}
+TARGETS = {language.name: language for language in (C, CPP, CUDA, PYTHON, JAX, CASADI, MATLAB, JULIA, RUST)}
 """All languages by the target's name."""

@@ -335,35 +335,23 @@ def _environment() -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"each": _each, "padded": _padded, "listed": _listed, "renamed": _renamed, "owned": _owned}
+    environment.filters |= {
+        # a pattern with {name} and {size} of every argument
+        "each": lambda arguments, pattern: [pattern.format(name=a.name, size=len(a)) for a in arguments],
+        # names of arguments, those that vary from sample to sample as copies of one sample
+        "owned": lambda arguments: [a.name if a.uniform else f"own_{a.name}" for a in arguments],
+        "renamed": lambda names, other: [other.get(name, name) for name in names],
+        "padded": lambda items, length, filler: [*items, *[filler] * (length - len(items))],
+        "listed": _listed,
+    }
     return environment
 
 
-def _each(arguments: Sequence[Argument], pattern: str) -> list[str]:
-    """A pattern with ``{name}`` and ``{size}`` of every argument."""
-    return [pattern.format(name=argument.name, size=len(argument)) for argument in arguments]
-
-
-def _owned(arguments: Sequence[Argument]) -> list[str]:
-    """Names of arguments, those that vary from sample to sample as copies of one sample."""
-    return [argument.name if argument.uniform else f"own_{argument.name}" for argument in arguments]
-
-
-def _renamed(names: Sequence[str], other: Mapping[str, str]) -> list[str]:
-    """Names, some of them replaced."""
-    return [other.get(name, name) for name in names]
-
-
-def _padded(items: Sequence[str], length: int, filler: str) -> list[str]:
-    """A list made longer."""
-    return [*items, *[filler] * (length - len(items))]
-
-
-def _listed(items: Sequence[str], indent: int, width: int = 110) -> str:
+def _listed(items: Sequence[str], indent: int) -> str:
     """Items with commas, in lines that are not too long."""
     lines = [""]
     for item in items:
-        if lines[-1] and len(lines[-1]) + len(item) > width - indent:
+        if lines[-1] and len(lines[-1]) + len(item) > 110 - indent:
             lines.append("")
         lines[-1] += f"{item}, "
     return ("\n" + " " * indent).join(line.rstrip() for line in lines).rstrip(",")

@@ -110,7 +110,7 @@ def _unit_wrench(freedom: Freedom, pseudo: Array) -> Wrench:
 
 
 def tensor(pseudo: Array) -> Mat:
-    """The inertia tensor."""
+    """tr(S) − S for the first three rows and columns S: of second moments, the inertia tensor."""
     rows: list[Vec] = []
     for k in range(3):
         row = [-pseudo[k, j] for j in range(3)]
@@ -176,25 +176,12 @@ class Subtree:
         """First moments."""
         return (self.pseudo[0, MASS], self.pseudo[1, MASS], self.pseudo[2, MASS])
 
-    def spread_column(self, direction: Vec) -> Vec:
-        """(tr D − D) e."""
-        return self._across(direction, self.spread)
-
     def changed(self, by: Change) -> Wrench:
         """Change of the wrench."""
         moment = apply(tensor(self.pseudo), by.rotation)
-        moment = add(add(moment, self._across(by.spin, self.spread.T)), cross(self.first, by.linear))
+        moment = add(add(moment, apply(tensor(self.spread.T), by.spin)), cross(self.first, by.linear))
         force = add(cross(by.rotation, self.first), cross(by.spin, self.momentum))
         return moment, add(force, scale(by.linear, self.pseudo[MASS, MASS]))
-
-    def _across(self, v: Vec, spread: Array) -> Vec:
-        rows: list[Vec] = []
-        for k in range(3):
-            i, j = (k + 1) % 3, (k + 2) % 3
-            row = [-spread[k, n] for n in range(3)]
-            row[k] = self.spread[i, i] + self.spread[j, j]
-            rows.append((row[0], row[1], row[2]))
-        return apply((rows[0], rows[1], rows[2]), v)
 
     def plus(self, other: Subtree) -> Subtree:
         """Both together, about one origin."""
@@ -288,7 +275,7 @@ class _Sweep:
         # further in, the wrench also turns with the bodies, and acts at another place
         turned = add(add(moved[0], cross(angular, moment)), cross(linear, force)), add(moved[1], cross(angular, force))
         unit: Change = Change(self._zeros, angular, linear)
-        spin_form = add(subtree.spread_column(angular), cross(subtree.momentum, linear))
+        spin_form = add(apply(tensor(subtree.spread), angular), cross(subtree.momentum, linear))
         carried = CarriedWrench(self._zeros, turned), CarriedWrench(self._zeros, sped)
         return _Item(freedom.name, *carried, subtree.changed(unit), spin_form)
 

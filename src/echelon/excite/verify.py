@@ -106,11 +106,6 @@ def margins_between(limits: StateConstraint, least: Floats, largest: Floats, **k
     return [Margin(*fields, **known) for fields in zip(limits.labels, limits.units, *ends, strict=True)]
 
 
-def state_margins(trajectory: Trajectory, limits: Enclosed) -> list[Margin]:
-    """How far functions of the state stay from limits at any time."""
-    return margins_between(limits, *reach(trajectory, limits))
-
-
 def reach(trajectory: Trajectory, limits: Enclosed) -> tuple[Floats, Floats]:
     """Bounds of functions of the state at any time, each of shape (m,)."""
     count = max(int(np.ceil(PER_PERIOD * trajectory.basis.frequency * trajectory.duration)), 1)
@@ -304,28 +299,18 @@ _TOUCH = 0.05  # share of the clearance by which a distance may be larger than i
 _SPARE = 0.25  # share of the room above the clearance that a bound may give away
 
 
-def least_clearances(clearance: Clearance, trajectory: Trajectory, tolerance: float = 1e-3) -> LeastClearances:
+class LeastClearances:
     """Lower bounds of all distances over all times of a trajectory.
 
-    A bound is within the tolerance of the smallest distance, or within a quarter of what lies between this and the
-    clearance that is required: exact where it matters, quick where it does not.
+    Intervals of time, each for a pair of shapes, are halved until a bound is within the tolerance of the smallest
+    distance, or within a quarter of what lies between this and the clearance that is required: exact where it matters,
+    quick where it does not.
     """
-    if trajectory.coordinates != clearance.mechanism.positions:
-        wanted, got = ", ".join(clearance.mechanism.positions), ", ".join(trajectory.coordinates)
-        raise InputError(f"the trajectory must move the positions {wanted}, in this order; it moves {got}")
-    return LeastClearances(clearance, trajectory, tolerance)
-
-
-def clearance_margins(trajectory: Trajectory, clearance: Clearance) -> list[Margin]:
-    """How near bodies come to each other."""
-    least = least_clearances(clearance, trajectory, _TOUCH * clearance.low.max(initial=0.0) or _TOUCH).bounds
-    return margins_between(clearance, least, np.full(len(least), np.inf))
-
-
-class LeastClearances:
-    """Intervals of time, each for a pair of shapes, that are halved until their bounds are good enough."""
 
     def __init__(self, clearance: Clearance, trajectory: Trajectory, tolerance: float) -> None:
+        if trajectory.coordinates != clearance.mechanism.positions:
+            wanted, got = ", ".join(clearance.mechanism.positions), ", ".join(trajectory.coordinates)
+            raise InputError(f"the trajectory must move the positions {wanted}, in this order; it moves {got}")
         self.clearance, self.trajectory, self.tolerance = clearance, trajectory, tolerance
         self.most = [trajectory.bounds(order) for order in range(3)]
         bounds = MotionBounds(clearance.mechanism, self.most[0])
@@ -406,9 +391,11 @@ def margins_of(trajectory: Trajectory, task: Task) -> list[Margin]:
     found = motion_margins(trajectory, task.limits.motion)
     for constraint in task.constraints:
         if isinstance(constraint, Enclosed):
-            found += state_margins(trajectory, constraint)
+            found += margins_between(constraint, *reach(trajectory, constraint))
         elif isinstance(constraint, Clearance):
-            found += clearance_margins(trajectory, constraint)
+            tolerance = _TOUCH * constraint.low.max(initial=0.0) or _TOUCH
+            least = LeastClearances(constraint, trajectory, tolerance).bounds
+            found += margins_between(constraint, least, np.full(len(least), np.inf))
         elif isinstance(constraint, LoopLimits):
             found += loop_margins(trajectory, constraint)
         else:

@@ -48,16 +48,6 @@ class Batch:
     columns: tuple[Floats, ...]  # arguments that vary, of shape (samples, size), each row contiguous
     uniform: Floats  # the others, one after another
 
-    @property
-    def addresses(self) -> npt.NDArray[np.uint64]:
-        """Where the first row of each array starts."""
-        return np.array([a.ctypes.data for a in self.columns], dtype=np.uint64)
-
-    @property
-    def strides(self) -> npt.NDArray[np.int64]:
-        """Bytes from row to row."""
-        return np.array([a.strides[0] for a in self.columns], dtype=np.int64)
-
     def part(self, first: int, end: int) -> Batch:
         """Some of the samples, in place."""
         return Batch(end - first, tuple(column[first:end] for column in self.columns), self.uniform)
@@ -347,7 +337,8 @@ class _Code:
         """What the code reads: addresses and strides of arguments, and values that are the same for all samples."""
         prepared = aligned((self._uniform,))
         self._prepare(given.uniform.ctypes.data, prepared.ctypes.data)
-        return given.addresses, given.strides, prepared
+        addresses = np.array([column.ctypes.data for column in given.columns], dtype=np.uint64)
+        return addresses, np.array([column.strides[0] for column in given.columns], dtype=np.int64), prepared
 
     @contextmanager
     def scratch(self) -> Iterator[Floats]:

@@ -20,7 +20,6 @@ from echelon.machine.operations_text import (
     declared,
     prefetched,
     sincos,
-    stream_line,
 )
 from echelon.program.function import operands
 from echelon.program.operations import Op
@@ -108,10 +107,12 @@ def _part(block: Block, number: int) -> str:
 
 
 def _stream(code: Code, block: Block, done: int) -> None:
-    """The lines that are due before one of the operations on a vector."""
+    """Copy the cache lines that are due before one of the operations on a vector, past the caches."""
     total = block.lowered.length
     for line in range(done * block.streamed // total, (done + 1) * block.streamed // total):
-        stream_line(code, str(line * 8))
+        source, target = (code.at(end, line * _LINE // _DOUBLE) for end in ("%from", "%to"))
+        value = code.let(f"load <8 x double>, ptr {source}, align 8")
+        code.do(f"store <8 x double> {value}, ptr {target}, align 64, !nontemporal !1")
 
 
 def _waiting(code: Code, block: Block, node: int) -> str:

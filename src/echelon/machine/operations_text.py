@@ -165,7 +165,6 @@ class Code:
         return "\n".join(self.lines)
 
 
-_LINE = "<8 x double>"
 _AHEAD = 4  # vectors of samples
 
 
@@ -181,13 +180,6 @@ def prefetched(code: Code, address: str, row: int, lanes: int, every: int, strid
     for start in range(0, lanes * row, every):
         place = code.at(ahead, start, "i8")
         code.do(f"call void @llvm.prefetch.p0(ptr {place}, i32 0, i32 3, i32 1)")
-
-
-def stream_line(code: Code, offset: str) -> None:
-    """Copy a cache line from ``%from`` to ``%to``, past the caches, at some offset in doubles from both."""
-    source, target = (code.at(f"%{end}", offset) for end in ("from", "to"))
-    value = code.let(f"load {_LINE}, ptr {source}, align 8")
-    code.do(f"store {_LINE} {value}, ptr {target}, align 64, !nontemporal !1")
 
 
 def module_text(*texts: str) -> str:

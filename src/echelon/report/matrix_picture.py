@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import groupby
 
 from echelon.base.expression import TextStyle, coefficient_text
 from echelon.base.model import BaseModel
@@ -105,15 +106,10 @@ def _kind(coefficient: RationalFunction, is_pivot: bool, row: Parameter, column:
 def _bands(mechanism: Mechanism, places: range | tuple[int, ...], size: float) -> tuple[Band, ...]:
     """Neighbouring columns, or rows by their representatives, of the same body."""
     bands: list[Band] = []
-    last: object = ()
-    for place, column in enumerate(places):
-        body = mechanism.columns[column].body
-        if body != last or not bands:
-            name, label = _owner(mechanism, body)
-            bands.append(Band(name, label, size * place, 0.0))
-            last = body
-        band = bands[-1]
-        bands[-1] = Band(band.name, band.label, band.start, band.size + size)
+    start = 0.0
+    for body, columns in groupby(mechanism.columns[column].body for column in places):
+        bands.append(Band(*_owner(mechanism, body), start, size * len(list(columns))))
+        start += bands[-1].size
     return tuple(bands)
 
 

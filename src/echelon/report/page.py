@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from html import escape
-from math import floor, isfinite, isinf, isnan, log10
+from math import floor, inf, isfinite, isinf, isnan, log10
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,14 +36,10 @@ from echelon.extras import extra
 from echelon.version import __version__
 
 if TYPE_CHECKING:
-    from markupsafe import Markup
-
-if TYPE_CHECKING:
     from jinja2 import Environment
     from markupsafe import Markup
 
 
-_NARROW = "\N{NARROW NO-BREAK SPACE}"
 _LARGEST, _SMALLEST = 6, -4  # decimal exponents that are still written out
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 _MISSING = "–"
@@ -86,13 +82,13 @@ def to_place(value: float, std: float) -> str:
     return with_uncertainty(value, std)[0]
 
 
-def percent(value: float, digits: int = 2) -> str:
+def percent(value: float) -> str:
     """A number of per cent, without the sign; large ones are only said to be large.
 
     >>> percent(0.5123), percent(12.3), percent(4321.0)
     ('0.51', '12', '> 999')
     """
-    return f">{_NARROW}999".replace(_NARROW, " ") if value > 999 and not isinf(value) else significant(value, digits)
+    return "> 999" if 999 < value < inf else significant(value, 2)
 
 
 def share(value: float) -> str:

@@ -81,35 +81,21 @@ def information_of(observation: Observation, noise: Mapping[str, float]) -> Floa
 # -- the model that predicts efforts ---------------------------------------------------------------------------------
 
 
-def effort_model(
-    setup: Setup,
-    entry: ExcitationEntry,
-    mechanism: Mechanism,
-    limits: Sequence[EffortLimit],
-    findings: list[Finding],
-) -> EffortModel | None:
-    """The model that predicts efforts, None where nothing does; what does not move is held in the mechanism."""
-    if entry.model is not None:
-        return _identified(setup, entry, mechanism, limits)
-    return _standard(setup, entry, mechanism, findings)
-
-
-def _identified(
-    setup: Setup, entry: ExcitationEntry, mechanism: Mechanism, limits: Sequence[EffortLimit]
+def identified_efforts(
+    setup: Setup, file: str, deviations: float, mechanism: Mechanism, limits: Sequence[EffortLimit]
 ) -> EffortModel:
-    """Base parameters in the place of the pivots, with their covariance."""
-    assert entry.model is not None
-    found = load_identified(Path(setup.source).parent / entry.model)
+    """Identified base parameters in the place of the pivots, with their covariance."""
+    found = load_identified(Path(setup.source).parent / file)
     whole = base_parameters(setup.mechanism, seed=setup.seed)
     ours, theirs = (tuple(map(str, base.expressions)) for base in (whole, found.base))
     if ours != theirs:
-        problem = f"the model {entry.model} has other base parameters than this robot with its sensors"
+        problem = f"the model {file} has other base parameters than this robot with its sensors"
         raise InputError(problem, element="excitation.model")
     check_determined(setup.mechanism, limits, whole.rank, setup.seed)
     parameters = list(mechanism.parameters)
     columns = [parameters.index(setup.mechanism.parameters[pivot]) for pivot in whole.matrix.pivots]
     covariance = np.array(found.document["estimate"]["covariance"], dtype=float)
-    return EffortModel(found.values, columns, covariance, entry.deviations)
+    return EffortModel(found.values, columns, covariance, deviations)
 
 
 def check_determined(mechanism: Mechanism, limits: Sequence[EffortLimit], rank: int, seed: int) -> None:
@@ -122,10 +108,10 @@ def check_determined(mechanism: Mechanism, limits: Sequence[EffortLimit], rank: 
         raise InputError(problem, element="excitation.model")
 
 
-def _standard(
+def prior_efforts(
     setup: Setup, entry: ExcitationEntry, mechanism: Mechanism, findings: list[Finding]
 ) -> EffortModel | None:
-    """Standard parameters of the prior; friction without a value counts as none."""
+    """Standard parameters of the prior, None where it has no inertias; friction without a value counts as none."""
     names = setup.mechanism.parameters
     if setup.prior is not None:
         whole = base_parameters(setup.mechanism, seed=setup.seed)

@@ -23,14 +23,8 @@ from echelon.base.model import BaseModel
 from echelon.dynamics.arguments import coordinate_units
 from echelon.errors import InputError
 from echelon.excite.problem.clearance import Clearance, clearance_of
-from echelon.excite.problem.closed_loops import (
-    LoopMotion,
-    LoopPart,
-    check_loops,
-    loop_limits,
-    passive_motions,
-)
-from echelon.excite.problem.prior_model import effort_model
+from echelon.excite.problem.closed_loops import LoopMotion, LoopPart, check_loops, loop_limits, passive_motions
+from echelon.excite.problem.prior_model import identified_efforts, prior_efforts
 from echelon.excite.problem.robot_shapes import entry_shapes, read_geometry
 from echelon.excite.problem.state_limits import (
     ORDERS,
@@ -90,7 +84,7 @@ class _Resolver:
         self.names = list(mechanism.independent_velocities)
         all_units = dict(zip(mechanism.velocities, coordinate_units(mechanism, "qdd"), strict=True))
         self.units = {name: all_units[name].removesuffix("/s²") for name in self.names}
-        self.stated = {name: stated.get(name, StatedLimits(None, None, None, None, None)) for name in self.names}
+        self.stated = {name: stated.get(name, StatedLimits()) for name in self.names}
         self.drives = _drives(mechanism, self.names)
         self.defaults: dict[str, dict[str, list[str]]] = {}
 
@@ -304,8 +298,10 @@ def _constraints(
 ) -> tuple[StateConstraint, ...]:
     """Limits of torques, points and distances; one constraint of all of them where there are loops."""
     model = None
-    if limits.efforts:
-        model = effort_model(setup, entry, mechanism, limits.efforts, findings)
+    if limits.efforts and entry.model is not None:
+        model = identified_efforts(setup, entry.model, entry.deviations, mechanism, limits.efforts)
+    elif limits.efforts:
+        model = prior_efforts(setup, entry, mechanism, findings)
     else:
         text = "there are no limits of torques or forces: the trajectory may ask for more than the drives can give"
         findings.append(warning("effort", setup.source, text))

@@ -103,7 +103,9 @@ def solve(problem: Problem, start: Floats, iterations: int, best: Best) -> tuple
     least, most = problem.bounds
     x = casadi.MX.sym("x", problem.size)
     objective = _callback(casadi, "criterion", problem.size, 1, evaluate)
-    parts = [casadi.mtimes(_sparse(casadi, A), x)]
+    columns = A.tocsc()
+    pattern = casadi.Sparsity(*columns.shape, columns.indptr.tolist(), columns.indices.tolist())
+    parts = [casadi.mtimes(casadi.DM(pattern, columns.data), x)]
     if least.size:
         both = _LastEvaluation(lambda v: (problem.constrained(v), lambda: problem.slopes(v)))
         constraints = _callback(casadi, "constraints", problem.size, least.size, both)
@@ -134,12 +136,6 @@ def _casadi() -> Any:
     with extra("excite"):
         import casadi
     return casadi
-
-
-def _sparse(casadi: Any, matrix: Any) -> Any:
-    columns = matrix.tocsc()
-    pattern = casadi.Sparsity(*columns.shape, columns.indptr.tolist(), columns.indices.tolist())
-    return casadi.DM(pattern, columns.data)
 
 
 def _callback(casadi: Any, name: str, unknowns: int, size: int, evaluate: Callable[[Floats], Any]) -> Any:
