@@ -23,8 +23,8 @@ import numpy as np
 import echelon as ec
 from echelon.identification.cluster import connect
 from echelon.identification.identify import identify
-from echelon.identification.rows.ingest import stacked
-from echelon.logs.preparation.states import Preparation
+from echelon.identification.passes_over_data import stacked
+from echelon.logs.preparation.prepare import Preparation
 from echelon.setup.setup import Setup, load_setup
 
 ROOT = Path(__file__).parent.parent

@@ -27,8 +27,7 @@ from echelon.identification.estimators.least_squares import irls
 from echelon.identification.rows.rows import ModelRows
 from echelon.identification.survey import with_delays
 from echelon.logs.preparation.choices import Signals, chosen
-from echelon.logs.preparation.prepare import prepare
-from echelon.logs.preparation.states import Preparation
+from echelon.logs.preparation.prepare import Preparation, prepare
 from echelon.logs.recording import Segment
 from tabular import table
 

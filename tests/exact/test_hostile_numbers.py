@@ -15,9 +15,9 @@ from echelon.cli.identify import _fit
 from echelon.errors import InputError
 from echelon.excite.files.trajectory_file import read_trajectory, trajectory_to_json
 from echelon.identification.conditioning import without_rounding
-from echelon.identification.validation import Score, fit
+from echelon.identification.scores import Score, fit
 from echelon.logs.files.bag_file import nanoseconds
-from echelon.logs.preparation.states import Preparation
+from echelon.logs.preparation.prepare import Preparation
 from echelon.regressor.loops import poses
 from echelon.results.identified import load_identified
 from echelon.signals.clock import stretches

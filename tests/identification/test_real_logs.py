@@ -17,7 +17,8 @@ import echelon as ec
 from echelon.identification.identify import identify
 from echelon.identification.result import Identification
 from echelon.identification.rows.plan import Plan
-from echelon.identification.validation import Validation, validated
+from echelon.identification.scores import Validation
+from echelon.identification.validation import validated
 from echelon.setup.setup import Setup, load_setup
 from support.measured_logs import measured
 from support.paths import EXAMPLES, TESTS

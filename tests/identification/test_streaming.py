@@ -19,14 +19,13 @@ from echelon.errors import InputError
 from echelon.identification.estimators.covariance import clustered, clustered_by
 from echelon.identification.estimators.least_squares import irls
 from echelon.identification.identify import identify
-from echelon.identification.passes_over_data import PassesOverData
+from echelon.identification.passes_over_data import BATCHES, Batcher, PassesOverData, grouped, ingest, size_of, total
 from echelon.identification.result import Identification
 from echelon.identification.rows import plan as model_plan
 from echelon.identification.rows import rows as model_rows
-from echelon.identification.rows.ingest import BATCHES, Batcher, grouped, ingest, size_of, total
 from echelon.identification.rows.plan import Plan
 from echelon.identification.rows.rows import prefetched
-from echelon.logs.preparation.states import Preparation
+from echelon.logs.preparation.prepare import Preparation
 from echelon.observe.triangle import upper_triangle
 from support.paths import TESTS
 from support.pendulum_logs import PREPARATION, pendulum, write_log, write_logs

@@ -25,8 +25,7 @@ from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.least_squares import irls, ols
 from echelon.identification.identify import identify
 from echelon.identification.rows.rows import ModelRows
-from echelon.logs.preparation.prepare import prepare
-from echelon.logs.preparation.states import Preparation
+from echelon.logs.preparation.prepare import Preparation, prepare
 from echelon.logs.recording import Segment
 from echelon.observe.observation import Layout, Observation
 from support.observation_rows import ArrayRows

@@ -14,23 +14,23 @@ from scipy.signal import lfilter
 from scipy.stats import chi2, kstest
 
 import echelon as ec
-from echelon.identification.correlation import LAGS, Correlations, CorrelationSums
 from echelon.identification.result import fitted_ranges
 from echelon.identification.rows.plan import split
 from echelon.identification.rows.rows import ModelRows
-from echelon.identification.validation import (
+from echelon.identification.scores import (
     Fit,
+    Grade,
     Score,
     Trace,
-    TraceKeeper,
     Validation,
     fit,
+    grade,
+    overall_verdict,
     pooled,
-    thinned,
-    validated,
+    verdict,
 )
-from echelon.identification.verdict import Grade, grade, overall_verdict, verdict
-from echelon.logs.preparation.states import Preparation
+from echelon.identification.validation import LAGS, Correlations, CorrelationSums, TraceKeeper, thinned, validated
+from echelon.logs.preparation.prepare import Preparation
 from echelon.logs.recording import Samples
 from support.observation_rows import ArrayRows, fit_of, judged_rows
 

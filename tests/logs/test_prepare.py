@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 import echelon as ec
 from echelon.errors import InputError
 from echelon.logs.preparation.choices import Signals, chosen
-from echelon.logs.preparation.prepare import PreparationPlan, prepare, rubs, speed_rows
-from echelon.logs.preparation.states import Preparation
+from echelon.logs.preparation.prepare import Preparation, PreparationPlan, prepare, rubs, speed_rows
 from echelon.logs.recording import Segment
 from support.measured_logs import measured
 from support.paths import ROOT

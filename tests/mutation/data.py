@@ -97,7 +97,7 @@ FAULTS = (
         "logs/test_log_text.py logs/test_log_files.py",
     ),
     Fault(
-        "logs/preparation/states.py",
+        "logs/preparation/prepare.py",
         "else derivative(qd, rate)",
         "else derivative(x, rate, 2)",
         "accelerations from measured velocities",
@@ -142,7 +142,7 @@ FAULTS = (
         SIGNALS,
     ),
     Fault(
-        "logs/preparation/states.py",
+        "logs/preparation/prepare.py",
         "ROOM * preparation.band",
         "preparation.band",
         "one side is not attenuated",

@@ -62,7 +62,7 @@ FAULTS = (
         PSEUDO,
     ),
     Fault(
-        "identification/physics/interior.py",
+        "identification/physics/feasibility.py",
         "corrected[column] = -value / row[column]",
         "corrected[column] = value / row[column]",
         "stated equalities",
@@ -77,21 +77,21 @@ FAULTS = (
     ),
     Fault("identification/physics/fit.py", "+ r * variance", "+ variance", "misfit that a prior may add", WEIGHT),
     Fault(
-        "identification/validation.py",
+        "identification/scores.py",
         "mine * self.bias + its * other.bias",
         "self.bias + other.bias",
         "bias of predictions",
         VALIDATION,
     ),
     Fault(
-        "identification/validation.py",
+        "identification/scores.py",
         "+ mine * its * apart",
         "+ mine * apart",
         "spread over blocks",
         VALIDATION,
     ),
     Fault(
-        "identification/correlation.py",
+        "identification/validation.py",
         "1 + 2 * np.cumsum(known)",
         "1 + np.cumsum(known)",
         "autocorrelation times",

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.identification.rows.rows import RowBlock
-from echelon.identification.validation import Fit, Predicted, Validation, validate
+from echelon.identification.scores import Fit, Validation
+from echelon.identification.validation import Predicted, validate
 from echelon.observe.observation import Layout, Observation
 from echelon.observe.triangle import upper_triangle
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 import echelon as ec
 from echelon.logs.columns.column_map import Channel, ColumnMap
-from echelon.logs.preparation.states import Preparation
+from echelon.logs.preparation.prepare import Preparation
 from echelon.setup.setup import Setup
 from support.paths import ROOT
 

@@ -15,9 +15,9 @@ from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.result import Identification
-from echelon.identification.validation import Score, Trace, Validation, fit
+from echelon.identification.scores import Score, Trace, Validation, fit
 from echelon.logs.finding import Finding, Severity
-from echelon.logs.preparation.states import Preparation
+from echelon.logs.preparation.prepare import Preparation
 from support.paths import EXAMPLES
 
 Floats = npt.NDArray[np.float64]

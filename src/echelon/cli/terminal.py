@@ -20,8 +20,8 @@ from echelon.logs.finding import Finding, Severity, counted
 if TYPE_CHECKING:
     from echelon.identification.estimators.estimate import Estimate
     from echelon.identification.result import Identification
+    from echelon.identification.scores import Validation
     from echelon.identification.servos.servo_fit import ServoFit
-    from echelon.identification.validation import Validation
 
 _COLOURS = {
     Identifiability.ALONE: "green",

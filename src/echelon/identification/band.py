@@ -35,8 +35,7 @@ from echelon.identification.rows.plan import SAMPLED
 from echelon.identification.rows.rows import ModelRows
 from echelon.logs.finding import Finding, note, warning
 from echelon.logs.preparation.choices import NARROWEST, ROWS, Signals, reasoned, with_lowpass, with_still
-from echelon.logs.preparation.prepare import prepare
-from echelon.logs.preparation.states import Preparation
+from echelon.logs.preparation.prepare import Preparation, prepare
 from echelon.logs.recording import Segment
 from echelon.signals.clock import low_passed
 from echelon.signals.spectrum import Spectrum

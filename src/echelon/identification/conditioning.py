@@ -22,7 +22,7 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.identification.estimators.estimate import sparse_basis
-from echelon.identification.verdict import enumerated
+from echelon.logs.finding import enumerated
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.stated import characteristic_length
 from echelon.observe.observation import Observation

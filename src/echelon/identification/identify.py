@@ -26,19 +26,18 @@ from echelon.identification.estimators.fit import fitted, usable_noise
 from echelon.identification.estimators.least_squares import minimum_norm, noise_estimate
 from echelon.identification.gains import contradicting_gains, gain_names
 from echelon.identification.missing import Missing, explained, missing_effects
-from echelon.identification.passes_over_data import PassesOverData, Task
+from echelon.identification.passes_over_data import MEMORY, PassesOverData, Task
 from echelon.identification.physics.bounds import Bounds
 from echelon.identification.physics.feasibility import Feasibility, feasibility
 from echelon.identification.physics.fit import PhysicalFit, departures, physical_fit
 from echelon.identification.physics.prior_information import Prior, prior_from
 from echelon.identification.result import FAR, Identification, contradictions, fit_findings, fitted_ranges, limited
-from echelon.identification.rows.ingest import MEMORY
 from echelon.identification.rows.plan import Plan
+from echelon.identification.scores import GOOD, USABLE, Validation, by_role, overall_verdict
 from echelon.identification.survey import survey
-from echelon.identification.validation import Models, Validation, by_role
-from echelon.identification.verdict import GOOD, USABLE, enumerated, overall_verdict
+from echelon.identification.validation import Models
 from echelon.logs.columns.column_map import ColumnMap
-from echelon.logs.finding import Finding, counted, note, warning
+from echelon.logs.finding import Finding, counted, enumerated, note, warning
 from echelon.machine.target import one_thread
 from echelon.observe.observation import Observation
 from echelon.setup.logs import with_logs

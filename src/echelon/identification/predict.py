@@ -17,8 +17,9 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.rows.plan import Plan
 from echelon.identification.rows.rows import ModelRows
-from echelon.identification.validation import Score, validated
-from echelon.logs.preparation.states import states, usable
+from echelon.identification.scores import Score
+from echelon.identification.validation import validated
+from echelon.logs.preparation.prepare import states, usable
 from echelon.logs.read_log import LogPiece, read_log
 from echelon.logs.recording import Samples, Segment
 

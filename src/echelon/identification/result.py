@@ -17,9 +17,9 @@ from echelon.identification.culprit import Culprit
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
-from echelon.identification.validation import Validation, by_role
+from echelon.identification.scores import Validation, by_role
 from echelon.logs.finding import Finding, Severity, counted, note, warning
-from echelon.logs.preparation.states import Preparation
+from echelon.logs.preparation.prepare import Preparation
 
 if TYPE_CHECKING:
     from echelon.base.model import BaseModel

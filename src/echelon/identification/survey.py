@@ -32,8 +32,7 @@ from echelon.identification.rows.rows import ModelRows, rows_taken
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.finding import Finding, counted, note, warning
 from echelon.logs.preparation.choices import Signals, chosen
-from echelon.logs.preparation.prepare import PreparationPlan, prepare
-from echelon.logs.preparation.states import Preparation
+from echelon.logs.preparation.prepare import Preparation, PreparationPlan, prepare
 from echelon.logs.read_log import LogPiece, read_log
 from echelon.logs.recording import Samples, Segment
 from echelon.observe.triangle import safe_norms, upper_triangle

@@ -1,268 +1,43 @@
 """Validation: measured against predicted outputs, on data the fit did not see.
 
-What counts is how well a model predicts, never how near its parameters are to others: data say nothing of what they
-cannot see.  Nothing that was left out of the fit is left out of a score: all rows of the band that was fitted count,
-and beside them are the rows that move, and all samples as they were measured, without any filter.
-
 One pass is enough, in memory that does not grow with the log: scores come from sums, which also pool those of several
 logs, and of the traces a subset with all peaks is kept.  Neighbouring rows form buckets, of which the rows with the
 extremes of what is measured, of what is predicted and of their difference stay: every peak survives, at its time, and
 no value is invented.
+
+Autocorrelations of residuals are taken over pairs of rows that are really so far apart in time: rows that were left out
+leave holes in the grid of samples, not shifts, and no pair reaches across the end of a segment.  The integrated
+autocorrelation time 1 + 2 Σ ρ_k is summed up to the window that Sokal proposes, the first lag M that is at least five
+times the time found so far (Sokal, "Monte Carlo methods in statistical mechanics", 1997).
 """
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import reduce
 
 import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
-from echelon.identification.correlation import CorrelationSums
+from echelon.extras import extra
 from echelon.identification.rows.rows import ModelRows, Numbering, prefetched, rows_taken
-from echelon.identification.verdict import verdict
-from echelon.logs.preparation.prepare import speed_rows
-from echelon.logs.preparation.states import velocity_names
+from echelon.identification.scores import EMPTY, ROLES, Fit, Score, Trace, Validation, fits, verdict
+from echelon.logs.preparation.prepare import speed_rows, velocity_names
 from echelon.logs.recording import Samples
 from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.spectrum import white_noise
-
-LIMIT = 200_000
-"""Rows of an output that are kept; more than any screen shows."""
-_BUCKET = 12  # twice the six extremes that stay at most, so that a pass halves the rows at least
-
-
-def thinned(rows: Floats) -> Floats:
-    """Half of the rows or fewer, with all extremes; shape (at most k/2 + 6, columns)."""
-    full = len(rows) // _BUCKET
-    starts = _BUCKET * np.arange(full)
-    signals = np.stack([rows[:, 1], rows[:, 2], rows[:, 1] - rows[:, 2]])
-    buckets = signals[:, : _BUCKET * full].reshape(3, full, _BUCKET)
-    places = [starts + pick(buckets, axis=2) for pick in (np.argmin, np.argmax)]
-    rest = signals[:, _BUCKET * full :]
-    if rest.shape[1]:
-        places += [_BUCKET * full + pick(rest, axis=1) for pick in (np.argmin, np.argmax)]
-    kept: Floats = rows[np.unique(np.concatenate([some.ravel() for some in places]))]
-    return kept
-
-
-class TraceKeeper:
-    """Rows of one output, thinned evenly whenever they become too many."""
-
-    def __init__(self, limit: int = LIMIT) -> None:
-        self._limit = limit
-        self._parts: list[Floats] = []
-        self._count = self._passes = 0
-
-    def add(self, rows: Floats) -> None:
-        """Take in rows of shape (k, columns), thinned as often as those that are kept already."""
-        for _ in range(self._passes):
-            rows = thinned(rows)
-        self._parts.append(rows)
-        self._count += len(rows)
-        while self._count > self._limit:
-            whole = thinned(np.concatenate(self._parts))
-            if len(whole) == self._count:  # nothing but extremes
-                break
-            self._parts, self._count, self._passes = [whole], len(whole), self._passes + 1
-
-    def rows(self, columns: int) -> Floats:
-        """What is kept, shape (k, columns)."""
-        return np.concatenate(self._parts) if self._parts else np.zeros((0, columns))
-
-
-ROLES = ("identification", "validation")
-"""Whether the fit saw the data."""
 
 Models = Mapping[str, Floats]
 """Parameters of the models that are compared by name: the identified one first, then those of :data:`BESIDE`."""
 BESIDE = ("prior", "plain")
 """What the identified model is compared with: the model one had before, and one without friction, fitted alike."""
-
-
-@dataclass(frozen=True)
-class Trace:
-    """One output of one log, after the filter of both sides."""
-
-    output: str
-    unit: str
-    time: Floats  # shape (k,)
-    measured: Floats  # shape (k,)
-    predicted: Floats  # shape (k,)
-    prior: Floats | None = None  # shape (k,); prediction of the model one had before
-
-
-@dataclass(frozen=True)
-class Fit:
-    """How well a prediction fits some rows of an output."""
-
-    rows: int
-    rms: float  # root mean square of measured − predicted, unit of the output
-    bias: float  # mean of measured − predicted
-    mean: float  # of the measured values, as are the others
-    deviation: float
-    low: float
-    high: float
-
-    @property
-    def r2(self) -> float:
-        """Coefficient of determination 1 − Σ(y − ŷ)² / Σ(y − ȳ)²; nan where y is constant."""
-        # a spread within rounding of a constant is none
-        varies = self.deviation > 1e-12 * abs(self.mean)
-        return 1 - (self.rms / self.deviation) ** 2 if varies else float("nan")
-
-    @property
-    def percent(self) -> float:
-        """The root mean square in per cent of the range of the measured values."""
-        return 100 * self.rms / (self.high - self.low) if self.high > self.low else float("nan")
-
-    def __add__(self, other: Fit) -> Fit:
-        """Of both sets of rows; merged without cancellation (Chan, Golub and LeVeque 1983)."""
-        if not self.rows or not other.rows:
-            return self if self.rows else other
-        rows = self.rows + other.rows
-        mine, its = self.rows / rows, other.rows / rows
-        apart = (other.mean - self.mean) ** 2
-        return Fit(
-            rows,
-            float(np.sqrt(mine * self.rms**2 + its * other.rms**2)),
-            mine * self.bias + its * other.bias,
-            mine * self.mean + its * other.mean,
-            float(np.sqrt(mine * self.deviation**2 + its * other.deviation**2 + mine * its * apart)),
-            min(self.low, other.low),
-            max(self.high, other.high),
-        )
-
-
-_EXPLAINED = 1e-3  # what no fit to measured samples leaves: friction alone is less regular
-_NOISELESS = 1e-4  # of an output's deviation: noise of the best sensors is ten times as large
+LIMIT = 200_000
+"""Rows of an output that are kept; more than any screen shows."""
 _SHOWING_NOISE = 1 << 14  # samples of a stretch that tell the noise of its sensor
 _ORDER = 4  # of the differences that leave the noise of a sensor: motion is slow against its samples
 _NAN = float("nan")
-EMPTY = Fit(0, *(_NAN,) * 6)
-
-
-def fit(measured: Floats, predicted: Floats) -> Fit:
-    """How well a prediction fits measured values, both of shape (k,)."""
-    return fits(measured, predicted[:, None])[0]
-
-
-def fits(measured: Floats, predicted: Floats) -> list[Fit]:
-    """How well predictions of several models, shape (k, models), fit measured values of shape (k,)."""
-    count, models = predicted.shape
-    if not count:
-        return [EMPTY] * models
-    y = np.ascontiguousarray(measured)
-    about = (float(y.mean()), float(y.std()), float(y.min()), float(y.max()))
-    residuals = (y - predicted[:, k] for k in range(models))
-    return [Fit(count, float(np.sqrt(e @ e / count)), float(e.mean()), *about) for e in residuals]
-
-
-@dataclass(frozen=True)
-class Score:
-    """How well a prediction fits one output."""
-
-    output: str
-    unit: str
-    whole: Fit  # all rows, after the filter of both sides
-    moving: Fit  # those of them that move: what is fitted where dry friction makes rows near rest meaningless
-    raw: Fit  # all samples as they were measured, without a filter
-    noise: float = _NAN  # standard deviation of what is white in the measured samples: the noise of the sensor
-    correlation_time: float = _NAN  # integrated autocorrelation time of the residual, s: how far it is from white
-    whiteness: float = _NAN  # probability that white noise has autocorrelations this large (Ljung–Box)
-    fastest: float = _NAN  # largest speed of its joint or actuator, rad/s or m/s; nan for a wrench
-
-    @property
-    def rows(self) -> int:
-        """Rows after the filter of both sides."""
-        return self.whole.rows
-
-    @property
-    def rms(self) -> float:
-        """Root mean square of measured − predicted in all rows, unit of the output."""
-        return self.whole.rms
-
-    @property
-    def percent(self) -> float:
-        """The same in per cent of the range of the measured values."""
-        return self.whole.percent
-
-    @property
-    def r2(self) -> float:
-        """Coefficient of determination over all rows; nan where y is constant."""
-        return self.whole.r2
-
-    @property
-    def bias(self) -> float:
-        """Mean of measured − predicted in all rows."""
-        return self.whole.bias
-
-    @property
-    def r2_without_bias(self) -> float:
-        """R² of what is left when the mean of the residual is taken off, as an offset of the sensor would be."""
-        return self.r2 if self.rms == 0 else 1 - (1 - self.r2) * (1 - (self.bias / self.rms) ** 2)
-
-    @property
-    def is_below_noise(self) -> bool:
-        """Whether the output varies less than its sensor's noise, so that no model can explain it."""
-        return self.whole.deviation < self.noise
-
-    @property
-    def is_computed(self) -> bool:
-        """Whether the output is too good to be measured: without noise, and predicted before any filter."""
-        # noise of exactly zero is that of steps, which a coarse sensor has
-        return 0 < self.noise < _NOISELESS * self.raw.deviation and 1 - self.raw.r2 < _EXPLAINED
-
-    def __add__(self, other: Score) -> Score:
-        """Of the rows of two logs; of times and probabilities the worse."""
-        whole, moving, raw = (getattr(self, name) + getattr(other, name) for name in ("whole", "moving", "raw"))
-        weights = (self.raw.rows, other.raw.rows)
-        noise = float(np.sqrt(np.average([self.noise**2, other.noise**2], weights=weights))) if any(weights) else _NAN
-        time = float(np.fmax(self.correlation_time, other.correlation_time))
-        white = float(np.fmin(self.whiteness, other.whiteness))
-        fastest = float(np.fmax(self.fastest, other.fastest))
-        return Score(self.output, self.unit, whole, moving, raw, noise, time, white, fastest)
-
-
-@dataclass(frozen=True)
-class Validation:
-    """A model's predictions of one log, or of several."""
-
-    source: str  # the log
-    role: str  # ``"identification"`` or ``"validation"``: whether the fit saw it
-    scores: tuple[Score, ...]  # of the model, one per output
-    # of the model one had before, and of one that was fitted without friction; empty where there is none
-    prior_scores: tuple[Score, ...] = ()
-    plain_scores: tuple[Score, ...] = ()
-    traces: tuple[Trace, ...] = ()
-    verdict: str = ""  # in words
-
-    def beside(self, output: str) -> dict[str, Score]:
-        """Scores of the models that it is compared with, by their names."""
-        both = {"prior": self.prior_scores, "plain": self.plain_scores}
-        return {name: score for name, scores in both.items() for score in scores if score.output == output}
-
-
-def pooled(validations: Sequence[Validation]) -> Validation:
-    """Scores over all rows of several logs together; the traces stay with their logs."""
-    first = validations[0]
-    if len(validations) == 1:
-        return first
-    scores, prior, plain = (
-        tuple(reduce(Score.__add__, scores) for scores in zip(*(getattr(v, name) for v in validations), strict=True))
-        for name in ("scores", "prior_scores", "plain_scores")
-    )
-    found = Validation(f"{len(validations)} logs together", first.role, scores, prior, plain)
-    return replace(found, verdict=verdict(found))
-
-
-def by_role(validations: Sequence[Validation]) -> tuple[Validation, ...]:
-    """Scores over all logs that were fitted, and over all that were not, if there are any."""
-    roles = ([v for v in validations if v.role == role] for role in ROLES)
-    return tuple(pooled(found) for found in roles if found)
 
 
 @dataclass(frozen=True)
@@ -426,3 +201,203 @@ def _checked(model: ModelRows, values: npt.ArrayLike, name: str) -> Floats:
         problem = f"values of the {name} model have shape {found.shape}; expected {n} finite numbers, one per parameter"
         raise InputError(problem)
     return found
+
+
+# -- traces -----------------------------------------------------------------------------------------------------------
+
+
+_BUCKET = 12  # twice the six extremes that stay at most, so that a pass halves the rows at least
+
+
+def thinned(rows: Floats) -> Floats:
+    """Half of the rows or fewer, with all extremes; shape (at most k/2 + 6, columns)."""
+    full = len(rows) // _BUCKET
+    starts = _BUCKET * np.arange(full)
+    signals = np.stack([rows[:, 1], rows[:, 2], rows[:, 1] - rows[:, 2]])
+    buckets = signals[:, : _BUCKET * full].reshape(3, full, _BUCKET)
+    places = [starts + pick(buckets, axis=2) for pick in (np.argmin, np.argmax)]
+    rest = signals[:, _BUCKET * full :]
+    if rest.shape[1]:
+        places += [_BUCKET * full + pick(rest, axis=1) for pick in (np.argmin, np.argmax)]
+    kept: Floats = rows[np.unique(np.concatenate([some.ravel() for some in places]))]
+    return kept
+
+
+class TraceKeeper:
+    """Rows of one output, thinned evenly whenever they become too many."""
+
+    def __init__(self, limit: int = LIMIT) -> None:
+        self._limit = limit
+        self._parts: list[Floats] = []
+        self._count = self._passes = 0
+
+    def add(self, rows: Floats) -> None:
+        """Take in rows of shape (k, columns), thinned as often as those that are kept already."""
+        for _ in range(self._passes):
+            rows = thinned(rows)
+        self._parts.append(rows)
+        self._count += len(rows)
+        while self._count > self._limit:
+            whole = thinned(np.concatenate(self._parts))
+            if len(whole) == self._count:  # nothing but extremes
+                break
+            self._parts, self._count, self._passes = [whole], len(whole), self._passes + 1
+
+    def rows(self, columns: int) -> Floats:
+        """What is kept, shape (k, columns)."""
+        return np.concatenate(self._parts) if self._parts else np.zeros((0, columns))
+
+
+# -- autocorrelations -------------------------------------------------------------------------------------------------
+
+
+LAGS = 4096
+"""Largest lag; what correlates longer is reported as at least what is summed up to there."""
+WINDOW = 5.0
+"""Sokal's window, in autocorrelation times: wide enough for little bias, narrow enough for little noise."""
+PORTMANTEAU = 20
+"""Lags of the test of whiteness; enough for resonances and hysteresis, few enough to keep its power."""
+
+
+@dataclass(frozen=True)
+class Correlations:
+    """Autocorrelations of a residual, its mean removed."""
+
+    step: float  # time between samples, s; nan with fewer than two rows
+    rows: int
+    variance: float
+    values: Floats  # shape (lags + 1,); ρ_0 = 1, ρ_1, …; nan where no two rows are so far apart
+    pairs: Floats  # shape (lags + 1,); how many pairs of rows each is the mean over
+
+    @property
+    def time(self) -> float:
+        """Integrated autocorrelation time, s: the time between samples for white noise."""
+        rho = self.values[1:]
+        known = rho[: _first(~np.isfinite(rho))]
+        if not np.isfinite(self.step):
+            return float("nan")
+        sums = 1 + 2 * np.cumsum(known)
+        lags = np.arange(1, len(known) + 1)
+        if not len(sums):
+            return self.step
+        window = min(_first(lags >= WINDOW * sums), len(sums) - 1)
+        return float(max(sums[window], 0.0) * self.step)
+
+    def whiteness(self, lags: int = PORTMANTEAU) -> float:
+        """Probability that white noise has autocorrelations this large (Ljung and Box 1978)."""
+        with extra("identify"):
+            from scipy.stats import chi2
+
+        rho, pairs = self.values[1 : lags + 1], self.pairs[1 : lags + 1]
+        usable = (pairs > 0) & np.isfinite(rho)
+        if not usable.any():
+            return float("nan")
+        # without holes pairs is rows − k and rho has been divided by pairs / rows: then this is N (N + 2) Σ r²/(N − k)
+        statistic = (self.rows + 2) / self.rows * np.sum(pairs[usable] * rho[usable] ** 2)
+        return float(chi2.sf(statistic, int(usable.sum())))
+
+
+class CorrelationSums:
+    """Sums from which autocorrelations follow, taken in block by block in constant memory."""
+
+    def __init__(self, lags: int = LAGS) -> None:
+        self._lags = lags
+        self._sums = np.zeros((4, lags + 1))  # products, later ones, earlier ones, pairs
+        self._total = self._squares = 0.0
+        self._rows = 0
+        self._step = float("nan")
+        self._segment: Hashable = None
+        self._last = float("nan")
+        self._tail: Floats = np.zeros((2, 0))
+
+    def add(self, times: Floats, values: Floats, segment: Hashable = 0) -> None:
+        """Take in residuals that follow those before."""
+        if not len(times):
+            return
+        follows = segment == self._segment and times[0] > self._last
+        if not np.isfinite(self._step):
+            gaps = np.diff(times) if not follows else np.diff(times, prepend=self._last)
+            self._step = usual_step(gaps)
+        self._total += float(values.sum())
+        self._squares += float(values @ values)
+        self._rows += len(values)
+        for stretch, begins in self._stretches(times, values, follows):
+            self._pair(stretch, begins)
+        self._segment, self._last = segment, float(times[-1])
+
+    def _stretches(self, times: Floats, values: Floats, follows: bool) -> Iterator[tuple[Floats, bool]]:
+        """Values and flags on a grid of samples, shape (2, samples), cut at holes that no lag reaches across."""
+        if not np.isfinite(self._step):
+            yield np.stack([values, np.ones_like(values)]), True
+            return
+        gaps = np.diff(times, prepend=self._last if follows else times[0] - self._step)
+        # steps are rounded one by one, so that errors of time stamps do not add up
+        steps = np.maximum(np.rint(gaps / self._step).astype(np.int64), 1)
+        cuts = np.flatnonzero(steps > self._lags)
+        for part in np.split(np.arange(len(times)), cuts):
+            if not len(part):
+                continue
+            begins = bool(steps[part[0]] > self._lags) or (part[0] == 0 and not follows)
+            places = np.cumsum(np.where(part == part[0], 1 if begins else steps[part], steps[part])) - 1
+            grid = np.zeros((2, int(places[-1]) + 1))
+            grid[0, places], grid[1, places] = values[part], 1.0
+            yield grid, begins
+
+    def _pair(self, grid: Floats, begins: bool) -> None:
+        """Add the pairs whose later member lies in a grid, the earlier one there or in the tail."""
+        tail = np.zeros((2, 0)) if begins else self._tail
+        whole = np.concatenate([tail, grid], axis=1)
+        later = np.concatenate([np.zeros_like(tail), grid], axis=1)
+        if whole[1].all():
+            self._sums[:1] += _crossed(later[:1], whole[:1], self._lags)
+            self._sums[1:] += _running(whole[0], tail.shape[1], self._lags)
+        else:
+            self._sums += _crossed(later, whole, self._lags)
+        self._tail = whole[:, -self._lags :]
+
+    def result(self) -> Correlations:
+        """Autocorrelations of all that was taken in."""
+        rows = self._rows
+        mean = self._total / rows if rows else 0.0
+        variance = max(self._squares / rows - mean**2, 0.0) if rows else 0.0
+        products, later, earlier, pairs = self._sums
+        pairs = np.rint(pairs)
+        centred = products - mean * (earlier + later) + mean**2 * pairs
+        with np.errstate(divide="ignore", invalid="ignore"):
+            values: Floats = np.where(pairs > 0, centred / pairs / variance, np.nan)
+        return Correlations(self._step, rows, variance, values, pairs)
+
+
+def _crossed(later: Floats, earlier: Floats, lags: int) -> Floats:
+    """Sums of products of every row of one array with every row of the other, earlier by 0 … lags places."""
+    with extra("identify"):
+        from scipy.fft import irfft, next_fast_len, rfft
+
+    size = next_fast_len(later.shape[1] + lags + 1, real=True)
+    products = rfft(later, size)[:, None] * np.conj(rfft(earlier, size))[None]
+    sums: Floats = irfft(products.reshape(-1, products.shape[-1]), size)[:, : lags + 1]
+    return sums
+
+
+def _running(whole: Floats, tail: int, lags: int) -> Floats:
+    """Later values, earlier values and pairs where no row is missing: differences of running sums, shape (3, lags + 1).
+
+    A pair's later member stands behind the tail.
+    """
+    total = np.append(0.0, np.cumsum(whole))
+    lag = np.arange(lags + 1)
+    begin, end = np.minimum(np.maximum(tail, lag), len(whole)), len(whole)
+    earlier = total[np.maximum(end - lag, 0)] - total[begin - np.minimum(lag, begin)]
+    return np.stack([total[end] - total[begin], np.where(lag < end, earlier, 0.0), end - begin])
+
+
+def usual_step(gaps: Floats) -> float:
+    """Time between samples where some are missing; the smallest gap up to rounding of time stamps, or nan."""
+    positive = gaps[gaps > 0]
+    return float(np.median(positive[positive < 1.5 * positive.min()])) if len(positive) else float("nan")
+
+
+def _first(flags: npt.NDArray[np.bool_]) -> int:
+    """Place of the first true flag, or their number."""
+    found = np.flatnonzero(flags)
+    return int(found[0]) if len(found) else len(flags)

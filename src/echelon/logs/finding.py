@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-_SHOWN = 12
+_SHOWN, _ENUMERATED = 12, 8
 
 
 class Severity(StrEnum):
@@ -43,6 +43,12 @@ def listed(names: Iterable[str]) -> str:
     """Some names, cut short where they are many."""
     words = list(dict.fromkeys(names))
     return (", ".join(words[:_SHOWN]) + (f", … ({len(words)} in all)" if len(words) > _SHOWN else "")) or "none"
+
+
+def enumerated(names: Sequence[str], separator: str = ", ") -> str:
+    """Some names, the first ones if they are many."""
+    shown = [*names[:_ENUMERATED], *(["others"] if len(names) > _ENUMERATED else [])]
+    return shown[0] if len(shown) == 1 else f"{separator.join(shown[:-1])} and {shown[-1]}"
 
 
 def counted(count: int, one: str, many: str = "") -> str:

@@ -9,10 +9,10 @@ from typing import Any
 
 from echelon.errors import one_line
 from echelon.identification.result import Identification
-from echelon.identification.validation import Score
+from echelon.identification.scores import Score
 from echelon.inputs import plain_data
 from echelon.logs.finding import Finding, Severity
-from echelon.logs.preparation.states import Preparation
+from echelon.logs.preparation.prepare import Preparation
 from echelon.report.drawing import seen_links
 from echelon.report.matrix_picture import matrix_picture, mergings
 from echelon.report.page import Context, html_page

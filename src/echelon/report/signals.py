@@ -22,7 +22,7 @@ import numpy.typing as npt
 from echelon.arrays import Floats
 from echelon.errors import one_line
 from echelon.extras import extra
-from echelon.identification.validation import Trace, Validation
+from echelon.identification.scores import Trace, Validation
 from echelon.report.page import packed
 
 _BUCKETS, _FEWEST = 1200, 100  # stretches of one plot

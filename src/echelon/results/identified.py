@@ -22,11 +22,11 @@ from echelon.files import write_atomically
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.result import Identification
 from echelon.identification.rows.plan import Plan
+from echelon.identification.scores import Score, Validation
 from echelon.identification.servos.servo_fit import ServoFit
-from echelon.identification.validation import Score, Validation
 from echelon.inputs import parse_json, plain_data, read_content
 from echelon.logs.columns.column_map import ColumnMap
-from echelon.logs.preparation.states import Preparation
+from echelon.logs.preparation.prepare import Preparation
 from echelon.results.saved import from_json, to_dict
 from echelon.results.schema import (
     ConditioningRecord,

@@ -17,7 +17,7 @@ from echelon.choices import Values
 from echelon.errors import InputError
 from echelon.inputs import published_schema
 from echelon.logs.columns.column_map import ColumnMap
-from echelon.logs.preparation.states import Preparation
+from echelon.logs.preparation.prepare import Preparation
 
 SCHEMA_NAME: Literal["echelon.base-model/1"] = "echelon.base-model/1"
 

@@ -19,7 +19,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate, Solution, solved
-from echelon.identification.rows.ingest import Batch, total
+from echelon.identification.passes_over_data import Batch, total
 from echelon.identification.rows.rows import RowBlock, Rows
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import safe_norms

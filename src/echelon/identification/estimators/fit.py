@@ -22,7 +22,7 @@ from echelon.identification.estimators.errors_in_variables import instrumental, 
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.least_squares import huber, irls, noise_estimate, noise_floor, ols, wls
 from echelon.identification.estimators.ridge import ridge
-from echelon.identification.rows.ingest import Batch
+from echelon.identification.passes_over_data import Batch
 from echelon.identification.rows.rows import RowBlock, Rows
 from echelon.observe.observation import Layout, Observation, restricted
 from echelon.observe.triangle import upper_triangle

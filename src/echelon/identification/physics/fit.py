@@ -41,7 +41,7 @@ from echelon.base.matrix import Identifiability
 from echelon.base.model import BaseModel
 from echelon.errors import EchelonError, InputError
 from echelon.identification.physics.bounds import Bounds, roles
-from echelon.identification.physics.interior import active, interior_point, put_inside
+from echelon.identification.physics.feasibility import active, interior_point, put_inside
 from echelon.identification.physics.programme import SOLVED, ConeSolution, Programme
 from echelon.inertia import divergence, pseudo_inertia
 from echelon.logs.finding import Finding, warning

@@ -25,8 +25,7 @@ from echelon.errors import InputError
 from echelon.identification.rows.rows import ModelRows
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.finding import counted
-from echelon.logs.preparation.prepare import PreparationPlan, prepare
-from echelon.logs.preparation.states import Preparation
+from echelon.logs.preparation.prepare import Preparation, PreparationPlan, prepare
 from echelon.logs.read_log import read_log
 from echelon.logs.recording import Samples, Segment
 from echelon.signals.clock import low_passed

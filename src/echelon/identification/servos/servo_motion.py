@@ -23,8 +23,8 @@ import numpy as np
 from echelon.arrays import Flags, Floats, Integers
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
-from echelon.identification.correlation import CorrelationSums
 from echelon.identification.servos.servo_limits import Limits
+from echelon.identification.validation import CorrelationSums
 from echelon.logs.recording import Segment
 from echelon.mechanism.mechanism import Mechanism
 

@@ -14,8 +14,16 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.logs.columns.by_values import Family, are_numbers, blocks, classified, clock, families, in_order
 from echelon.logs.columns.column_map import Channel, ColumnMap, actuators, coordinates, units
-from echelon.logs.columns.column_names import KNOWN, SHARES, Meaning, aliases, meaning, stated_unit, words
-from echelon.logs.columns.unlogged import unlogged_joints
+from echelon.logs.columns.column_names import (
+    KNOWN,
+    SHARES,
+    Meaning,
+    aliases,
+    meaning,
+    stated_unit,
+    unlogged_joints,
+    words,
+)
 from echelon.logs.files.log_file import Table
 from echelon.logs.finding import counted, listed
 from echelon.logs.units import factor

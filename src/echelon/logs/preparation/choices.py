@@ -18,8 +18,15 @@ from echelon.arrays import Floats
 from echelon.errors import InputError, locating
 from echelon.formats.schema.schema_log import PreparationEntry
 from echelon.logs.columns.column_map import quaternion_columns, signal_names
-from echelon.logs.preparation.prepare import rubs, speed_rows
-from echelon.logs.preparation.states import Preparation, cutoffs, measured_signal, usable, velocity_names
+from echelon.logs.preparation.prepare import (
+    Preparation,
+    cutoffs,
+    measured_signal,
+    rubs,
+    speed_rows,
+    usable,
+    velocity_names,
+)
 from echelon.logs.recording import Segment
 from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.filters import NEAR, PASSED, REACH, butterworth, derivative, lowpass

@@ -1,19 +1,211 @@
-"""Verdicts in words, from how well outputs are predicted.
+"""Scores of a model's predictions, of one log or of several, and the verdict in words that follows from them.
 
-Every sentence comes from a number and a threshold below, so that the same scores give the same words.
+What counts is how well a model predicts, never how near its parameters are to others: data say nothing of what they
+cannot see.  Nothing that was left out of the fit is left out of a score: all rows of the band that was fitted count,
+and beside them are the rows that move, and all samples as they were measured, without any filter.
+
+Every sentence of a verdict comes from a number and a threshold below, so that the same scores give the same words.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import TYPE_CHECKING
+from functools import reduce
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from echelon.identification.validation import Score, Validation
+from echelon.arrays import Floats
+from echelon.logs.finding import enumerated
+
+ROLES = ("identification", "validation")
+"""Whether the fit saw the data."""
+
+_EXPLAINED = 1e-3  # what no fit to measured samples leaves: friction alone is less regular
+_NOISELESS = 1e-4  # of an output's deviation: noise of the best sensors is ten times as large
+_NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One output of one log, after the filter of both sides."""
+
+    output: str
+    unit: str
+    time: Floats  # shape (k,)
+    measured: Floats  # shape (k,)
+    predicted: Floats  # shape (k,)
+    prior: Floats | None = None  # shape (k,); prediction of the model one had before
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How well a prediction fits some rows of an output."""
+
+    rows: int
+    rms: float  # root mean square of measured − predicted, unit of the output
+    bias: float  # mean of measured − predicted
+    mean: float  # of the measured values, as are the others
+    deviation: float
+    low: float
+    high: float
+
+    @property
+    def r2(self) -> float:
+        """Coefficient of determination 1 − Σ(y − ŷ)² / Σ(y − ȳ)²; nan where y is constant."""
+        # a spread within rounding of a constant is none
+        varies = self.deviation > 1e-12 * abs(self.mean)
+        return 1 - (self.rms / self.deviation) ** 2 if varies else float("nan")
+
+    @property
+    def percent(self) -> float:
+        """The root mean square in per cent of the range of the measured values."""
+        return 100 * self.rms / (self.high - self.low) if self.high > self.low else float("nan")
+
+    def __add__(self, other: Fit) -> Fit:
+        """Of both sets of rows; merged without cancellation (Chan, Golub and LeVeque 1983)."""
+        if not self.rows or not other.rows:
+            return self if self.rows else other
+        rows = self.rows + other.rows
+        mine, its = self.rows / rows, other.rows / rows
+        apart = (other.mean - self.mean) ** 2
+        return Fit(
+            rows,
+            float(np.sqrt(mine * self.rms**2 + its * other.rms**2)),
+            mine * self.bias + its * other.bias,
+            mine * self.mean + its * other.mean,
+            float(np.sqrt(mine * self.deviation**2 + its * other.deviation**2 + mine * its * apart)),
+            min(self.low, other.low),
+            max(self.high, other.high),
+        )
+
+
+EMPTY = Fit(0, *(_NAN,) * 6)
+
+
+def fit(measured: Floats, predicted: Floats) -> Fit:
+    """How well a prediction fits measured values, both of shape (k,)."""
+    return fits(measured, predicted[:, None])[0]
+
+
+def fits(measured: Floats, predicted: Floats) -> list[Fit]:
+    """How well predictions of several models, shape (k, models), fit measured values of shape (k,)."""
+    count, models = predicted.shape
+    if not count:
+        return [EMPTY] * models
+    y = np.ascontiguousarray(measured)
+    about = (float(y.mean()), float(y.std()), float(y.min()), float(y.max()))
+    residuals = (y - predicted[:, k] for k in range(models))
+    return [Fit(count, float(np.sqrt(e @ e / count)), float(e.mean()), *about) for e in residuals]
+
+
+@dataclass(frozen=True)
+class Score:
+    """How well a prediction fits one output."""
+
+    output: str
+    unit: str
+    whole: Fit  # all rows, after the filter of both sides
+    moving: Fit  # those of them that move: what is fitted where dry friction makes rows near rest meaningless
+    raw: Fit  # all samples as they were measured, without a filter
+    noise: float = _NAN  # standard deviation of what is white in the measured samples: the noise of the sensor
+    correlation_time: float = _NAN  # integrated autocorrelation time of the residual, s: how far it is from white
+    whiteness: float = _NAN  # probability that white noise has autocorrelations this large (Ljung–Box)
+    fastest: float = _NAN  # largest speed of its joint or actuator, rad/s or m/s; nan for a wrench
+
+    @property
+    def rows(self) -> int:
+        """Rows after the filter of both sides."""
+        return self.whole.rows
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of measured − predicted in all rows, unit of the output."""
+        return self.whole.rms
+
+    @property
+    def percent(self) -> float:
+        """The same in per cent of the range of the measured values."""
+        return self.whole.percent
+
+    @property
+    def r2(self) -> float:
+        """Coefficient of determination over all rows; nan where y is constant."""
+        return self.whole.r2
+
+    @property
+    def bias(self) -> float:
+        """Mean of measured − predicted in all rows."""
+        return self.whole.bias
+
+    @property
+    def r2_without_bias(self) -> float:
+        """R² of what is left when the mean of the residual is taken off, as an offset of the sensor would be."""
+        return self.r2 if self.rms == 0 else 1 - (1 - self.r2) * (1 - (self.bias / self.rms) ** 2)
+
+    @property
+    def is_below_noise(self) -> bool:
+        """Whether the output varies less than its sensor's noise, so that no model can explain it."""
+        return self.whole.deviation < self.noise
+
+    @property
+    def is_computed(self) -> bool:
+        """Whether the output is too good to be measured: without noise, and predicted before any filter."""
+        # noise of exactly zero is that of steps, which a coarse sensor has
+        return 0 < self.noise < _NOISELESS * self.raw.deviation and 1 - self.raw.r2 < _EXPLAINED
+
+    def __add__(self, other: Score) -> Score:
+        """Of the rows of two logs; of times and probabilities the worse."""
+        whole, moving, raw = (getattr(self, name) + getattr(other, name) for name in ("whole", "moving", "raw"))
+        weights = (self.raw.rows, other.raw.rows)
+        noise = float(np.sqrt(np.average([self.noise**2, other.noise**2], weights=weights))) if any(weights) else _NAN
+        time = float(np.fmax(self.correlation_time, other.correlation_time))
+        white = float(np.fmin(self.whiteness, other.whiteness))
+        fastest = float(np.fmax(self.fastest, other.fastest))
+        return Score(self.output, self.unit, whole, moving, raw, noise, time, white, fastest)
+
+
+@dataclass(frozen=True)
+class Validation:
+    """A model's predictions of one log, or of several."""
+
+    source: str  # the log
+    role: str  # ``"identification"`` or ``"validation"``: whether the fit saw it
+    scores: tuple[Score, ...]  # of the model, one per output
+    # of the model one had before, and of one that was fitted without friction; empty where there is none
+    prior_scores: tuple[Score, ...] = ()
+    plain_scores: tuple[Score, ...] = ()
+    traces: tuple[Trace, ...] = ()
+    verdict: str = ""  # in words
+
+    def beside(self, output: str) -> dict[str, Score]:
+        """Scores of the models that it is compared with, by their names."""
+        both = {"prior": self.prior_scores, "plain": self.plain_scores}
+        return {name: score for name, scores in both.items() for score in scores if score.output == output}
+
+
+def pooled(validations: Sequence[Validation]) -> Validation:
+    """Scores over all rows of several logs together; the traces stay with their logs."""
+    first = validations[0]
+    if len(validations) == 1:
+        return first
+    scores, prior, plain = (
+        tuple(reduce(Score.__add__, scores) for scores in zip(*(getattr(v, name) for v in validations), strict=True))
+        for name in ("scores", "prior_scores", "plain_scores")
+    )
+    found = Validation(f"{len(validations)} logs together", first.role, scores, prior, plain)
+    return replace(found, verdict=verdict(found))
+
+
+def by_role(validations: Sequence[Validation]) -> tuple[Validation, ...]:
+    """Scores over all logs that were fitted, and over all that were not, if there are any."""
+    roles = ([v for v in validations if v.role == role] for role in ROLES)
+    return tuple(pooled(found) for found in roles if found)
+
+
+# -- verdicts ---------------------------------------------------------------------------------------------------------
+
 
 GOOD = 0.98
 """R² from which on a prediction is good: the residual's rms is below a seventh of the output's own spread."""
@@ -29,8 +221,6 @@ WHITE = 0.01
 """Probability below which a residual is not taken for white noise."""
 PRIOR = 1.05
 """Ratio of rms from which on one model beats another: 5 % is more than preparation and noise usually change."""
-
-_SHOWN = 8
 
 
 class Grade(IntEnum):
@@ -196,9 +386,3 @@ def _total(prior: Sequence[Score], scores: Sequence[Score]) -> float:
 
 def _outputs(scores: Sequence[Score]) -> str:
     return enumerated([f"{s.output} (R² {s.r2:.4g})" for s in scores])
-
-
-def enumerated(names: Sequence[str], separator: str = ", ") -> str:
-    """Some names, the first ones if they are many."""
-    shown = [*names[:_SHOWN], *(["others"] if len(names) > _SHOWN else [])]
-    return shown[0] if len(shown) == 1 else f"{separator.join(shown[:-1])} and {shown[-1]}"
