@@ -13,8 +13,9 @@ import pytest
 import echelon as ec
 from echelon.formats.robot_file import read_description
 from echelon.formats.snapping import ReadingOptions
+from echelon.identification.current_fit import contradicting_gains, gain_names
 from echelon.identification.estimators.least_squares import irls
-from echelon.identification.gains import contradicting_gains, drive_gains, gain_names
+from echelon.identification.gains import drive_gains
 from echelon.identification.payload import JoinedRows, Payload, loaded_rows, with_zeros
 from echelon.identification.rows.rows import ModelRows
 from echelon.logs.columns.column_map import Channel, ColumnMap

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import echelon as ec
-from echelon.identification.gains import gain_names
+from echelon.identification.current_fit import gain_names
 from echelon.identification.payload import Payload, loaded_rows, with_zeros
 from echelon.identification.rows.rows import ModelRows
 from echelon.logs.recording import Samples

@@ -13,10 +13,8 @@ squares, with each drive's own noise, is the maximum likelihood (:mod:`echelon.i
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
@@ -24,7 +22,7 @@ from echelon.arrays import Floats
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
-from echelon.identification.current_fit import fit_currents
+from echelon.identification.current_fit import fit_currents, gain_names
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.fit import known_values
 from echelon.identification.payload import Payload, loaded_rows, with_zeros
@@ -35,10 +33,8 @@ from echelon.logs.preparation.choices import Signals, chosen
 from echelon.logs.read_log import read_log
 from echelon.logs.recording import Samples, Segment
 from echelon.observe.observation import Layout, Observation
-from echelon.observe.triangle import safe_norms, upper_triangle
+from echelon.observe.triangle import upper_triangle
 from echelon.setup.setup import Setup
-
-_GAIN = re.compile(r"-\s*i(\[.*\])?")
 
 
 @dataclass(frozen=True, repr=False)
@@ -81,12 +77,6 @@ class GainEstimate:
     def __repr__(self) -> str:
         some = zip(self.drives, self.gains, self.std, self.units, strict=True)
         return "GainEstimate(" + ", ".join(f"{n} = {g:.4g} ± {s:.2g} {u}" for n, g, s, u in some) + ")"
-
-
-def gain_names(base: BaseModel) -> tuple[str, ...]:
-    """Base parameters that are drive gains: effects that multiply a measured current."""
-    gains = {e.parameter for e in base.mechanism.effects if e.actions and all(_is_gain(a.term) for a in e.actions)}
-    return tuple(name for name in base.pivots if name in gains)
 
 
 def drive_gains(
@@ -152,10 +142,6 @@ def _gains_of(estimate: Estimate, gains: tuple[str, ...], scale: str) -> GainEst
 
 
 # -- data -------------------------------------------------------------------------------------------------------------
-
-
-def _is_gain(term: str) -> bool:
-    return _GAIN.fullmatch(term.strip()) is not None
 
 
 def _observation(data: Observation | Rows, parameters: tuple[str, ...], what: str) -> Observation:
@@ -229,93 +215,6 @@ def _sharing(layout: Layout) -> list[tuple[set[int], set[int]]]:
             parameters |= group[1]
         groups.append((outputs, parameters))
     return groups
-
-
-_APART, _REMOVED = 1.4, 0.3
-"""Ratio of gains, and share of an output's squares that gains of their own remove, from which on outputs contradict."""
-_TOLD = 0.1
-"""Relative standard deviation up to which the data tell a gain."""
-_MEETING = 1e-9
-"""Singular value, relative to the largest, below which directions of rows are the same."""
-
-
-def contradicting_gains(
-    observation: Observation, units: Sequence[str], noise: Floats
-) -> tuple[dict[str, float], float]:
-    """Outputs that contradict others through what they share, with factors that reconcile them.
-
-    With them the logarithm by which these factors reduce residuals, the mean of all outputs.
-    """
-    used = [k for k, count in enumerate(observation.counts) if count and np.isfinite(noise[k])]
-    found: dict[str, float] = {}
-    reduction = 0.0
-    for group in _one_scale(observation, used):
-        factors, gain = _contradicting(observation, units, noise, group)
-        found |= factors
-        reduction += gain / len(observation.counts)
-    return found, reduction
-
-
-def _one_scale(observation: Observation, outputs: Sequence[int]) -> list[list[int]]:
-    """Outputs whose gains the data relate: the spaces of their rows meet."""
-    layout = observation.layout
-    rows = {}
-    for k in outputs:
-        rows[k] = np.zeros((len(observation.factors[k]), len(layout.parameters)))
-        rows[k][:, layout.columns[k]] = observation.factors[k][:, :-1]
-    scales = safe_norms(np.concatenate(list(rows.values()))) if rows else np.ones(0)
-
-    def rank(group: Sequence[int]) -> int:
-        parts = [rows[k] / scales for k in group]
-        stacked = np.concatenate([part / (np.linalg.norm(part) or 1.0) for part in parts])
-        singular = np.linalg.svd(stacked, compute_uv=False)
-        return int(np.sum(singular > _MEETING * singular[0]))
-
-    groups = [[k] for k in outputs]
-    while True:
-        pairs = combinations(groups, 2)
-        meeting = next(((a, b) for a, b in pairs if rank(a + b) < rank(a) + rank(b)), None)
-        if meeting is None:
-            return [sorted(group) for group in groups if len(group) > 1]
-        groups = [g for g in groups if g not in meeting] + [meeting[0] + meeting[1]]
-
-
-def _contradicting(
-    observation: Observation, units: Sequence[str], noise: Floats, group: Sequence[int]
-) -> tuple[dict[str, float], float]:
-    """Of outputs with one scale: each unit is an unknown gain, but for one; gains are compared with their median."""
-    layout, scaled = observation.layout, group[1:]
-    names = tuple(f"gain of {layout.outputs[k]}" for k in scaled)
-    try:
-        found = fit_currents(
-            _with_gains(observation, scaled, names),
-            [*units, *("" for _ in names)],
-            [(names[scaled.index(k)],) if k in scaled else () for k in range(len(layout.outputs))],
-        )
-    except InputError:  # the data do not tell
-        return {}, 0.0
-    gains = np.array([1.0, *found.values[len(layout.parameters) :]])
-    deviations = np.array([0.0, *found.std[len(layout.parameters) :]])
-    told = (gains > 0) & (deviations < _TOLD * np.abs(gains))
-    left = np.abs(found.noise[group] / gains / noise[group])
-    if not (1 - left[told] ** 2 > _REMOVED).any():
-        return {}, 0.0
-    factors = gains / np.sort(gains[told])[(told.sum() - 1) // 2]
-    some = zip(group, factors, told, strict=True)
-    apart = {layout.outputs[k]: float(f) for k, f, clear in some if clear and not 1 / _APART < f < _APART}
-    return apart, -float(np.log(left).sum())
-
-
-def _with_gains(observation: Observation, scaled: Sequence[int], names: tuple[str, ...]) -> Observation:
-    """The equations 0 = X ζ − y K for some outputs, as they are for the others."""
-    layout, count = observation.layout, len(observation.layout.parameters)
-    columns, factors = list(layout.columns), list(observation.factors)
-    for place, k in enumerate(scaled):
-        columns[k] = (*columns[k], count + place)
-        R = factors[k]
-        factors[k] = upper_triangle(np.column_stack([R[:, :-1], -R[:, -1], np.zeros(len(R))]))
-    whole = Layout(layout.outputs, (*layout.parameters, *names), tuple(columns))
-    return Observation(whole, tuple(factors), observation.counts)
 
 
 Paths = Sequence[str | os.PathLike[str]]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -20,23 +21,30 @@ from echelon.formats.usual_effects import slides, with_rotors
 from echelon.identification.conditioning import Conditioning, conditioning, without_rounding
 from echelon.identification.culprit import Culprit, common_unit
 from echelon.identification.culprit import culprit as find_culprit
+from echelon.identification.current_fit import contradicting_gains, gain_names
 from echelon.identification.estimators.essential import essential
 from echelon.identification.estimators.estimate import Estimate, solved
 from echelon.identification.estimators.fit import fitted, usable_noise
 from echelon.identification.estimators.least_squares import minimum_norm, noise_estimate
-from echelon.identification.gains import contradicting_gains, gain_names
 from echelon.identification.missing import Missing, explained, missing_effects
 from echelon.identification.passes_over_data import MEMORY, PassesOverData, Task
 from echelon.identification.physics.bounds import Bounds
 from echelon.identification.physics.feasibility import Feasibility, feasibility
 from echelon.identification.physics.fit import PhysicalFit, departures, physical_fit
-from echelon.identification.physics.prior_information import Prior, prior_from
-from echelon.identification.result import FAR, Identification, contradictions, fit_findings, fitted_ranges, limited
+from echelon.identification.physics.prior_information import Prior, known_before
+from echelon.identification.result import (
+    FAR,
+    Identification,
+    contradictions,
+    fit_findings,
+    fitted_ranges,
+    limited,
+    predicting,
+)
 from echelon.identification.rows.plan import Plan
 from echelon.identification.scores import GOOD, USABLE, Validation, by_role, overall_verdict
 from echelon.identification.survey import survey
 from echelon.identification.validation import Models
-from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.finding import Finding, counted, enumerated, note, warning
 from echelon.machine.target import one_thread
 from echelon.observe.observation import Observation
@@ -60,9 +68,6 @@ _BIASED = ("ols", "wls", "irls", "huber")
 _CLEARLY = 5.0
 """Times a sensor's noise in the band, or an estimate's standard deviation, that is more than noise."""
 _ROTOR = "a rotor inertia was taken in at {}: it weighs nothing, which else a constant force would have to explain"
-_NICE, _NEAR = (1.0, 1.2, 1.25, 1.5, 2.0, 2.4, 2.5, 3.0, 4.0, 5.0, 6.0, 7.5, 8.0, 10.0), 0.02
-"""Rates at which robots are logged, in powers of ten, and how near a rate is to one of them that it is."""
-_EXPLAINED = 0.1  # of the outputs' spread, that is left with a rate that explains them
 _SAME_UNIT = 0.5
 """Decades that a factor between outputs may be off that of a unit."""
 
@@ -154,8 +159,8 @@ def _fitted(
         fitted_logs, unseen_logs = _split_logs(given, others, settings.holdout)
         surveyed = survey(setup, base, fitted_logs, unseen_logs)
         plan = Plan(base, setup.columns, surveyed.preparation, 0.0 if unseen_logs else settings.holdout)
-        prior = _prior(setup, base)
-        prior_base = None if prior is None else _base_values(prior, base)
+        prior = known_before(base, setup.prior)
+        prior_base = None if prior is None else prior.base_values(base)
 
         step(f"taking in {counted(len(fitted_logs), 'log')}")
         data = PassesOverData(plan, fitted_logs, client, memory)
@@ -169,7 +174,10 @@ def _fitted(
             biased, estimate = estimate, surveyed.noisy.corrected(estimate)
             observation = observation.moved(estimate.values - biased.values)
         noise = usable_noise(observation, estimate)
-        reduced = _essential(settings, observation, estimate, conditions, noise)
+        reduced = None
+        if settings.essential != "none" and conditions.is_complete:
+            alike, criterion = _correlation(estimate), settings.essential
+            reduced = essential(observation, base.units, noise, criterion=criterion, correlation=alike)
 
         step("fitting a physical robot")
         unsolved: list[Finding] = []
@@ -180,40 +188,33 @@ def _fitted(
             feasible = _tried(lambda: _feasibility(base, observation, estimate, noise), unsolved)
 
         step("validating")
-        band = plan.preparation.band or np.inf
-        models = {"model": _predicting(settings, estimate, reduced, physical)}
+        models = {"model": predicting(settings.predict, estimate, reduced, physical)}
         models |= {} if prior_base is None else {"prior": prior_base}
         plain = _without_friction(base, observation, noise)
         models |= {} if plain is None else {"plain": plain}
         validations = _validations(data, models, unseen_logs)
-        columns = setup.columns
+        seek = partial(
+            find_culprit,
+            base,
+            columns=setup.columns,
+            band=plan.preparation.band or np.inf,
+            velocities="qd" in (plan.preparation.measured or ()),
+        )
         culprit = None if prior_base is None else common_unit(base, observation, prior_base)
         if culprit is None:
             step("looking for a mistake in the set-up")
-            measured = "qd" in (plan.preparation.measured or ())
             doubtful = bool(unsolved) or _is_doubtful(validations, feasible)
-            if doubtful:
-                culprit = find_culprit(base, data.fitted(), columns, band=band, velocities=measured, prior=prior_base)
-            elif _is_above_noise(by_role(validations)[0]):
-                culprit = find_culprit(
-                    base, data.fitted(), columns, band=band, velocities=measured, prior=prior_base, only_rate=True
-                )
-        elsewhere = _culprits_of_unseen(data, models["model"], validations, unseen_logs, columns)
+            if doubtful or _is_above_noise(by_role(validations)[0]):
+                culprit = seek(data.fitted(), prior=prior_base, only_rate=not doubtful)
+        elsewhere = _culprits_of_unseen(seek, data, models["model"], validations, unseen_logs)
         step("looking for effects that the model lacks")
         lacking = _lacking(data, estimate, unseen_logs)
 
     findings = [note("assumed", setup.source, text) for text in setup.assumed]
     findings += [*surveyed.findings, *(() if prior is None else prior.findings), *unsolved]
     comparable = conditions.is_complete and not gain_names(base)
-    apart, by_gains = contradicting_gains(observation, base.units, noise) if comparable else ({}, 0.0)
-    outputs = len(base.mechanism.outputs)
-    by_usual_effects = explained([missing for missing in lacking if missing.usual], outputs)
-    if culprit is not None and not (_is_explained(apart, culprit) and culprit.reduction > by_usual_effects):
-        culprit = None
-    if culprit is not None or by_gains < explained(lacking, outputs):
-        apart = {}
-    if apart or culprit is not None:  # what residuals follow then is no effect
-        lacking = [missing for missing in lacking if missing.usual]
+    gains = contradicting_gains(observation, base.units, noise) if comparable else ({}, 0.0)
+    culprit, apart, lacking = _one_reason(culprit, gains, lacking, len(base.mechanism.outputs))
     findings += elsewhere
     if physical is not None and prior is not None:
         findings += departures(base.mechanism, physical.standard, prior.values, physical.prior_weight)
@@ -234,7 +235,7 @@ def _fitted(
         validations,
         limited(findings),
         settings.predict,
-        _record(setup, plan, columns),
+        _record(setup, plan),
         f"{judgement.text} It was fitted up to {ranges[0].band:.3g} Hz: {speeds}.",
         (*judgement.reasons, *([] if conditions.is_complete else [conditions.verdict])),
     )
@@ -249,45 +250,6 @@ def _split_logs(
         raise InputError("no log is given to fit the model to")
     held = 0 if others or len(given) == 1 else round(holdout * len(given))
     return (given[:-held], given[-held:]) if held else (given, others)
-
-
-def _prior(setup: Setup, base: BaseModel) -> Prior | None:
-    """Prior information on the standard parameters: from another description, or the values of this one."""
-    if setup.prior is not None:
-        return prior_from(base, setup.prior)
-    stated = np.array([np.nan if value is None else value for value in setup.mechanism.standard_values()])
-    return None if np.isnan(stated).all() else Prior(setup.mechanism.name, stated, ())
-
-
-def explained_rate(setup: Setup, logs: Sequence[Path]) -> float | None:
-    """The samples per second of a log without a clock with which a robot that can exist explains its outputs.
-
-    The set-up states another rate.  Gravity has no time in it and inertia its square, so that they tell the rate where
-    they share parameters; None if nothing does.
-    """
-    columns, base = setup.columns[0], base_parameters(setup.mechanism, seed=setup.seed)
-    preparation = survey(setup, base, logs).preparation
-    prior = _prior(setup, base)
-    found = find_culprit(
-        base,
-        Plan(base, setup.columns, preparation).samples(logs[0]),
-        (columns,),
-        band=preparation.band or np.inf,
-        prior=None if prior is None else _base_values(prior, base),
-        only_rate=True,
-    )
-    if found is None or columns.rate is None or found.after > _EXPLAINED:
-        return None
-    rate = columns.rate * found.rate
-    ten = 10 ** np.floor(np.log10(rate))
-    near = min((ten * n for n in _NICE), key=lambda nice: abs(np.log(nice / rate)))
-    return float(near if abs(near / rate - 1) < _NEAR else f"{rate:.3g}")
-
-
-def _base_values(prior: Prior, base: BaseModel) -> Floats | None:
-    """Base parameters of the prior; unknown friction counts as none, unknown bodies make it useless."""
-    inertial = [column.body is not None for column in base.mechanism.columns]
-    return None if np.isnan(prior.values[inertial]).any() else base.values(np.nan_to_num(prior.values))
 
 
 def _check_rows(observation: Observation, logs: Sequence[Path]) -> None:
@@ -315,16 +277,6 @@ def _estimate(
         prior=prior,
         instruments=data.plan.rows(data.paths, "first", reference=True) if along_reference else None,
         batches=data.batches,
-    )
-
-
-def _essential(
-    settings: IdentificationEntry, observation: Observation, estimate: Estimate, conditions: Conditioning, noise: Floats
-) -> Estimate | None:
-    if settings.essential == "none" or not conditions.is_complete:
-        return None
-    return essential(
-        observation, estimate.units, noise, criterion=settings.essential, correlation=_correlation(estimate)
     )
 
 
@@ -389,21 +341,6 @@ def _weights(noise: Floats) -> Floats:
     return np.where(np.isfinite(noise), 1 / noise, 0.0)
 
 
-def _predicting(
-    settings: IdentificationEntry, estimate: Estimate, reduced: Estimate | None, physical: PhysicalFit | None
-) -> Floats:
-    """Base parameters that predictions use, shape (r,)."""
-    values = {
-        "estimate": estimate.values,
-        "essential": None if reduced is None else reduced.values,
-        "physical": None if physical is None else physical.base,
-    }[settings.predict]
-    if values is None:
-        problem = f"predictions shall use the {settings.predict} values, which were not computed: switch them on"
-        raise InputError(problem)
-    return values
-
-
 def _without_friction(base: BaseModel, observation: Observation, noise: Floats) -> Floats | None:
     """Base parameters of a model fitted without friction, offsets and springs, shape (r,); None if there are none."""
     mechanism = base.mechanism
@@ -444,11 +381,11 @@ def _validations(data: PassesOverData, models: Models, unseen_logs: Sequence[Pat
 
 
 def _culprits_of_unseen(
+    seek: Callable[..., Culprit | None],
     data: PassesOverData,
     values: Floats,
     validations: Sequence[Validation],
     unseen_logs: Sequence[Path],
-    columns: Sequence[ColumnMap],
 ) -> list[Finding]:
     """Mistakes in logs that are predicted poorly, where the fitted ones are not."""
     fitted = by_role(validations)[0].scores
@@ -456,14 +393,25 @@ def _culprits_of_unseen(
     for log, validation in zip(unseen_logs, [v for v in validations if v.role == "validation"], strict=False):
         pairs = zip(fitted, validation.scores, strict=True)
         if any(seen.r2 >= USABLE > unseen.r2 for seen, unseen in pairs):
-            measured, band = "qd" in (data.plan.preparation.measured or ()), data.plan.preparation.band or np.inf
-            mistake = find_culprit(
-                data.plan.base, data.samples(log, "all"), columns, band=band, velocities=measured, values=values
-            )
+            mistake = seek(data.samples(log, "all"), values=values)
             if mistake is not None:
                 text = f"in this log, other than in those that were fitted, {mistake.text}"
                 found.append(warning("culprit", str(log), text))
     return found
+
+
+def _one_reason(
+    culprit: Culprit | None, gains: tuple[dict[str, float], float], lacking: list[Missing], outputs: int
+) -> tuple[Culprit | None, dict[str, float], list[Missing]]:
+    """Of a mistake, outputs that contradict the others, and effects that the model lacks, those that explain most."""
+    apart, by_gains = gains
+    usual = [missing for missing in lacking if missing.usual]
+    if culprit is not None and not (_is_explained(apart, culprit) and culprit.reduction > explained(usual, outputs)):
+        culprit = None
+    if culprit is not None or by_gains < explained(lacking, outputs):
+        apart = {}
+    # what residuals follow otherwise is no effect
+    return culprit, apart, usual if apart or culprit is not None else lacking
 
 
 def _is_explained(apart: Mapping[str, float], culprit: Culprit) -> bool:
@@ -485,7 +433,7 @@ def _lacking(data: PassesOverData, estimate: Estimate, unseen_logs: Sequence[Pat
     return missing_effects(data.plan.base, estimate.values, estimate.noise, band, fitted, unseen)
 
 
-def _record(setup: Setup, plan: Plan, columns: Sequence[ColumnMap]) -> dict[str, Any]:
+def _record(setup: Setup, plan: Plan) -> dict[str, Any]:
     """Everything needed to repeat the run, JSON-able."""
     return {
         **setup.settings.model_dump(),
@@ -493,6 +441,6 @@ def _record(setup: Setup, plan: Plan, columns: Sequence[ColumnMap]) -> dict[str,
         "prior_weight": setup.settings.prior.weight,
         "setup": setup.source,
         "prior": None if setup.prior is None else setup.prior.name,
-        "columns": [asdict(some) for some in columns],
+        "columns": [asdict(some) for some in setup.columns],
         "held_out": plan.holdout,
     }

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.errors import one_line
+from echelon.errors import InputError, one_line
 from echelon.extras import extra
 from echelon.identification.conditioning import Conditioning
 from echelon.identification.culprit import Culprit
@@ -64,6 +64,18 @@ def fitted_ranges(preparation: Preparation, fitted: Validation) -> tuple[FittedR
         )
         for score in fitted.scores
     )
+
+
+def predicting(values: str, estimate: Estimate, essential: Estimate | None, physical: PhysicalFit | None) -> Floats:
+    """Base parameters that predictions use, shape (r,)."""
+    found = {
+        "estimate": estimate.values,
+        "essential": None if essential is None else essential.values,
+        "physical": None if physical is None else physical.base,
+    }[values]
+    if found is None:
+        raise InputError(f"predictions shall use the {values} values, which were not computed: switch them on")
+    return found
 
 
 _SHOWN = 30  # base parameters in a notebook
@@ -132,11 +144,7 @@ class Identification:
     @property
     def values(self) -> Floats:
         """Base parameters that predictions use, shape (r,)."""
-        if self.predict_with == "physical" and self.physical is not None:
-            return self.physical.base
-        if self.predict_with == "essential" and self.essential is not None:
-            return self.essential.values
-        return self.estimate.values
+        return predicting(self.predict_with, self.estimate, self.essential, self.physical)
 
     def to_dataframe(self) -> Any:
         """The base parameters as a data frame of pandas.

@@ -8,7 +8,8 @@ anything by a delay of its own; so one delay is sought for all, by the mean of t
 taken only where it removes more than noise would.  An output has one of its own only where that differs by more than
 half a period and removes twice as much of what is left.
 
-``first_look`` says what logs can show of a robot, and what is missing, before anything is fitted.
+``first_look`` says what logs can show of a robot, and what is missing, before anything is fitted; ``explained_rate`` at
+which rate a log without a clock was taken.
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.band import Noisy, slower, with_band
 from echelon.identification.conditioning import Conditioning, conditioning, without_rounding
+from echelon.identification.culprit import culprit
 from echelon.identification.estimators.least_squares import noise_estimate
+from echelon.identification.physics.prior_information import known_before
 from echelon.identification.rows.plan import SAMPLED, Plan
 from echelon.identification.rows.rows import ModelRows, rows_taken
 from echelon.logs.columns.column_map import ColumnMap
@@ -276,3 +279,33 @@ def _travels(base: BaseModel, samples: Sequence[Samples]) -> Iterator[Travel]:
     for name, values in zip(names, q.T, strict=True):
         speed = float(np.abs(speeds[name]).max()) if name in speeds else float("nan")
         yield Travel(name, float(values.min()), float(values.max()), speed)
+
+
+_NICE, _NEAR = (1.0, 1.2, 1.25, 1.5, 2.0, 2.4, 2.5, 3.0, 4.0, 5.0, 6.0, 7.5, 8.0, 10.0), 0.02
+"""Rates at which robots are logged, in powers of ten, and how near a rate is to one of them that it is."""
+_EXPLAINED = 0.1  # of the outputs' spread, that is left with a rate that explains them
+
+
+def explained_rate(setup: Setup, logs: Sequence[Path]) -> float | None:
+    """The samples per second of a log without a clock with which a robot that can exist explains its outputs.
+
+    The set-up states another rate.  Gravity has no time in it and inertia its square, so that they tell the rate where
+    they share parameters; None if nothing does.
+    """
+    columns, base = setup.columns[0], base_parameters(setup.mechanism, seed=setup.seed)
+    preparation = survey(setup, base, logs).preparation
+    prior = known_before(base, setup.prior)
+    found = culprit(
+        base,
+        Plan(base, setup.columns, preparation).samples(logs[0]),
+        (columns,),
+        band=preparation.band or np.inf,
+        prior=None if prior is None else prior.base_values(base),
+        only_rate=True,
+    )
+    if found is None or columns.rate is None or found.after > _EXPLAINED:
+        return None
+    rate = columns.rate * found.rate
+    ten = 10 ** np.floor(np.log10(rate))
+    near = min((ten * n for n in _NICE), key=lambda nice: abs(np.log(nice / rate)))
+    return float(near if abs(near / rate - 1) < _NEAR else f"{rate:.3g}")

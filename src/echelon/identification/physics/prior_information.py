@@ -164,9 +164,22 @@ class Prior:
     values: Floats  # shape (p,); standard parameters in the set-up's frames, SI units; nan where it says nothing
     findings: tuple[Finding, ...]  # what is missing, was repaired, or was taken as fixed
 
+    def base_values(self, base: BaseModel) -> Floats | None:
+        """Base parameters, shape (r,); unknown friction counts as none, unknown bodies make it useless."""
+        inertial = [column.body is not None for column in base.mechanism.columns]
+        return None if np.isnan(self.values[inertial]).any() else base.values(np.nan_to_num(self.values))
+
     def __repr__(self) -> str:
         known = int(np.isfinite(self.values).sum())
         return f"Prior({self.name}: {known} of {len(self.values)} standard parameters)"
+
+
+def known_before(base: BaseModel, other: Mechanism | None) -> Prior | None:
+    """What is known of the standard parameters: from another description, or else the values of the robot's own."""
+    if other is not None:
+        return prior_from(base, other)
+    stated = np.array([np.nan if value is None else value for value in base.mechanism.standard_values()])
+    return None if np.isnan(stated).all() else Prior(base.mechanism.name, stated, ())
 
 
 def prior_from(base: BaseModel, other: Mechanism) -> Prior:
