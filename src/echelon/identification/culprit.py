@@ -241,7 +241,7 @@ class _Search:
         """Positions or outputs that are on the other side of the gears."""
         if not self.base.mechanism.actuators:
             return
-        driven, T = transmission_matrix(self.base.mechanism, None)
+        driven, T = transmission_matrix(self.base.mechanism)
         if set(driven) != set(self.names) or len(T) != len(self.names):
             return
         ratios = T[:, [driven.index(name) for name in self.names]]
@@ -328,7 +328,7 @@ class _Search:
         found = np.eye(len(self.names))
         if set(self._keys) == set(self.names):
             return found[[self.names.index(key) for key in self._keys]]
-        driven, T = transmission_matrix(self.base.mechanism, None)
+        driven, T = transmission_matrix(self.base.mechanism)
         drives = [actuator.name for actuator in self.base.mechanism.actuators]
         for row, key in zip(found, self._keys, strict=True):
             row[:] = 0.0

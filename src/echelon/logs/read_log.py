@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -50,14 +50,13 @@ def read_log(
     columns: Sequence[ColumnMap],
     *,
     rate: float | None = None,
-    symbols: Mapping[str, float] | None = None,
     outputs: bool = True,
     named: bool = True,
 ) -> Iterator[LogPiece]:
     """Read a log in the robot's terms, piece by piece.
 
     Of several column maps the first one whose columns are all there is used.  Segments are resampled to ``rate``, Hz.
-    ``symbols`` are values of symbols in transmission ratios.  Faults that spoil no sample are looked for only if they
+    Faults that spoil no sample are looked for only if they
     are to be ``named``.
     """
     log = opened(path)
@@ -70,7 +69,7 @@ def read_log(
     whole = following is None
     while table is not None:
         findings += _left_out(table)
-        recorded = recording(table, chosen, mechanism, symbols)
+        recorded = recording(table, chosen, mechanism)
         findings += check_plausible(recorded, mechanism, chosen)
         faults, usable = examine(recorded, mechanism, whole=whole, named=named)
         parts, more = segments(recorded, mechanism, usable, rate=rate, whole=whole)

@@ -279,16 +279,15 @@ def derivatives(values: Floats, rate: float) -> tuple[Floats, Floats]:
     return derivative(values, rate), derivative(values, rate, 2)
 
 
-def continuous(q: Floats, before: Floats | None = None) -> Floats:
-    """Unit quaternions (N, 4) as w, x, y, z, whose sign does not jump, nor from the one before."""
+def continuous(q: Floats) -> Floats:
+    """Unit quaternions (N, 4) as w, x, y, z, whose sign does not jump."""
     length = np.linalg.norm(q, axis=1)
     wrong = np.flatnonzero(~(np.abs(length - 1) < _FAR_FROM_UNIT))
     if len(wrong):
         worst = f"sample {wrong[0]} has a quaternion of length {length[wrong[0]]:.3g}"
         raise InputError(f"{worst}: expected unit quaternions (w, x, y, z)")
     unit = q / length[:, None]
-    first = unit[0] if before is None else before
-    inner = np.einsum("ij,ij->i", unit, np.vstack([first, unit[:-1]]))
+    inner = np.einsum("ij,ij->i", unit, np.vstack([unit[:1], unit[:-1]]))
     signs = np.cumprod(np.where(inner < 0, -1.0, 1.0))
     return np.asarray(unit * signs[:, None], dtype=np.float64)
 

@@ -5,13 +5,13 @@ classical standard deviations come out several times too small.  Rows are theref
 residuals' pull g_c = Σ Wᵀ(y − Wζ)/σ² is added up within each, and only batches are taken to be independent (Liang &
 Zeger, Biometrika 73, 1986).  Instead of the plain sandwich A⁻¹ (Σ g_c g_cᵀ) A⁻¹, which is too small for few batches,
 each batch is left out in turn: ζ₍c₎ − ζ = −(A − A_c)⁻¹ g_c exactly, so that the jackknife costs no refit (MacKinnon &
-White, J. Econometrics 29, 1985; CR3 of Bell & McCaffrey, Survey Methodology 28, 2002).  One pass over the rows, memory
-for one batch at a time; or none at all, where the R-factors of batches are there already.
+White, J. Econometrics 29, 1985; CR3 of Bell & McCaffrey, Survey Methodology 28, 2002).  One pass over the rows is
+enough; or none at all, where the R-factors of batches are there already.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +20,7 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate, Solution, solved
 from echelon.identification.passes_over_data import Batch, total
-from echelon.identification.rows.rows import RowBlock, Rows
+from echelon.identification.rows.rows import Rows
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import safe_norms
 
@@ -54,7 +54,7 @@ def clustered_by(batches: Sequence[Batch], units: Sequence[str], estimate: Estim
     return _judged(estimate, scores, _from_factors(batches, scores), length)
 
 
-def _judged(estimate: Estimate, scores: _Scores, batches: Iterator[_Batch], length: float) -> Estimate:
+def _judged(estimate: Estimate, scores: _Scores, batches: Iterable[_Batch], length: float) -> Estimate:
     """The estimate with the covariance that its batches make."""
     changes, sums = [], np.zeros(len(estimate.outputs))
     for batch in batches:
@@ -202,33 +202,20 @@ def _length(rows: Rows, clusters: int) -> float:
     return total * (1 + 1e-9) / clusters
 
 
-def _batches(rows: Rows, scores: _Scores, seconds: float) -> Iterator[_Batch]:
+def _batches(rows: Rows, scores: _Scores, seconds: float) -> Iterable[_Batch]:
     """Batches of the given length, s, log by log; gaps begin no new one, since residuals correlate across them."""
-    source, start = None, 0.0
-    open_: dict[int, _Batch] = {}
+    starts: dict[str, float] = {}
+    found: dict[tuple[str, int], _Batch] = {}
     for block in rows.blocks():
-        times = [some for some in block.times if some.size]
-        if not times:
-            continue
-        if block.source != source:
-            yield from open_.values()
-            source, start, open_ = block.source, min(float(some[0]) for some in times), {}
-        earliest = min(int((some[0] - start) // seconds) for some in times)
-        for number in sorted(open_):
-            if number < earliest:
-                yield open_.pop(number)
-        _take(block, scores, open_, start, seconds)
-    yield from open_.values()
-
-
-def _take(block: RowBlock, scores: _Scores, open_: dict[int, _Batch], start: float, seconds: float) -> None:
-    """Give the rows of a block to the batches they belong to."""
-    for i, (times, matrix, y) in enumerate(zip(block.times, block.matrices, block.y, strict=True)):
-        numbers = ((times - start) // seconds).astype(int)
-        cuts = np.flatnonzero(np.diff(numbers)) + 1
-        for part in np.split(np.arange(len(times)), cuts) if len(times) else ():
-            number = int(numbers[part[0]])
-            if number not in open_:
-                low = start + number * seconds
-                open_[number] = scores.empty(f"{block.source}, batch from {low:g} to {low + seconds:g} s")
-            scores.add(open_[number], i, matrix[part], y[part])
+        begins = [float(times[0]) for times in block.times if times.size]
+        start = starts.setdefault(block.source, min(begins)) if begins else 0.0
+        for output, (times, matrix, y) in enumerate(zip(block.times, block.matrices, block.y, strict=True)):
+            numbers = ((times - start) // seconds).astype(int)
+            for number in np.unique(numbers).tolist():
+                if (block.source, number) not in found:
+                    low = start + number * seconds
+                    name = f"{block.source}, batch from {low:g} to {low + seconds:g} s"
+                    found[block.source, number] = scores.empty(name)
+                inside = numbers == number
+                scores.add(found[block.source, number], output, matrix[inside], y[inside])
+    return found.values()

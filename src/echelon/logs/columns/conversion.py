@@ -169,9 +169,7 @@ def needed_columns(columns: ColumnMap, names: Sequence[str] = ()) -> tuple[str, 
     return tuple(found)
 
 
-def recording(
-    table: Table, columns: ColumnMap, mechanism: Mechanism, symbols: Mapping[str, float] | None = None
-) -> Recording:
+def recording(table: Table, columns: ColumnMap, mechanism: Mechanism) -> Recording:
     """A log in SI units, on the joints' side, on the clock of the positions; values within pauses are NaN."""
     with locating(table.source):
         if not columns.positions:
@@ -181,12 +179,10 @@ def recording(
         aligned = _aligned(table, columns)
         given = {kind: _read(aligned, mechanism, kind, group) for kind, group in columns.channels.items() if group}
         signals = {
-            signal: joint_coordinates(mechanism, kind, given[kind], symbols)
-            for kind, signal in _STATES.items()
-            if kind in given
+            signal: joint_coordinates(mechanism, kind, given[kind]) for kind, signal in _STATES.items() if kind in given
         }
         if "output" in given:
-            signals["y"] = measured_outputs(mechanism, given["output"], symbols)
+            signals["y"] = measured_outputs(mechanism, given["output"])
         outputs = dict(zip((o.name for o in mechanism.outputs), signals["y"].T, strict=True)) if "y" in signals else {}
         loads = {name: outputs[name] for name in _loaded(mechanism) if name in outputs}
         return Recording(table.source, aligned.time, signals, {**loads, **given.get("input", {})})
@@ -243,10 +239,9 @@ def _read(aligned: Alignment, mechanism: Mechanism, kind: str, group: Mapping[st
 
 
 Given = Mapping[str, Floats]
-Symbols = Mapping[str, float] | None
 
 
-def joint_coordinates(mechanism: Mechanism, kind: str, given: Given, symbols: Symbols = None) -> Floats:
+def joint_coordinates(mechanism: Mechanism, kind: str, given: Given) -> Floats:
     """Positions, velocities or accelerations (N, coordinates) from columns by coordinate or actuator, SI units.
 
     With loops, of the independent coordinates only where only these are given.
@@ -259,7 +254,7 @@ def joint_coordinates(mechanism: Mechanism, kind: str, given: Given, symbols: Sy
     found = {name: values for name, values in given.items() if name in names}
     moved = [name for name in given if name not in names]
     if moved:
-        found |= _behind_gears(mechanism, kind, {name: given[name] for name in moved}, found, symbols)
+        found |= _behind_gears(mechanism, kind, {name: given[name] for name in moved}, found)
     missing = [name for name in names if name not in found]
     if missing:
         raise InputError(_say_missing(mechanism, kind, missing), element=kind)
@@ -292,9 +287,9 @@ def _say_missing(mechanism: Mechanism, kind: str, missing: Sequence[str]) -> str
     return text + (rests if kind == "position" else "; give all or none")
 
 
-def _behind_gears(mechanism: Mechanism, kind: str, motors: Given, joints: Given, symbols: Symbols) -> dict[str, Floats]:
+def _behind_gears(mechanism: Mechanism, kind: str, motors: Given, joints: Given) -> dict[str, Floats]:
     """The driven coordinates that are not measured at the joint."""
-    driven, matrix = transmission_matrix(mechanism, symbols)
+    driven, matrix = transmission_matrix(mechanism)
     every = [actuator.name for actuator in mechanism.actuators]
     unknown = [name for name in driven if name not in joints]
     rows = matrix[[every.index(name) for name in motors]]
@@ -318,7 +313,7 @@ def _behind_gears(mechanism: Mechanism, kind: str, motors: Given, joints: Given,
 # -- outputs ----------------------------------------------------------------------------------------------------------
 
 
-def measured_outputs(mechanism: Mechanism, given: Given, symbols: Symbols = None) -> Floats:
+def measured_outputs(mechanism: Mechanism, given: Given) -> Floats:
     """Outputs (N, outputs) from columns by output or actuator, SI units; joint forces also as τ_q = Tᵀ τ_θ."""
     check_names(mechanism, "output", given)
     names = {output.name for output in mechanism.outputs}
@@ -332,7 +327,7 @@ def measured_outputs(mechanism: Mechanism, given: Given, symbols: Symbols = None
     found = {name: values for name, values in given.items() if name in names}
     used: set[str] = set()
     for output in missing:
-        found[output.name] = _from_motors(mechanism, output, motors, symbols, used)
+        found[output.name] = _from_motors(mechanism, output, motors, used)
     idle = next((name for name in motors if name not in used), None)
     if idle is not None:
         problem = f"no output needs it (outputs: {listed(names)}); leave it out"
@@ -345,12 +340,12 @@ def _columns(channels: Sequence[Floats]) -> Floats:
     return np.stack(channels).T
 
 
-def _from_motors(mechanism: Mechanism, output: Output, motors: Given, symbols: Symbols, used: set[str]) -> Floats:
+def _from_motors(mechanism: Mechanism, output: Output, motors: Given, used: set[str]) -> Floats:
     total = np.zeros(len(next(iter(motors.values()))))
     for channel, weight in output.terms:
-        known = symbol_values(mechanism, weight.symbols(), symbols)
+        known = symbol_values(mechanism, weight.symbols())
         scale = weight.at(known)
-        for name, ratio in _shares(mechanism, output, channel, symbols).items():
+        for name, ratio in _shares(mechanism, output, channel).items():
             if name not in motors:
                 problem = f"a column is missing for it, or for the actuator '{name}'"
                 raise InputError(problem, element=f"output '{output.name}'")
@@ -359,14 +354,14 @@ def _from_motors(mechanism: Mechanism, output: Output, motors: Given, symbols: S
     return total
 
 
-def _shares(mechanism: Mechanism, output: Output, channel: Force, symbols: Symbols) -> dict[str, float]:
+def _shares(mechanism: Mechanism, output: Output, channel: Force) -> dict[str, float]:
     """Actuators whose forces make a channel, with their ratios."""
     where = f"output '{output.name}'"
     if not isinstance(channel, JointForce):
         raise InputError(
             "a column is missing for it; only forces of joints follow from those of actuators", element=where
         )
-    driven, matrix = transmission_matrix(mechanism, symbols)
+    driven, matrix = transmission_matrix(mechanism)
     found = {channel.coordinate: 1.0}
     if channel.coordinate in driven:
         column = matrix[:, driven.index(channel.coordinate)]

@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from enum import StrEnum
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
@@ -17,12 +18,12 @@ from echelon.errors import InputError
 from echelon.extras import extra
 from echelon.logs.files.bag_file import BagFile
 from echelon.logs.files.csv_file import CsvFile
-from echelon.logs.files.lerobot import Episode, episodes, is_dataset, is_episode
 from echelon.logs.files.log_file import LogFile, Table, existing_file, with_stamps
 from echelon.logs.files.mat_file import Hdf5File, MatFile
 from echelon.logs.files.numpy_file import MemoryLog, NpzFile, is_samples
 
 _METADATA = "metadata.yaml"
+_EPISODE = re.compile(r"episode_(\d+)")
 
 _FOREIGN = {b"PK\x03\x04[Content_Types]": "is a spreadsheet; save it as CSV"}
 _VALID = (
@@ -42,15 +43,16 @@ class Kind(StrEnum):
     BAG = "ROS bag or MCAP"
 
 
-def _parquet_file(path: str | os.PathLike[str]) -> LogFile:
+def _parquet() -> ModuleType:
+    """The module that needs pyarrow."""
     with extra("identify"):
-        from echelon.logs.files.parquet_file import ParquetFile
-    return ParquetFile(path)
+        import echelon.logs.files.parquet_file as parquet_file
+    return parquet_file
 
 
 _READERS: dict[Kind, Callable[[str | os.PathLike[str]], LogFile]] = {
     Kind.TEXT: CsvFile,
-    Kind.PARQUET: _parquet_file,
+    Kind.PARQUET: lambda path: _parquet().ParquetFile(path),
     Kind.NUMPY: NpzFile,
     Kind.MATLAB: MatFile,
     Kind.HDF5: Hdf5File,
@@ -84,7 +86,8 @@ def open_log(path: str | os.PathLike[str]) -> LogFile:
         return path.file()
     found = Path(path)
     if is_episode(found):
-        return Episode(found)
+        episode: LogFile = _parquet().Episode(found)
+        return episode
     if os.path.isdir(found):
         if not is_bag(found):
             raise InputError(f"is a directory, not a log{_content(found)}", source=os.fspath(path))
@@ -112,7 +115,7 @@ def log_paths(logs: object) -> list[Path]:
 def _paths(path: str | os.PathLike[str]) -> list[Path]:
     found = Path(path)
     if os.path.isdir(found) and not is_bag(found):
-        return episodes(found) if is_dataset(found) else _directory(found)
+        return _parquet().episodes(found) if is_dataset(found) else _directory(found)
     return [found if is_bag(found) or is_episode(found) or is_joined(found) else existing_file(path)]
 
 
@@ -150,6 +153,16 @@ def is_joined(path: Path) -> bool:
 def is_bag(path: Path) -> bool:
     """Whether a path is the directory of a ROS 2 bag."""
     return os.path.isfile(path / _METADATA)
+
+
+def is_dataset(path: Path) -> bool:
+    """Whether a directory is a dataset of LeRobot."""
+    return os.path.isfile(path / "meta" / "info.json") and os.path.isdir(path / "data")
+
+
+def is_episode(path: Path) -> bool:
+    """Whether a path stands for an episode of a dataset."""
+    return _EPISODE.fullmatch(path.name) is not None and is_dataset(path.parent)
 
 
 def _kind(path: Path) -> Kind:

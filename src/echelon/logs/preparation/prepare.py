@@ -33,7 +33,6 @@ from echelon.mechanism.mechanism import ActuatorForce, Cut, JointForce, Mechanis
 from echelon.mechanism.stated import symbol_values
 from echelon.signals.clock import shift_reach, shifted
 from echelon.signals.filters import (
-    FAR,
     NEAR,
     REACH,
     WORTH,
@@ -64,8 +63,8 @@ MEASURED = ("qd", "qdd")
 """Derivatives that may be taken from a log."""
 
 
-def usable(segment: Segment, mechanism: Mechanism, before: Mapping[str, Floats] | None = None) -> Segment:
-    """A segment with the coordinates that states are made of, and quaternions that continue those of ``before``."""
+def usable(segment: Segment, mechanism: Mechanism) -> Segment:
+    """A segment with the coordinates that states are made of, and quaternions whose sign does not jump."""
     q = segment.signals["q"]
     whole, few = len(mechanism.positions), len(mechanism.independent_velocities)
     if q.ndim != 2 or q.shape[1] not in ((whole, few) if mechanism.closures else (whole,)):
@@ -79,8 +78,7 @@ def usable(segment: Segment, mechanism: Mechanism, before: Mapping[str, Floats] 
     for first in quaternion_columns(mechanism, "q", columns):
         some = slice(first, first + 4)
         signals["q"] = signals["q"].copy()
-        last = None if before is None else before["q"][-1, some]
-        signals["q"][:, some] = continuous(signals["q"][:, some], last)
+        signals["q"][:, some] = continuous(signals["q"][:, some])
     return replace(segment, signals=signals)
 
 
@@ -135,10 +133,10 @@ def _smoothed(values: Floats, preparation: Preparation, rate: float, names: Sequ
     return np.hstack([lowpass(values[:, [k]], cutoff, rate, ORDER) for k, cutoff in enumerate(own)])
 
 
-def states_reach(rate: float, preparation: Preparation, influence: float = FAR) -> int:
-    """Samples on either side that a state depends on by more than this share of a signal."""
+def states_reach(rate: float, preparation: Preparation) -> int:
+    """Samples at an end of a segment whose states it spoils."""
     cutoff = min([states_cutoff(preparation, rate), *(preparation.lowpass or {}).values()])
-    return REACH + (butterworth(cutoff, rate, ORDER).reach(influence) if isfinite(cutoff) else 0)
+    return REACH + (butterworth(cutoff, rate, ORDER).reach(NEAR) if isfinite(cutoff) else 0)
 
 
 def _without_rounding(x: Floats, xd: Floats, xdd: Floats, rate: float) -> tuple[Floats, Floats]:
@@ -252,7 +250,7 @@ class PreparationPlan:
 
         The filter over both sides spoils nothing: near the ends of what it gets it filters both sides alike as well.
         """
-        filters = max(states_reach(self.rate, self.preparation, NEAR), self.shift)
+        filters = max(states_reach(self.rate, self.preparation), self.shift)
         return filters + ceil(self.preparation.trim * self.rate - 1e-9)
 
     @property
