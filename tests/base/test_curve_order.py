@@ -9,9 +9,9 @@ from scipy.optimize import brentq
 
 import echelon as ec
 from echelon.base.sensors import sensor_report
-from echelon.formats.robot_file import read_description
 from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
+from support.descriptions import read_description
 from support.selection import slow_unless
 
 SEVEN_REVOLUTES = """echelon: 1

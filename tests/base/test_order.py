@@ -15,11 +15,11 @@ from echelon.base.matrix import coefficient_value, column_order
 from echelon.conventions import PARAMETERS, UNITS
 from echelon.exact.expressions import parse
 from echelon.exact.rational import RationalFunction
-from echelon.formats.robot_file import read_description
 from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.effect import Side, ready_made
 from echelon.mechanism.mechanism import Mechanism, Parameter
 from support import textbook_arms as arms
+from support.descriptions import read_description
 from support.selection import slow_unless
 
 ROBOTS = [arms.rx90, arms.panda, arms.helical, arms.coupled, arms.branched, arms.floating_pair, arms.massless]

@@ -19,7 +19,6 @@ from hypothesis import strategies as st
 import echelon as ec
 from echelon.base.sensors import sensor_report
 from echelon.exact.polynomial import Polynomial, as_polynomial
-from echelon.formats.robot_file import read_description
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
 from echelon.mechanism.joint import Placement, as_matrix
@@ -27,6 +26,7 @@ from echelon.mechanism.mechanism import Cut, plain
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.linear_forms import inverse_dynamics_regressor, virtual_power_form
+from support.descriptions import read_description
 from support.float_regressor import float_regressor, random_states, standard_vector
 from support.paths import ROOT
 from support.pinocchio_loops import Constrained

@@ -18,11 +18,11 @@ from echelon.base.reading_report import report_reading
 from echelon.exact.expressions import Angle
 from echelon.exact.field import PrimeField
 from echelon.exact.polynomial import float_generators
-from echelon.formats.robot_file import read_description
 from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import StatedValues, stated_values, unit_of
 from echelon.results.saved import to_json
+from support.descriptions import read_description
 from support.paths import ROOT
 
 

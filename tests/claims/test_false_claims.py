@@ -12,11 +12,11 @@ import echelon as ec
 from echelon.base.certificate import certify
 from echelon.base.matrix import BaseMatrix
 from echelon.exact.rational import RationalFunction
-from echelon.formats.robot_file import read_description
 from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.linear_forms import inverse_dynamics_regressor, virtual_power_form
 from support import textbook_arms as arms
+from support.descriptions import read_description
 from support.paths import ROOT
 
 LOOPS = ROOT / "examples" / "loops"

@@ -13,7 +13,6 @@ import yaml
 
 import echelon as ec
 from echelon.formats.description.document import check_document, read_text
-from echelon.formats.robot_file import read_description
 from echelon.formats.schema.robot_schema import json_schema
 from echelon.formats.schema.schema_excite import (
     BoxEntry,
@@ -26,6 +25,7 @@ from echelon.formats.schema.schema_excite import (
 from echelon.formats.schema.schema_types import Model
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
+from support.descriptions import read_description
 
 ARM = """
 echelon: 1

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from echelon.errors import InputError
-from echelon.formats.robot_file import RobotFile, read_description
+from echelon.formats.robot_file import RobotFile
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.joint import GROUND
 from echelon.mechanism.mechanism import Mechanism
+from support.descriptions import read_description
 from support.loop_frames import frames, residual
 from support.textbook_poses import Array
 

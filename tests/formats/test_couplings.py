@@ -17,12 +17,12 @@ from scipy.interpolate import CubicSpline
 import echelon as ec
 from echelon.dynamics.functions import robot_function
 from echelon.exact.polynomial import Polynomial
-from echelon.formats.robot_file import read_description
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
 from echelon.mechanism.coupling import Spline, natural_spline
 from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism
+from support.descriptions import read_description
 from support.float_functions import evaluate
 from support.float_regressor import FloatArray, float_regressor, random_states
 from support.pinocchio_loops import Constrained

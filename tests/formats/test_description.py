@@ -14,7 +14,7 @@ import yaml
 
 import echelon as ec
 from echelon.excite.files.trajectory_file import trajectory_schema
-from echelon.formats.robot_file import RobotFile, read_description
+from echelon.formats.robot_file import RobotFile
 from echelon.formats.schema.robot_schema import json_schema
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
@@ -22,6 +22,7 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.results.schema import BaseModelRecord, IdentifiedRecord
 from echelon.results.schema import json_schema as result_schema
 from support import textbook_arms as arms
+from support.descriptions import read_description
 from support.float_regressor import float_regressor, random_states
 from support.paths import ROOT
 from support.selection import one_in

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from echelon.errors import InputError
-from echelon.formats.robot_file import read_description
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
 from echelon.mechanism.mechanism import Mechanism
+from support.descriptions import read_description
 from support.textbook_poses import X, Y, Z, along, moved, pose_of, quaternion_turn, turned
 
 

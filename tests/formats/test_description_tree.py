@@ -10,9 +10,9 @@ import pytest
 
 from echelon.errors import InputError
 from echelon.exact.expressions import parse
-from echelon.formats.robot_file import read_description
 from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
+from support.descriptions import read_description
 from support.textbook_poses import Array, X, moved, pose_of, turned
 
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.formats.robot_file import read_description
 from echelon.formats.snapping import ReadingOptions
 from echelon.identification.current_fit import contradicting_gains, gain_names
 from echelon.identification.estimators.least_squares import irls
@@ -23,6 +22,7 @@ from echelon.logs.recording import Samples
 from echelon.mechanism.effect import Side, ready_made
 from echelon.mechanism.joint import translation
 from echelon.setup.setup import Setup
+from support.descriptions import read_description
 from support.observation_rows import ArrayRows
 from support.paths import EXAMPLES
 from support.payloads import LOAD, Truth, truth, with_drives

@@ -10,10 +10,10 @@ import pytest
 import yaml
 
 import echelon as ec
-from echelon.formats.robot_file import read_description
 from echelon.formats.snapping import ReadingOptions
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.linear_forms import inverse_dynamics_regressor
+from support.descriptions import read_description
 from support.paths import ROOT
 
 ROW = {"joint": "revolute", "alpha": "pi/2", "a": "0.2"}

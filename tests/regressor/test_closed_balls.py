@@ -11,7 +11,6 @@ import pytest
 import echelon as ec
 from echelon.base.ball_rows import ball_rows, stated_ball
 from echelon.errors import InputError
-from echelon.formats.robot_file import read_description
 from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values, value_texts
@@ -20,6 +19,7 @@ from echelon.regressor.linear_forms import virtual_power_form
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.closed_balls import ClosedBalls
 from echelon.results.saved import from_json, to_json
+from support.descriptions import read_description
 from support.paths import ROOT
 
 LOOPS = ROOT / "examples/loops"

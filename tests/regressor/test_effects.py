@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.formats.robot_file import read_description
 from echelon.formats.snapping import ReadingOptions
+from support.descriptions import read_description
 
 PENDULUM = """
 echelon: 1

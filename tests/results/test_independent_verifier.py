@@ -21,13 +21,13 @@ import echelon as ec
 from echelon.exact.expressions import parse
 from echelon.exact.polynomial import float_generators
 from echelon.exact.rational import RationalFunction
-from echelon.formats.robot_file import read_description
 from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.results import echelon_verify
 from echelon.results.echelon_verify import judge
 from echelon.results.saved import from_json, to_dict, to_json
 from support import textbook_arms as arms
+from support.descriptions import read_description
 from support.forgeries import FORGERIES, Forged, forged
 from support.paths import EXAMPLES, ROOT
 from support.random_mechanisms import mechanisms

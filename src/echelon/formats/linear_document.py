@@ -11,7 +11,7 @@ from typing import Any, Literal
 from pydantic import BaseModel as Schema
 from pydantic import ConfigDict, Field, ValidationError, model_validator
 
-from echelon.errors import InputError
+from echelon.errors import locating
 from echelon.extras import extra
 from echelon.formats.description.document import Document, read_text
 from echelon.inputs import read_content
@@ -49,14 +49,12 @@ def read_linear(document: Document) -> LinearModel:
     parameters = stated.parameters
     units = [unit or "" for unit in parameters.values()] if isinstance(parameters, dict) else None
     given = (stated.variables, list(parameters), stated.constants)
-    try:
+    with locating(document.source):
         if stated.outputs is not None:
             rows, names = list(stated.outputs.values()), list(stated.outputs)
             return LinearModel.from_outputs(rows, *given, names, units, stated.name)
         table = stated.regressor or {}
         return LinearModel(list(table.values()), *given, list(table), units, stated.name)
-    except InputError as error:
-        raise error.located(document.source) from None
 
 
 class LinearDocument(Schema):

@@ -83,13 +83,6 @@ class RobotFile:
 
         return check_document(self.document)
 
-    @property
-    def is_linear_model(self) -> bool:
-        """Whether the file states a linear model rather than a robot."""
-        if not self.is_description:
-            return False
-        return isinstance(self.document.data, dict) and self.document.data.get("model") == "linear"
-
     @cached_property
     def robot(self) -> RobotFile | None:
         """The XML file with the geometry: this one, or the one that a description adds to; None if there is none."""
@@ -167,18 +160,16 @@ class RobotFile:
 
     def built(self, options: ReadingOptions, literal: Collection[str] = ()) -> Built:
         """The robot with symbols, and what was read as exact."""
-        try:
+        with locating(self.source):
             if not self.is_description:
                 return build_mechanism(self.tree(mimics=not options.independent_mimics), options, literal)
             if self.robot is None:
                 from echelon.formats.description.description_builder import build_description
 
                 return build_description(self.document, self.description, options, literal)
-            from echelon.formats.description.file_additions import add_to_file
+            from echelon.formats.description.stated_setup import add_to_file
 
             return add_to_file(self.document, self.description, options, partial(self.robot.built, literal=literal))
-        except InputError as error:
-            raise error.located(self.source) from None
 
 
 def open_robot(robot: Any) -> RobotFile:
@@ -197,25 +188,6 @@ def open_robot(robot: Any) -> RobotFile:
         return RobotFile.of(read_content(file), str(file), file.parent)
     file = described_path(str(text)) or file
     return RobotFile.of(expanded(read_content(file), str(file), file.parent), str(file), file.parent)
-
-
-def read_description(text: str | bytes, source: str, options: ReadingOptions) -> Mechanism:
-    """Read a robot from the text of a description.
-
-    >>> pendulum = '''
-    ... echelon: 1
-    ... name: pendulum
-    ... symbols: {l1: 0.5}
-    ... gravity: [0, -9.81, 0]
-    ... modified_dh:
-    ...   - {joint: revolute}
-    ...   - {joint: revolute, a: l1}
-    ... '''
-    >>> print(read_description(pendulum, "pendulum.yaml", ReadingOptions()))
-    pendulum: 2 bodies, 2 degrees of freedom
-    """
-    data = text.encode() if isinstance(text, str) else text
-    return RobotFile(data, source, is_description=True).mechanism(options)
 
 
 def load(
@@ -298,7 +270,8 @@ def load(
 def load_model(robot: Any, **reading: Any) -> Mechanism | LinearModel:
     """Read a robot, with the keyword arguments of :func:`load`, or a linear model."""
     file = open_robot(robot)
-    if not file.is_linear_model:
+    stated = file.document.data if file.is_description else None
+    if not isinstance(stated, dict) or stated.get("model") != "linear":
         return file.mechanism(ReadingOptions(**reading))
     from echelon.formats.linear_document import read_linear
 

@@ -143,11 +143,11 @@ def from_json(text: str | bytes, source: str = "base model") -> BaseModel:
 def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
     from pydantic import ValidationError
 
-    from echelon.formats.robot_file import read_description
+    from echelon.formats.robot_file import RobotFile
     from echelon.results.schema import made
 
     data = json.dumps(record.model).encode()
-    mechanism = read_description(data, source, ReadingOptions(keep_fixed_links=True))
+    mechanism = RobotFile(data, source, is_description=True).mechanism(ReadingOptions(keep_fixed_links=True))
     if list(mechanism.parameters) != record.parameters:
         raise InputError("the parameters are not those of the model", source=source, element="parameters")
     column = {name: i for i, name in enumerate(record.parameters)}

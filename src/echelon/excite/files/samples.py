@@ -23,7 +23,7 @@ from pydantic import AliasChoices, Field
 from pydantic import BaseModel as Schema
 
 from echelon.arrays import Floats
-from echelon.errors import InputError, one_line
+from echelon.errors import InputError, locating, one_line
 from echelon.excite.problem.trajectory import DEGREE, LARGEST, SHORTEST_STEP, Splines, Trajectory
 from echelon.extras import extra
 from echelon.hints import in_quotes
@@ -300,11 +300,9 @@ def from_yaml(content: bytes, source: str, coordinates: Sequence[str]) -> Sample
     if len(documents) != 1:
         raise InputError(f"holds {len(documents)} messages; needs one: {_SHAPE}", source=source)
     message = checked(_Message, documents[0], source, _SHAPE)
-    try:
+    with locating(source):
         order = places(message.joint_names, coordinates, "joint_names")
         values = [_values(message.points, name, len(order)) for name in _STATES]
-    except InputError as error:
-        raise error.located(source) from None
     q, qd, qdd = (None if block is None else block[:, order] for block in values)
     if q is None:
         raise InputError("holds no points with positions", source=source, element="points")

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -20,7 +20,7 @@ from pydantic import BaseModel as Schema
 from pydantic import ConfigDict, Discriminator, Field
 
 from echelon.arrays import Floats
-from echelon.errors import InputError, one_line
+from echelon.errors import InputError, locating, one_line
 from echelon.excite.excite import ExcitingTrajectory
 from echelon.excite.files.samples import (
     check_repeats,
@@ -33,15 +33,7 @@ from echelon.excite.files.samples import (
     sampled,
     yaml_text,
 )
-from echelon.excite.problem.trajectory import (
-    DURATIONS,
-    LARGEST,
-    Basis,
-    Combined,
-    Fourier,
-    Splines,
-    Trajectory,
-)
+from echelon.excite.problem.trajectory import DURATIONS, LARGEST, Basis, Combined, Fourier, Splines, Trajectory
 from echelon.files import write_atomically
 from echelon.inputs import parse_json, plain_data, published_schema, read_content
 from echelon.logs.files.log_file import existing_file
@@ -134,14 +126,6 @@ def trajectory_schema() -> dict[str, Any]:
 _KEY = "echelon_trajectory"
 
 
-def as_record(data: Any, source: str) -> TrajectoryRecord:
-    """A document, checked against its schema."""
-    if not isinstance(data, dict) or _KEY not in data:
-        problem = f'is not a trajectory: the document of one is an object that begins with "{_KEY}": {VERSION}'
-        raise InputError(problem, source=source)
-    return checked(TrajectoryRecord, data, source, "a trajectory of this format")
-
-
 def trajectory_to_json(trajectory: Trajectory, **extra: Any) -> dict[str, Any]:
     """A trajectory as JSON-able data, a document of :func:`trajectory_schema`; extra keys go with it."""
     names, coefficients = trajectory.coordinates, np.asarray(trajectory.coefficients, dtype=float)
@@ -162,7 +146,10 @@ def trajectory_to_json(trajectory: Trajectory, **extra: Any) -> dict[str, Any]:
 
 def trajectory_from_json(data: Any, source: str) -> Trajectory:
     """The trajectory that a document describes."""
-    record = as_record(data, source)
+    if not isinstance(data, dict) or _KEY not in data:
+        problem = f'is not a trajectory: the document of one is an object that begins with "{_KEY}": {VERSION}'
+        raise InputError(problem, source=source)
+    record = checked(TrajectoryRecord, data, source, "a trajectory of this format")
     names = tuple(record.coordinates)
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
@@ -170,11 +157,8 @@ def trajectory_from_json(data: Any, source: str) -> Trajectory:
     if len(record.units) != len(names):
         problem = f"has {len(record.units)} entries for {len(names)} coordinates; needs one for each"
         raise InputError(problem, source=source, element="units")
-    try:
-        basis, coefficients = _read_motion(record.motion, names, "motion")
-    except InputError as error:
-        raise error.located(source) from None
-    return Trajectory(names, tuple(record.units), basis, coefficients)
+    with locating(source):
+        return Trajectory(names, tuple(record.units), *_read_motion(record.motion, names, "motion"))
 
 
 def text_of(document: Mapping[str, Any]) -> str:
@@ -215,10 +199,6 @@ def _read_motion(record: Motion, names: tuple[str, ...], path: str) -> tuple[Bas
         return _read_fourier(record, names, path)
     if record.family == "splines":
         return _read_splines(record, names, path)
-    return _read_sum(record, names, path)
-
-
-def _read_sum(record: SumRecord, names: tuple[str, ...], path: str) -> tuple[Basis, Floats]:
     found = [_read_motion(part, names, f"{path}.parts[{k}]") for k, part in enumerate(record.parts)]
     durations = [basis.duration for basis, _ in found]
     for k, duration in enumerate(durations):
@@ -229,7 +209,7 @@ def _read_sum(record: SumRecord, names: tuple[str, ...], path: str) -> tuple[Bas
 
 
 def _read_fourier(record: FourierRecord, names: tuple[str, ...], path: str) -> tuple[Basis, Floats]:
-    _check_names(record.coefficients, names, f"{path}.coefficients")
+    places(list(record.coefficients), names, f"{path}.coefficients")
     for name in names:
         found = record.coefficients[name]
         for key, values in {"sin": found.sin, "cos": found.cos}.items():
@@ -253,7 +233,7 @@ def _read_splines(record: SplinesRecord, names: tuple[str, ...], path: str) -> t
             f"of degree {degree} begin with {degree + 1} times 0, rise, and end with {degree + 1} times the duration"
         )
         raise InputError(problem, element=f"{path}.knots")
-    _check_names(record.control_points, names, f"{path}.control_points")
+    places(list(record.control_points), names, f"{path}.control_points")
     basis = Splines(tuple(breaks.tolist()), degree)
     for name in names:
         count = len(record.control_points[name])
@@ -261,16 +241,6 @@ def _read_splines(record: SplinesRecord, names: tuple[str, ...], path: str) -> t
             problem = f"has {count} entries; {len(knots)} knots of degree {degree} need {basis.size}"
             raise InputError(problem, element=f"{path}.control_points.{one_line(name)}")
     return basis, np.array([record.control_points[name] for name in names], dtype=float).T
-
-
-def _check_names(found: Iterable[str], names: tuple[str, ...], path: str) -> None:
-    """Every coordinate and no other."""
-    there = set(found)
-    for name in names:
-        if name not in there:
-            raise InputError(f"the coordinate '{one_line(name)}' is missing", element=path)
-    for name in sorted(there - set(names)):
-        raise InputError(f"'{one_line(name)}' is not among the document's coordinates {list(names)}", element=path)
 
 
 # -- files of every kind -----------------------------------------------------------------------------------------------
@@ -338,10 +308,8 @@ def _read(path: str | os.PathLike[str], coordinates: Sequence[str], units: Seque
 
 def _arranged(trajectory: Trajectory, coordinates: Sequence[str], units: Sequence[str], source: str) -> Trajectory:
     """The motion with its coordinates in the order asked for."""
-    try:
+    with locating(source):
         order = places(trajectory.coordinates, coordinates, "coordinates")
-    except InputError as error:
-        raise error.located(source) from None
     for name, unit, place in zip(coordinates, units, order, strict=True):
         if trajectory.units[place] != unit:
             raise InputError(f"'{name}' is in {trajectory.units[place]}; needs {unit}", source=source, element="units")

@@ -21,7 +21,7 @@ from echelon.arrays import Floats
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.dynamics.arguments import coordinate_units
-from echelon.errors import InputError
+from echelon.errors import InputError, locating
 from echelon.excite.problem.clearance import Clearance, clearance_of
 from echelon.excite.problem.closed_loops import LoopMotion, LoopPart, check_loops, loop_limits, passive_motions
 from echelon.excite.problem.prior_model import identified_efforts, prior_efforts
@@ -240,7 +240,7 @@ class Task:
 
 def task_of(setup: Setup, entry: ExcitationEntry) -> Task:
     """Work out what moves and what limits there are, for the section ``excitation`` as it is or changed."""
-    try:
+    with locating(setup.source):
         findings: list[Finding] = []
         positions = _held(setup, entry, findings)
         mechanism = lock_joints(setup.mechanism, positions)
@@ -256,8 +256,6 @@ def task_of(setup: Setup, entry: ExcitationEntry) -> Task:
         constraints = _constraints(setup, entry, mechanism, limits, smooth, findings)
         weights = _weights(setup, entry, base)
         return Task(setup, entry, base, positions, limits, constraints, weights, smooth, tuple(findings))
-    except InputError as error:
-        raise error.located(setup.source) from None
 
 
 def names_of(mechanism: Mechanism) -> frozenset[str]:

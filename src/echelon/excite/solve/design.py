@@ -13,7 +13,7 @@ from math import isfinite
 import numpy as np
 
 from echelon.arrays import Flags, Floats, Integers
-from echelon.errors import InputError
+from echelon.errors import InputError, locating
 from echelon.excite.problem.closed_loops import state_regressor
 from echelon.excite.problem.information import Information, OptimalityCriterion, sample_times
 from echelon.excite.problem.optimisation import Problem
@@ -183,28 +183,22 @@ class Design:
 
 def designed(task: Task, prior: Floats | None = None) -> Design:
     """Decide what the solver needs; ``prior`` is information of shape (r, r) that there is already."""
-    try:
-        return _designed(task, prior)
-    except InputError as error:
-        raise error.located(task.setup.source) from None
-
-
-def _designed(task: Task, prior: Floats | None) -> Design:
-    entry, base, limits = task.entry, task.base, task.limits
-    centre = start_pose(_stated_centre(task), limits, task.constraints, entry.seed)
-    prior = np.zeros((base.rank, base.rank)) if prior is None else prior
-    if prior.shape != (base.rank, base.rank):
-        raise InputError(f"prior_information has shape {prior.shape}; the robot has {base.rank} base parameters")
-    n = len(base.mechanism.independent_velocities)
-    basis = resting_ends(family(entry, n))
-    regressor = state_regressor(base.mechanism, base.matrix.pivots, task.smooth)
-    times = sample_times(basis.duration, entry.rate)
-    information = Information(regressor, basis, times, task.weights, prior)
-    criterion = OptimalityCriterion(entry.criterion, np.ones(base.rank))
-    problem = Problem(basis, n, information, criterion, limits.motion, task.constraints, centre)
-    if entry.criterion == "a_optimal":
-        problem = replace(problem, criterion=OptimalityCriterion("a_optimal", _sizes(problem, entry.seed)))
-    return Design(task, centre, problem)
+    with locating(task.setup.source):
+        entry, base, limits = task.entry, task.base, task.limits
+        centre = start_pose(_stated_centre(task), limits, task.constraints, entry.seed)
+        prior = np.zeros((base.rank, base.rank)) if prior is None else prior
+        if prior.shape != (base.rank, base.rank):
+            raise InputError(f"prior_information has shape {prior.shape}; the robot has {base.rank} base parameters")
+        n = len(base.mechanism.independent_velocities)
+        basis = resting_ends(family(entry, n))
+        regressor = state_regressor(base.mechanism, base.matrix.pivots, task.smooth)
+        times = sample_times(basis.duration, entry.rate)
+        information = Information(regressor, basis, times, task.weights, prior)
+        criterion = OptimalityCriterion(entry.criterion, np.ones(base.rank))
+        problem = Problem(basis, n, information, criterion, limits.motion, task.constraints, centre)
+        if entry.criterion == "a_optimal":
+            problem = replace(problem, criterion=OptimalityCriterion("a_optimal", _sizes(problem, entry.seed)))
+        return Design(task, centre, problem)
 
 
 def _stated_centre(task: Task) -> Floats:

@@ -28,7 +28,7 @@ from echelon.formats.description.document import (
     stated_gravity,
     with_intended_angles,
 )
-from echelon.formats.description.stated_setup import ADDITIONS, Additions
+from echelon.formats.description.stated_setup import ADDITIONS, Additions, cut_off
 from echelon.formats.literal import LiteralMotion, StatedCoupling, move_inertial
 from echelon.formats.snapping import ReadingOptions, gravity_vector, symbol_stem
 from echelon.hints import nearest, nearest_of, unused
@@ -96,11 +96,6 @@ def build_description(
     mechanism = with_intended_angles(mechanism, snapping)
     notes = (*tree.notes, *check_use(mechanism, robot, document))
     return Built(mechanism, tuple(snapping.snaps), notes)
-
-
-def cut_off(robot: RobotDescription) -> tuple[str, ...]:
-    """Names of the parts that force/torque sensors carry, which are bodies even where they are fixed."""
-    return tuple(w for w in (getattr(output, "wrench", BASE) for output in robot.outputs or ()) if w != BASE)
 
 
 class _Tree:

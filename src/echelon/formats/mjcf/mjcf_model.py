@@ -106,12 +106,7 @@ def _gather(
 
 
 def _check(root: Any, source: str) -> None:
-    _check_finite(root, source)
-    _check_copies(root, source)
-
-
-def _check_finite(root: Any, source: str) -> None:
-    """MuJoCo itself lets nan and inf pass with no more than a warning."""
+    """Refuse nan and inf, which MuJoCo itself lets pass with no more than a warning, and too many copies."""
     for element in root.iter():
         for name, value in element.items():
             for word in value.split() if name in _NUMERIC else ():
@@ -122,9 +117,6 @@ def _check_finite(root: Any, source: str) -> None:
                 if not finite:
                     where = f"{element.tag} '{element.get('name', '')}' {name}"
                     raise InputError(f"'{word}' is not a finite number", source=source, element=where)
-
-
-def _check_copies(root: Any, source: str) -> None:
     pending = [(root, 1)]
     while pending:
         element, copies = pending.pop()
@@ -187,9 +179,8 @@ def compile_spec(spec: Any, document: MjcfDocument) -> CompiledModel:
     name_all("body", spec.bodies)
     name_all("joint", spec.joints)
     _remove_irrelevant(spec)
-    undefined = {g.meshname for g in spec.geoms if g.meshname and document.missing} - {
-        mesh_name(m) for m in spec.meshes
-    }
+    defined = {mesh_name(mesh) for mesh in spec.meshes}
+    undefined = {geom.meshname for geom in spec.geoms if geom.meshname and document.missing} - defined
     absent = absent_meshes(spec, directory) | undefined
     stages = [absent] if directory is None or undefined else [set(), absent]
     unknown: set[str] = set()

@@ -163,10 +163,6 @@ class BodyEntry(_Carrier):
     )
 
 
-def _file_or_mapping(value: object) -> object:
-    return {"file": value} if isinstance(value, str) else value
-
-
 class RobotDescription(Model):
     """One robot."""
 
@@ -273,7 +269,11 @@ class RobotDescription(Model):
         ExcitationEntry.model_construct(), "Exciting trajectory that is recorded for the identification."
     )
     robot: Annotated[
-        RobotFile | None, BeforeValidator(_file_or_mapping, json_schema_input_type=str | RobotFile | None)
+        RobotFile | None,
+        BeforeValidator(
+            lambda value: {"file": value} if isinstance(value, str) else value,
+            json_schema_input_type=str | RobotFile | None,
+        ),
     ] = optional(None, "Instead of a geometry: a robot file that this adds to.", "arm.urdf", {"file": "arm.urdf"})
     modified_dh: Annotated[tuple[ModifiedRow, ...], AS_ROWS] | None = optional(
         None,

@@ -141,16 +141,8 @@ def _output(output: Output, mechanism: Mechanism) -> dict[str, Any]:
 
 
 _TYPES = (
-    "revolute",
-    "continuous",
-    "prismatic",
-    "cylindrical",
-    "planar",
-    "helical",
-    "universal",
-    "spherical",
-    "floating",
-    "fixed",
+    *("revolute", "continuous", "prismatic", "cylindrical", "planar"),
+    *("helical", "universal", "spherical", "floating", "fixed"),
 )
 
 
