@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import asdict, replace
+from io import BytesIO
 from math import isfinite
 from pathlib import Path
 from time import perf_counter
@@ -19,6 +21,7 @@ from echelon.codegen import TARGETS
 from echelon.errors import InputError, one_line
 from echelon.extras import extra
 from echelon.hints import nearest_of
+from echelon.identification.cluster import connect
 from echelon.identification.identify import identify
 from echelon.identification.predict import Prediction, predict_log
 from echelon.identification.result import limited
@@ -68,7 +71,7 @@ def run_identify(
     setup = replace(setup, seed=changed.pop("seed", setup.seed)).with_settings(**changed)
     if servo_joints(setup.mechanism):
         return run_servos(setup, [*logs, *validate], output, as_json=as_json)
-    with steps() as step, _cluster(dask) as client:
+    with steps() as step, nullcontext() if dask is None else connect(dask) as client:
         result = identify(setup, tuple(logs), tuple(validate), client=client, on_step=step)
         step("writing")
         files = {} if output is None else _files(result, setup, target)
@@ -80,16 +83,6 @@ def run_identify(
     say_written(paths)
     say_time(started)
     return result.reasons
-
-
-def _cluster(where: str | None) -> Any:
-    from contextlib import nullcontext
-
-    if where is None:
-        return nullcontext()
-    from echelon.identification.cluster import connect
-
-    return connect(where)
 
 
 def _files(result: Identification, setup: Setup, target: str) -> dict[str, str]:
@@ -183,9 +176,9 @@ def _parquet(found: Prediction) -> bytes:
     with extra("identify"):
         import pyarrow as pa
         import pyarrow.parquet as pq
-    sink = pa.BufferOutputStream()
+    sink = BytesIO()
     pq.write_table(pa.table(_columns(found)), sink)
-    return bytes(sink.getvalue().to_pybytes())
+    return sink.getvalue()
 
 
 def _summary(found: Prediction, output: Path | None) -> dict[str, Any]:

@@ -20,14 +20,7 @@ _ENTRIES = 12  # of a frame: its rotation's rows, each followed by a coordinate 
 
 
 class Kinematics:
-    """Frames of the bodies of a mechanism, in machine code.
-
-    >>> import echelon as ec
-    >>> import numpy as np
-    >>> arm = Kinematics(ec.load("examples/double_pendulum.yaml"))
-    >>> arm.frames(np.array([[0.0, 0.0]]))[0, 1, :, 3].round(3)     # where the second joint is
-    array([0.3, 0. , 0. ])
-    """
+    """Frames of the bodies of a mechanism, in machine code."""
 
     def __init__(self, mechanism: Mechanism, symbols: Mapping[str, float] | None = None) -> None:
         self.mechanism = mechanism

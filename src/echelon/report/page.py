@@ -259,11 +259,7 @@ def plotly_source() -> Markup:
 
 
 def script_safe(data: Any) -> str:
-    r"""JSON in which no text can end a script element; without numbers that are not finite.
-
-    >>> script_safe({"name": "</script>"})
-    '{"name":"\\u003c/script\\u003e"}'
-    """
+    """JSON in which no text can end a script element; without numbers that are not finite."""
     text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 

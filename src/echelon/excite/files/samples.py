@@ -149,9 +149,9 @@ def parquet_bytes(samples: Samples, units: Sequence[str]) -> bytes:
     stated = _units(samples.coordinates, units)
     columns = _columns(samples)
     fields = [pa.field(name, pa.float64(), metadata={_UNIT: stated[name].encode()}) for name in columns]
-    sink = pa.BufferOutputStream()
+    sink = io.BytesIO()
     pq.write_table(pa.table(list(columns.values()), schema=pa.schema(fields)), sink)
-    return bytes(sink.getvalue().to_pybytes())
+    return sink.getvalue()
 
 
 def read_samples(path: str | os.PathLike[str], coordinates: Sequence[str], units: Sequence[str]) -> Samples:

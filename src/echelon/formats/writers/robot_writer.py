@@ -30,17 +30,7 @@ class WrittenRobot:
 def identified_robot(
     mechanism: Mechanism, standard: npt.ArrayLike, file: RobotFile | None = None, remarks: Sequence[str] = ()
 ) -> tuple[WrittenRobot, ...]:
-    """Write identified standard parameters, shape (p,), into the robot's file, with remarks at its head.
-
-    >>> from echelon.formats.robot_file import open_robot
-    >>> file = open_robot("examples/two_link.xml")
-    >>> robot = file.mechanism()
-    >>> (written,) = identified_robot(robot, [v or 0.0 for v in robot.standard_values()], file)
-    >>> written.name
-    'identified.xml'
-    >>> 'mass="1.6"' in written.text
-    True
-    """
+    """Write identified standard parameters, shape (p,), into the robot's file, with remarks at its head."""
     values = sorted_values(mechanism, standard)
     if file is None or file.is_description or file.root.tag == "sdf":
         return _from_description(mechanism, values, remarks)
