@@ -335,7 +335,7 @@ UNLIKE = {"family": "sum", "parts": [FOURIER["motion"], trajectory_to_json(smoot
         (changed(FOURIER, "coordinates", value=["j1"]), "units: has 2 entries for 1 coordinates"),
         (
             changed(FOURIER, "motion", "coefficients", "j2", value=SERIES),
-            r"motion.coefficients: 'j2' is not among the document's coordinates \['j1', 'slider'\]",
+            "motion.coefficients: there is no coordinate for 'j2'; valid are 'j1', 'slider'",
         ),
         (changed(FOURIER, "coordinates", value=["j1", "j2"]), "motion.coefficients: the coordinate 'j2' is missing"),
         (changed(FOURIER, "motion", "family", value="forier"), "motion: .*'forier'.*'fourier', 'splines', 'sum'"),

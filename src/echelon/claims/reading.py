@@ -382,11 +382,9 @@ NAMES = tuple(naming.name for naming in NAMINGS)
 
 
 def vocabulary(naming: Naming, model: BaseModel) -> dict[str, str]:
-    """All texts that stand for a standard parameter of a model, with the parameter's own name.
-
-    Bodies go by label, name or joint; a name that two bodies share stands for none.  Parameters that are not inertial
-    also go by their own names, whatever the naming.
-    """
+    """All texts that stand for a standard parameter of a model, with the parameter's own name."""
+    # bodies go by label, name or joint; a name that two bodies share stands for none.  Parameters that are not inertial
+    # also go by their own names, whatever the naming
     words: dict[str, str] = {}
     identifiers, sharing = _identifiers(model), model.mechanism.sharing
     for column in model.mechanism.columns:
@@ -428,10 +426,8 @@ def _known(text: str, words: Mapping[str, str]) -> int:
 
 
 def plain_words(text: str, words: Iterable[str]) -> tuple[str, dict[str, str]]:
-    """A text whose words are all identifiers, and for every word that was replaced the original.
-
-    Bodies may have names such as ``panda-link1``, which an expression would take for a difference.
-    """
+    """A text whose words are all identifiers, and for every word that was replaced the original."""
+    # bodies may have names such as `panda-link1`, which an expression would take for a difference
     odd = sorted((w for w in words if not w.isidentifier() and w in text), key=len, reverse=True)
     stands_for = {f"word_{k}_": word for k, word in enumerate(odd)}
     for placeholder, word in stands_for.items():

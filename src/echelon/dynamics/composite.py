@@ -201,10 +201,8 @@ def body_subtree(at: FrameMotion, pseudo: Array) -> Subtree:
 
 
 def effort_derivatives(inertias: Mapping[int, Array], motion: ForwardPass) -> tuple[Entries, Entries]:
-    """Derivatives of every effort by the positions and by the velocities of all freedoms, from pseudo-inertias.
-
-    The position of a ball's freedom is the angle of a further rotation about its axis of the moved frame.
-    """
+    """Derivatives of every effort by the positions and by the velocities of all freedoms, from pseudo-inertias."""
+    # the position of a ball's freedom is the angle of a further rotation about its axis of the moved frame
     zeros, zero = motion.recorder.zeros, motion.recorder.program.zero
     empty = Subtree(np.full((4, 4), zero), np.full((3, 3), zero), zeros, (zeros, zeros))
     sweep = _Sweep(zeros)
@@ -358,10 +356,8 @@ def _rotated_spread(transform: Transform, spread: Array) -> Array:
 
 
 def by_quaternion(quaternion: Sequence[Scalar], by_angles: Sequence[Scalar]) -> list[Scalar]:
-    """Derivatives by a unit quaternion (w, x, y, z), from those by turns about the axes of the turned frame.
-
-    The angles change by twice the vector part of the conjugate quaternion times its change.
-    """
+    """Derivatives by a unit quaternion (w, x, y, z), from those by turns about the axes of the turned frame."""
+    # the angles change by twice the vector part of the conjugate quaternion times its change
     w, x, y, z = quaternion
     v: Vec = (x, y, z)
     a, b, c = (2 * slope for slope in by_angles)

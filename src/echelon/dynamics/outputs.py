@@ -44,12 +44,11 @@ Index = tuple[int, ...]
 
 
 class RecordedOutputs:
-    """Records outputs on a program of its own.
+    """Records outputs on a program of its own."""
 
-    ``pivots`` are the columns of the regressor that belong to parameters; all other columns' parameters are zero.
-    ``sums`` allows sums of angles (:mod:`echelon.dynamics.recursion`).  With loops, ``dependent`` records the forces of
-    the tree at the dependent coordinates instead of outputs, in terms of standard parameters.
-    """
+    # `pivots` are the columns of the regressor that belong to parameters; all other columns' parameters are zero.
+    # `sums` allows sums of angles (echelon.dynamics.recursion).  With loops, `dependent` records the forces of the tree
+    # at the dependent coordinates instead of outputs, in terms of standard parameters
 
     def __init__(self, mechanism: Mechanism, pivots: Sequence[int], sums: bool = True, dependent: bool = False) -> None:
         columns = mechanism.columns
@@ -80,10 +79,8 @@ class RecordedOutputs:
     # -- parts -------------------------------------------------------------------------------------------------
 
     def inertial(self, gravity: bool, *still: str) -> list[Scalar]:
-        """Forces of the bodies' inertia, one for each row, with or without gravity.
-
-        ``still`` names rates that are zero, ``"qd"`` or ``"qdd"``; with loops the independent ones.
-        """
+        """Forces of the bodies' inertia, one for each row, with or without gravity."""
+        # `still` names rates that are zero, `"qd"` or `"qdd"`; with loops the independent ones
         return self._rows(efforts(self._inertias, self._motion(*still, gravity=gravity)))
 
     def weight(self) -> list[Scalar]:
@@ -144,10 +141,8 @@ class RecordedOutputs:
         return {index: Scalar(program, node) for index, node in slopes.items()}
 
     def _derivatives_on_sphere(self, forces: Sequence[Scalar]) -> dict[Index, Scalar]:
-        """The same, with those by unit quaternions along the unit sphere: less what they have along it.
-
-        Forces that dependent joints pass on with ratios that vary need it; those of constant ratios come cheaper.
-        """
+        """The same, with those by unit quaternions along the unit sphere: less what they have along it."""
+        # forces that dependent joints pass on with ratios that vary need it; those of constant ratios come cheaper
         program, found = self.program, self._derivatives(forces)
         for motion in (m for m in self.mechanism.motions if m.kind is MotionKind.BALL):
             columns = [self.mechanism.positions.index(name) for name in motion.positions]
@@ -281,10 +276,8 @@ class Reframed:
 
 
 def reframed(mechanism: Mechanism) -> Reframed:
-    """Put bodies' frames directly behind their joints, and along rotation axes to where the joint has no offset.
-
-    A mechanism with sensors between bodies stays as it is, because these are placed in its frames.
-    """
+    """Put bodies' frames directly behind their joints, and along rotation axes to where the joint has no offset."""
+    # a mechanism with sensors between bodies stays as it is, because these are placed in its frames
     if any(isinstance(channel, Cut) for output in mechanism.outputs for channel, _ in output.terms):
         return Reframed(mechanism, {})
     frames: dict[int, Placement] = {}
@@ -331,10 +324,8 @@ def _offset(joint: Joint, steps: tuple[Step, ...]) -> Vector:
 
 
 def grouped_inertias(reframed: Reframed, recorder: Recorder, parameters: Mapping[int, Scalar]) -> dict[int, Array]:
-    """Pseudo-inertias [[Σ, h], [hᵀ, m]] about the new frames, of the bodies that have some.
-
-    ``parameters`` belong to some columns of the regressor, about the original frames; all others are zero.
-    """
+    """Pseudo-inertias [[Σ, h], [hᵀ, m]] about the new frames, of the bodies that have some."""
+    # `parameters` belong to some columns of the regressor, about the original frames; all others are zero
     zero, mechanism = recorder.program.zero, reframed.mechanism
     found = {index: np.full((4, 4), zero, dtype=object) for index in range(GROUND, len(mechanism.bodies))}
     for index, first in mechanism.first_column.items():

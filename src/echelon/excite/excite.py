@@ -181,7 +181,8 @@ def exciting_trajectory(
     step("checking all limits")
     x, margins = safe(design, found)
     starts = [Start(k, s.status, s.value, s.iterations, s.history) for k, s in enumerate(found)]
-    return _result(task, design.trajectory(x), margins, prior, starts, centre=design.named_centre)
+    centre = dict(zip(task.mechanism.independent_velocities, design.centre.tolist(), strict=True))
+    return _result(task, design.trajectory(x), margins, prior, starts, centre=centre)
 
 
 def judged_trajectory(setup: Setup, trajectory: Trajectory, **changes: Any) -> ExcitingTrajectory:

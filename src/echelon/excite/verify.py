@@ -183,11 +183,9 @@ SAMPLES_PER_PERIOD = 200
 
 
 def loop_margins(trajectory: Trajectory, limits: LoopLimits) -> list[Margin]:
-    """How far a trajectory stays from the limits at samples, in their order.
-
-    Where the loops cannot be closed, or another way of assembly turns up, no margin is left to singular poses, and all
-    others count as broken.
-    """
+    """How far a trajectory stays from the limits at samples, in their order."""
+    # where the loops cannot be closed, or another way of assembly turns up, no margin is left to singular poses, and
+    # all others count as broken
     count = max(int(np.ceil(SAMPLES_PER_PERIOD * trajectory.basis.frequency * trajectory.duration)), 2)
     times = np.linspace(0.0, trajectory.duration, count + 1)
     states = trajectory.states(times)
@@ -253,15 +251,12 @@ class MotionBounds:
         length = extent(shape) if path else 0.0
         for step in (step for body in path for step in reversed(self.mechanism.bodies[body].joint.steps)):
             if isinstance(step, Motion):
-                total += self._speed(step, length) * self._weights[step.name]
+                # of points at most a length away from the moved frame's origin, per speed of the coordinate
+                slides = step.kind is MotionKind.TRANSLATION
+                speed = 1.0 if slides else float(np.hypot(length, self._number(step.pitch)))
+                total += speed * self._weights[step.name]
             length += self._length(step)
         return total
-
-    def _speed(self, motion: Motion, length: float) -> float:
-        """Speed of points at most a length away from the moved frame's origin, per speed of the coordinate."""
-        if motion.kind is MotionKind.TRANSLATION:
-            return 1.0
-        return float(np.hypot(length, self._number(motion.pitch)))
 
     def _length(self, step: Step) -> float:
         """How far a step can bring the frame."""

@@ -148,10 +148,8 @@ def with_relations(
     declared: Collection[str] = (),
     looped: Collection[Body] = (),
 ) -> tuple[list[Body], Vector | None]:
-    """Bodies and gravity, with axes that are related exactly where the numbers of the file mean it.
-
-    Bodies in loops stay where they are: loops close at the numbers of the file, not at any others.
-    """
+    """Bodies and gravity, with axes that are related exactly where the numbers of the file mean it."""
+    # bodies in loops stay where they are: loops close at the numbers of the file, not at any others
     found: list[Body] = []
     literal = {label for label, own in sources.items() if any(e.startswith(tuple(own)) for e in snapping.literal)}
     named = set(snapping.symbols)

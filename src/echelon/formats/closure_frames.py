@@ -39,11 +39,9 @@ def second_frame(
     place: Callable[[int], Placement],
     symbols: Mapping[str, Symbol],
 ) -> Placement:
-    """A frame of the first member of a tree in the frame of the second one.
-
-    ``place`` says where a member is in its parent's frame at the pose in question.  Where the kind of closure fixes no
-    directions, the axes are those of the second member.  Between many angles it is rounded to doubles.
-    """
+    """A frame of the first member of a tree in the frame of the second one."""
+    # `place` says where a member is in its parent's frame at the pose in question.  Where the kind of closure fixes no
+    # directions, the axes are those of the second member.  Between many angles it is rounded to doubles
     inward, outward = parted(first, second, parent)
     places = {member: place(member) for member in (*inward, *outward)}
     chain = [*(places[m].inverse() for m in outward), *(places[m] for m in reversed(inward)), frame]
@@ -82,11 +80,9 @@ _PARALLEL = 1e-9
 
 
 def with_parallelogram(closure: Closure, element: str, bodies: Sequence[Body], snapping: Snapping) -> Closure:
-    """A closure moved to where it completes a parallelogram, if it nearly does.
-
-    Only where the loop is closed while all coordinates are zero is it known beforehand where that is.  In general
-    frames all relations of the loops are looked at together later (:mod:`echelon.formats.loop_axes`).
-    """
+    """A closure moved to where it completes a parallelogram, if it nearly does."""
+    # only where the loop is closed while all coordinates are zero is it known beforehand where that is.  In general
+    # frames all relations of the loops are looked at together later (echelon.formats.loop_axes)
     chains = parted(closure.first, closure.second, lambda k: bodies[k].parent)
     steps = [step for chain in chains for k in chain for step in bodies[k].joint.steps if isinstance(step, Placement)]
     if len(_angles([*steps, *closure.placements])) > _FEW_ANGLES:

@@ -214,11 +214,9 @@ class StatedJoint:
 
 
 def with_joints(tree: LiteralTree, joints: Sequence[StatedJoint]) -> LiteralTree:
-    """A tree some of whose joints are of other types.
-
-    The frame in which the file states a joint stays; a ball, or the axes of a universal joint, take the place of its
-    axis.
-    """
+    """A tree some of whose joints are of other types."""
+    # the frame in which the file states a joint stays; a ball, or the axes of a universal joint, take the place of its
+    # axis
     coupled = {name: c.element for c in tree.couplings for name in (c.coordinate, *c.terms)}
     for joint in joints:
         moving = [step.name for link in tree.links for step in link.steps if isinstance(step, LiteralMotion)]
@@ -270,11 +268,9 @@ _ROUNDING = 1e-15  # what is left of a zero in a product of two rotations
 
 
 def roll_pitch_yaw(r: Floats) -> tuple[float, float, float]:
-    """Angles with R = Rz(yaw) Ry(pitch) Rx(roll).
-
-    The roll is taken after the yaw is undone, so that at a pitch near ±90°, where neither is well determined, their
-    errors cancel.
-    """
+    """Angles with R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    # the roll is taken after the yaw is undone, so that at a pitch near ±90°, where neither is well determined, their
+    # errors cancel
     yaw = atan2(r[1, 0], r[0, 0]) if hypot(r[0, 0], r[1, 0]) > _ROUNDING else 0.0
     c, s = cos(yaw), sin(yaw)
     return atan2(s * r[0, 2] - c * r[1, 2], c * r[1, 1] - s * r[0, 1]), atan2(-r[2, 0], hypot(r[0, 0], r[1, 0])), yaw

@@ -399,10 +399,8 @@ def _written(value: Rational | float) -> float:
 
 
 def _turned_to(direction: Triple) -> tuple[Placement, int, int]:
-    """A direction by exact numbers, so that points stated along it lie on the axis; ValueError if its length is none.
-
-    The shortest turn takes z there.
-    """
+    """A direction by exact numbers, so that points along it lie on the axis; ValueError if its length is none."""
+    # the shortest turn takes z there
     size = square_root(sum(Fraction(v) ** 2 for v in direction))
     x, y, z = (v * inverse(size) for v in direction)
     back = inverse(1 + z)

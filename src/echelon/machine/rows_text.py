@@ -303,11 +303,9 @@ def _store_line(code: Code, v: Vector, target: str, offset: int, values: Sequenc
 
 
 def _transposed(code: Code, v: Vector, columns: Sequence[str]) -> list[str]:
-    """The transpose of a square, from the addresses of its columns.
-
-    Squares off the diagonal are exchanged: the largest while loading, which joins halves of two columns and needs no
-    shuffle, then ever larger ones in registers.
-    """
+    """The transpose of a square, from the addresses of its columns."""
+    # squares off the diagonal are exchanged: the largest while loading, which joins halves of two columns and needs no
+    # shuffle, then ever larger ones in registers
     half = v.lanes // 2
     current = [_joined(code, v, columns[k % half], columns[k % half + half], k // half * half) for k in range(v.lanes)]
     size = 1

@@ -152,10 +152,8 @@ VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VEC
 
 
 def one_thread() -> AbstractContextManager[object]:
-    """Linear algebra on one thread, so that results are the same on machines with more and with fewer.
-
-    Matrices are small here: threads that wait for one another cost more than they bring.
-    """
+    """Linear algebra on one thread, so that results are the same on machines with more and with fewer."""
+    # matrices are small here: threads that wait for one another cost more than they bring
     with extra("identify"):
         from threadpoolctl import threadpool_limits
 
@@ -184,10 +182,7 @@ def cached_object(identity: str, text: str, make: Callable[[], bytes]) -> bytes:
 
 
 def cache_folder() -> Path | None:
-    """Where object code is kept: ``ECHELON_CACHE``, or the user's usual cache folder; None if there is no safe place.
-
-    An empty ``ECHELON_CACHE`` switches the cache off.
-    """
+    """Where object code is kept: ``ECHELON_CACHE``, or the user's cache folder; None if it is empty or not safe."""
     chosen = os.environ.get(_VARIABLE)
     if chosen == "":
         return None

@@ -174,10 +174,8 @@ def _extent(points: Floats) -> float:
 
 
 def ahead(mechanism: Mechanism, index: int, extent: float) -> Floats:
-    """Where a last body, whose length nobody states, goes on in its own frame: a unit vector.
-
-    That is as its parent came while all joints are at zero, or as it slides.
-    """
+    """Where a last body, whose length nobody states, goes on in its own frame: a unit vector."""
+    # that is as its parent came while all joints are at zero, or as it slides
     body, zero = mechanism.bodies[index], pose_at(mechanism, positions_of(mechanism))
     direction = zero.origins[index] - (np.zeros(3) if body.parent == GROUND else zero.origins[body.parent])
     slides = any(motion.kind in (MotionKind.TRANSLATION, MotionKind.SCREW) for motion in body.joint.motions[:1])
@@ -248,10 +246,8 @@ class Pose:
 
 
 def drawable_pose(mechanism: Mechanism) -> Pose | None:
-    """A pose in which a robot can be recognised: assembled where there are loops, else zero, bent if that is a line.
-
-    None where lengths have no values or loops do not close.
-    """
+    """A pose in which a robot can be recognised: assembled where there are loops, else zero, bent if that is a line."""
+    # None where lengths have no values or loops do not close
     try:
         if mechanism.closures:
             return pose_at(mechanism, Assembly(mechanism).pose)
@@ -297,10 +293,8 @@ def upward(mechanism: Mechanism) -> Floats:
 
 
 def joint_axes(mechanism: Mechanism, rotations: Floats, symbols: Mapping[str, float]) -> Floats:
-    """Direction of each joint's first freedom, shape (N, bodies, 3), for rotations of all bodies, (N, bodies, 3, 3).
-
-    It is fixed in the parent's frame, behind constant placements; zero for fixed joints.
-    """
+    """Direction of each joint's first freedom, shape (N, bodies, 3), for rotations of all bodies, (N, bodies, 3, 3)."""
+    # it is fixed in the parent's frame, behind constant placements; zero for fixed joints
     axes = np.zeros(rotations.shape[:-1])
     for index, body in enumerate(mechanism.bodies):
         if body.joint.is_fixed:

@@ -101,10 +101,8 @@ class Envelope:
 
 
 def envelope(time: Floats, values: Floats, buckets: int) -> Envelope:
-    """The extremes of a signal in stretches of equal time; the signal itself if it is short.
-
-    Lines break at gaps: where neighbours are further apart than four usual steps, and than a stretch is wide.
-    """
+    """The extremes of a signal in stretches of equal time; the signal itself if it is short."""
+    # lines break at gaps: where neighbours are further apart than four usual steps, and than a stretch is wide
     finite = np.isfinite(values) & np.isfinite(time)
     kept = np.flatnonzero(finite)
     t, y = time[kept], values[kept]

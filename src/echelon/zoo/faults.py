@@ -166,11 +166,9 @@ def _null_space(matrix: Floats) -> Floats:
 
 
 def can_exist(values: Floats, free: Floats) -> bool:
-    """Whether a body with parameters ζ + zᵀN can exist for some z; values of shape (10,), N of shape (k, 10).
-
-    The least t with J(ζ + zᵀN) + t·1 ⪰ 0 is sought in a scale where J is about 1: minimise t/μ − log det for ever
-    smaller μ by Newton's steps (Boyd & Vandenberghe 2004, 11.3), until t is negative or cannot become so.
-    """
+    """Whether a body with parameters ζ + zᵀN can exist for some z; values of shape (10,), N of shape (k, 10)."""
+    # the least t with J(ζ + zᵀN) + t·1 ⪰ 0 is sought in a scale where J is about 1: minimise t/μ − log det for ever
+    # smaller μ by Newton's steps (Boyd & Vandenberghe 2004, 11.3), until t is negative or cannot become so
     normal = _normaliser(values)
     start = normal @ pseudo_inertia(values) @ normal.T
     least = float(np.linalg.eigvalsh(start)[0])

@@ -226,10 +226,8 @@ class Problem:
         return replace(self, limits=limits, enforced=tuple(np.tile(functions, (rows, 1)) for functions in near))
 
     def extended(self, part: Problem, x: Floats) -> Problem | None:
-        """A part of this problem with what a motion breaks, or nearly breaks, added to it; None if it breaks nothing.
-
-        A function that is broken at some samples after it was enforced at others is enforced at many more.
-        """
+        """A part of this problem with what a motion breaks, or nearly breaks, added; None if it breaks nothing."""
+        # a function that is broken at some samples after it was enforced at others is enforced at many more
         over = zip(self.limits, self._beyond_limits(x), strict=True)
         limits = tuple(limit for limit, v in over if v > BROKEN or limit in part.limits)
         assert part.enforced is not None

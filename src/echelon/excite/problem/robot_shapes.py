@@ -84,11 +84,9 @@ READABLE = (".stl", ".obj", ".msh")
 
 
 def find_mesh(name: str, directory: Path) -> Path | None:
-    """The file that a robot file means by a path or a URL ``package://…``, ``model://…`` or ``file://…``, if any.
-
-    A package is looked for in all folders above the robot file, then in those of ``ROS_PACKAGE_PATH`` and
-    ``AMENT_PREFIX_PATH``.
-    """
+    """The file that a robot file means by a path or a URL ``package://…``, ``model://…`` or ``file://…``, if any."""
+    # a package is looked for in all folders above the robot file, then in those of `ROS_PACKAGE_PATH` and
+    # `AMENT_PREFIX_PATH`
     scheme, found, rest = name.partition("://")
     if not found or scheme == "file":
         candidates = iter([directory / (rest if found else name)])

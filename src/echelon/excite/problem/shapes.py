@@ -179,10 +179,8 @@ class BoundingSpheres:
 
 
 def plane_gaps(first: Shape, second: Shape, places: tuple[Floats, Floats], points: Floats) -> Floats:
-    """Lower bounds of signed distances, shape (N,), m, by pairs of parallel planes between two shapes.
-
-    The second shape is not a plane.  Points of shape (N, 2, 3) that are nearest, or deepest, give the normals.
-    """
+    """Lower bounds of signed distances, shape (N,), m, by pairs of parallel planes between two shapes."""
+    # the second shape is not a plane.  Points of shape (N, 2, 3) that are nearest, or deepest, give the normals
     if first.kind is Kind.PLANE:
         return _between(first, second, places, places[0][:, :, 2])
     apart = points[:, 1] - points[:, 0]

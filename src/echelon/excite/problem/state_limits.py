@@ -111,12 +111,9 @@ class StateLimits(Enclosed):
 
     def slopes(self, q: Floats, qd: Floats, qdd: Floats) -> Slopes:
         """Derivatives of the functions by q, q̇ and q̈, each of shape (N, m, n)."""
-        found = self._kernels[1](self._given(q, qd, qdd))
-        parts: dict[str, Floats] = {}
-        place = 0
-        for argument in self._states:
-            parts[argument.name] = found[:, :, place : place + len(argument)]
-            place += len(argument)
+        cuts = np.cumsum([len(argument) for argument in self._states])[:-1]
+        found = np.split(self._kernels[1](self._given(q, qd, qdd)), cuts, axis=2)
+        parts = {argument.name: part for argument, part in zip(self._states, found, strict=True)}
         return parts.get("q"), parts.get("qd"), parts.get("qdd")
 
     def enclosures(self, ranges: Mapping[str, Interval]) -> Interval:

@@ -116,11 +116,8 @@ class _Resolver:
 
     def _stated(self, kind: str, name: str) -> float | tuple[float, float] | None:
         """The limit that the set-up states."""
-        given = getattr(self.entry, kind)
-        if name in given or EVERY in given:
-            found: float | tuple[float, float] = given.get(name, given.get(EVERY))
-            return found
-        return None
+        given: Mapping[str, float | tuple[float, float]] = getattr(self.entry, kind)
+        return given.get(name, given.get(EVERY))
 
     # -- coordinates -----------------------------------------------------------------------------------------------
 

@@ -99,10 +99,8 @@ class Combined(Basis):
 
 
 def resting_ends(basis: Basis) -> Combined:
-    """The combinations that begin and end at rest: no velocity, no acceleration, so that a robot can start from them.
-
-    Functions are scaled to a velocity of 1 at most on average, so that coefficients of slow and fast ones compare.
-    """
+    """The combinations that begin and end at rest, without velocity or acceleration, as a robot must start."""
+    # functions are scaled to a velocity of 1 at most on average, so that coefficients of slow and fast ones compare
     ends = np.array([0.0, basis.duration])
     conditions = np.vstack([basis.values(ends, 1), basis.values(ends, 2)])
     free = Combined((basis,), _solutions(conditions))

@@ -36,10 +36,8 @@ _STEPS, _SWEEPS = 9, 3  # places that are tried for a coordinate, and how often
 
 
 def start_pose(wanted: Floats, limits: ResolvedLimits, constraints: Sequence[StateConstraint], seed: int) -> Floats:
-    """A pose at rest that keeps all limits: the middle of the ranges if that is one with room to move about it.
-
-    Wanted coordinates of shape (n,) are NaN where the set-up leaves them open.
-    """
+    """A pose at rest that keeps all limits: the middle of the ranges if that is one with room to move about it."""
+    # wanted coordinates of shape (n,) are NaN where the set-up leaves them open
     low, high = limits.low, limits.high
     pose: Floats = np.where(np.isnan(wanted), limits.middle, wanted)
     outside = np.flatnonzero((pose < low) | (pose > high))
@@ -112,10 +110,8 @@ class _PoseSearch:
         return result
 
     def roomier(self, pose: Floats) -> Floats:
-        """The pose, or if it is in a narrow place another, each coordinate where fewer poses nearby break limits.
-
-        About a pose beside a limit, a motion can hardly be made smaller, nor that limit tighter.
-        """
+        """The pose, or if it is in a narrow place another, each coordinate where fewer poses nearby break limits."""
+        # about a pose beside a limit, a motion can hardly be made smaller, nor that limit tighter
         low, high, near = self.low, self.high, _NEARBY * (self.high - self.low)
         around = near * np.random.default_rng(self.seed).uniform(-1, 1, (_AROUND, len(pose)))
 
@@ -175,11 +171,6 @@ class Design:
         names = self.task.mechanism.independent_velocities
         return Trajectory(names, self.task.units, self.problem.basis, x.reshape(self.problem.shape))
 
-    @property
-    def named_centre(self) -> dict[str, float]:
-        """The centre by coordinate."""
-        return dict(zip(self.task.mechanism.independent_velocities, self.centre.tolist(), strict=True))
-
 
 def designed(task: Task, prior: Floats | None = None) -> Design:
     """Decide what the solver needs; ``prior`` is information of shape (r, r) that there is already."""
@@ -235,11 +226,9 @@ _ITERATIONS = 100  # of a solver that starts next to its goal
 
 
 def safe(design: Design, solutions: Sequence[Solution]) -> tuple[Floats, list[Margin]]:
-    """The best solution, changed so that every limit holds at every time, and the margins.
-
-    A slightly smaller motion makes up for what is missing between samples.  Where that costs too much, the broken
-    limits are tightened and the search goes on.
-    """
+    """The best solution, changed so that every limit holds at every time, and the margins."""
+    # a slightly smaller motion makes up for what is missing between samples.  Where that costs too much, the broken
+    # limits are tightened and the search goes on
     most = min(_ITERATIONS, design.task.entry.iterations)
     worst = ""
     for solution in sorted((s for s in solutions if s.x is not None), key=lambda s: s.value):

@@ -93,10 +93,8 @@ class _LastEvaluation:
 
 
 def solve(problem: Problem, start: Floats, iterations: int, best: Best) -> tuple[Floats, str, int]:
-    """Minimise from one starting point: the last iterate, which keeps the limits of the problem if it converged.
-
-    Beside it stand ``"converged"``, ``"iterations"``, ``"infeasible"`` or the solver's own word, and the iterations.
-    """
+    """Minimise from one starting point: the last iterate, which keeps the limits of the problem if it converged."""
+    # beside it stand `"converged"`, `"iterations"`, `"infeasible"` or the solver's own word, and the iterations
     casadi = _casadi()
     evaluate = _LastEvaluation(problem.value_and_gradient)
     A, low, high = problem.linear
@@ -230,11 +228,9 @@ class Solution:
 
 
 def constraint_generation(problem: Problem, start: Floats, most: int, near: Floats | None = None) -> Solution:
-    """Minimise from one starting point; limits that a motion ``near`` the goal comes near to are enforced at once.
-
-    Linear algebra runs in one thread: matrices are small, threads that wait for each other cost more than they bring,
-    and the order of additions is the same wherever it runs.
-    """
+    """Minimise from one starting point; limits that a motion ``near`` the goal comes near to are enforced at once."""
+    # linear algebra runs in one thread: matrices are small, threads that wait for each other cost more than they bring,
+    # and the order of additions is the same wherever it runs
     with one_thread():
         best = Best(problem)
         start = problem.inside(start)  # the centre keeps all limits, so that there is something to fall back on

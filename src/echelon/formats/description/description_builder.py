@@ -25,7 +25,6 @@ from echelon.formats.description.document import (
     check_use,
     coordinate_axis,
     declared_symbols,
-    stated_gravity,
     with_intended_angles,
 )
 from echelon.formats.description.stated_setup import ADDITIONS, Additions, cut_off
@@ -80,7 +79,9 @@ def build_description(
     floating = robot.floating_base or options.floating
     tree = _Tree(read_parts(robot, expressions), floating, cut_off(robot), options, expressions)
     couplings = tree.couple(robot) if robot.couplings else []
-    gravity = gravity_vector(options.gravity, stated_gravity(robot, expressions) or ORIGIN)
+    text = robot.gravity
+    stated = gravity_vector(text, ORIGIN) if isinstance(text, str) else expressions.vector(text, "gravity")
+    gravity = gravity_vector(options.gravity, stated or ORIGIN)
     bodies, snapping = tree.bodies, expressions.snapping
     if not robot.loops:
         bodies, gravity = with_relations(bodies, gravity, snapping, tree.lumped.sources, expressions.declared)
@@ -354,11 +355,10 @@ def _sorted(parts: list[Part], expressions: Expressions) -> list[Part]:
 
 
 class Joints:
-    """Reads joints with the expressions of one description.
+    """Reads joints with the expressions of one description."""
 
-    Every method takes the element's path, for messages, and a stem: the ending of symbols that stand for angles
-    without an exact sine (``roll3`` for the stem 3).
-    """
+    # every method takes the element's path, for messages, and a stem: the ending of symbols that stand for angles
+    # without an exact sine (`roll3` for the stem 3)
 
     def __init__(self, expressions: Expressions) -> None:
         self.expressions = expressions

@@ -392,10 +392,3 @@ def check_use(mechanism: Mechanism, robot: RobotDescription, document: Document)
         else f"the symbol '{name}' is not used"
         for name in unused
     ]
-
-
-def stated_gravity(robot: RobotDescription, expressions: Expressions) -> Vector | None:
-    """Gravity as the description states it; None for none."""
-    if isinstance(robot.gravity, str):
-        return gravity_vector(robot.gravity, ORIGIN)
-    return expressions.vector(robot.gravity, "gravity")

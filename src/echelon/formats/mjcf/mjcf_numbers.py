@@ -35,12 +35,10 @@ def placements(element: str, xyz: Triple, quaternion: npt.ArrayLike) -> tuple[Li
 
 
 def placements_of(element: str, xyz: Triple, matrix: npt.NDArray[np.float64]) -> tuple[LiteralPlacement, ...]:
-    """Placements of a translation and a rotation matrix.
-
-    With a pitch of nearly ±90° a rounded quaternion has arbitrary roll and yaw, and only their sum or difference means
-    anything.  Then the first placement has roll 0 and pitch ±90° exactly, and a second one, of three small angles, the
-    remainder.
-    """
+    """Placements of a translation and a rotation matrix."""
+    # with a pitch of nearly ±90° a rounded quaternion has arbitrary roll and yaw, and only their sum or difference
+    # means anything.  Then the first placement has roll 0 and pitch ±90° exactly, and a second one, of three small
+    # angles, the remainder
     if hypot(matrix[0, 0], matrix[1, 0]) >= _LOCK:
         return (LiteralPlacement(element, xyz, _rpy(matrix)),)
     pitch, yaw = (pi / 2 if matrix[2, 0] < 0 else -pi / 2), atan2(-matrix[0, 1], matrix[1, 1])
@@ -58,10 +56,8 @@ def _rpy(matrix: npt.NDArray[np.float64]) -> Triple:
 def displaced(
     where: str, kind: str, axis: Triple, displacement: Rational, motion: tuple[LiteralMotion, ...]
 ) -> Iterator[LiteralStep]:
-    """A constant displacement and then a motion along or about one axis, which becomes z meanwhile.
-
-    So both have exactly the same direction, however the angles of the axis are read.
-    """
+    """A constant displacement and then a motion along or about one axis, which becomes z meanwhile."""
+    # so both have exactly the same direction, however the angles of the axis are read
     x, y, z = (float(v) for v in axis)
     if hypot(x, y) < _LOCK:
         turns = ((1, exact_angle(atan2(x, z))), (0, exact_angle(-asin(y))))

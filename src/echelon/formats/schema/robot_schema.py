@@ -293,8 +293,6 @@ class RobotDescription(Model):
 
 
 def json_schema() -> dict[str, Any]:
-    """The JSON schema of descriptions, for editors and other programs.
-
-    ``schemas/robot.schema.json`` of the repository holds it; ``echelon schema description`` prints it.
-    """
+    """The JSON schema of descriptions, for editors and other programs."""
+    # `schemas/robot.schema.json` of the repository holds it; `echelon schema description` prints it
     return published_schema("robot", RobotDescription.model_json_schema())

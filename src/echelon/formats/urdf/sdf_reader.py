@@ -296,10 +296,8 @@ class _Reader(_Frames):
         return order, carried
 
     def _spanning(self) -> list[_Joint]:
-        """Joints that form a tree, in the order of the file.
-
-        Of each loop the last one is left out that can close it.
-        """
+        """Joints that form a tree, in the order of the file."""
+        # of each loop the last one is left out that can close it
         part = {name: name for name in (WORLD, *self.links)}
         kept: list[_Joint] = []
         for joint in sorted(self.joints, key=lambda joint: joint.kind in _CLOSURES):

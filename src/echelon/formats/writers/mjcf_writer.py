@@ -169,10 +169,8 @@ class MjcfEditor:
         yield from self._lost_offsets(written)
 
     def _counted_elsewhere(self, stated: Mapping[str, Any], written: dict[str, dict[str, float]]) -> Iterator[str]:
-        """Take away armatures that identified inertias hold, and what joints have that follow others.
-
-        The identified values of the joint that leads cover those.
-        """
+        """Take away armatures that identified inertias hold, and what joints have that follow others."""
+        # the identified values of the joint that leads cover those
         cleared: dict[str, list[str]] = {}
         for name, joint in stated.items():
             for key in _FRICTION.values() if name in self.mechanism.dependent else ("armature",):
