@@ -33,8 +33,7 @@ from echelon.exact.field import PrimeField, Work, reduced_echelon, residues_at, 
 from echelon.exact.polynomial import Number, Surd, is_trigonometric, symbol_of
 from echelon.exact.rational import RationalFunction
 
-Row = Mapping[int, RationalFunction]
-"""Claimed coefficients by column, in the order of the text."""
+Row = Mapping[int, RationalFunction]  # claimed coefficients by column, in the order of the text
 
 _ZERO = RationalFunction(0)
 _PRIME_BITS = 61

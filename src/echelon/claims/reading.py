@@ -200,8 +200,7 @@ def _digits(
 
 # -- expressions that are linear in the parameters ---------------------------------------------------------------------
 
-Terms = dict[str, RationalFunction]
-"""Coefficients by parameter; the key "" holds the part without a parameter."""
+Terms = dict[str, RationalFunction]  # coefficients by parameter; the key "" holds the part without a parameter
 
 _LARGEST_EXPONENT = 32
 _ONE = RationalFunction(1)

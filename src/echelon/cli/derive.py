@@ -87,8 +87,7 @@ def _rendered(base: BaseModel | LinearBase, output_format: str) -> str:
     return to_latex(base) if output_format == "latex" else to_markdown(base)
 
 
-Read = Mapping[str, Any]
-"""Keyword arguments of ``echelon.load``."""
+Read = Mapping[str, Any]  # keyword arguments of ``echelon.load``
 
 
 def run_rank_only(

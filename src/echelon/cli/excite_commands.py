@@ -17,8 +17,7 @@ from echelon.cli.app import AsJson, Force, app, reads_robot
 from echelon.cli.screen import steps
 
 TRAJECTORY, PREVIEW = "trajectory.json", "preview.html"
-BROKEN = 1
-"""Exit code where a limit is broken."""
+BROKEN = 1  # exit code where a limit is broken
 
 
 class SampleFormat(StrEnum):

@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from echelon.cli.destination import Destination
     from echelon.codegen import Source
 
-SUMMARY = "echelon.generated/1"
-"""Schema of the summary."""
+SUMMARY = "echelon.generated/1"  # schema of the summary
 
 TARGETS = "c, cpp, cuda, python, jax, casadi, matlab, julia, rust"
 FUNCTIONS = "regressor, inverse_dynamics, mass_matrix, gravity, coriolis, effects, inverse_dynamics_derivatives"

@@ -16,8 +16,7 @@ from echelon.cli.screen import json_text, show, steps
 from echelon.errors import InputError
 
 _MARK = "zoo.json"
-UNANSWERED = 1
-"""Exit code where a robot got no answer; the others have their pages."""
+UNANSWERED = 1  # exit code where a robot got no answer; the others have their pages
 
 group = application("zoo", "Pages about many robots at once.")
 app.add_typer(group)

@@ -26,11 +26,9 @@ from echelon.program.rewriting import recorded, replayed
 from echelon.program.schedule import FloatArithmetic
 from echelon.program.tape import Program, Scalar, exact
 
-FROM_FILE = "file"
-"""The parameters that the robot's file states."""
+FROM_FILE = "file"  # the parameters that the robot's file states
 
-SHARED = ("inputs", "symbols")
-"""Arguments of which a function holds only what it uses."""
+SHARED = ("inputs", "symbols")  # arguments of which a function holds only what it uses
 
 _MOST_BITS = 512
 _SHOWN = 6

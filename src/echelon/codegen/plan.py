@@ -17,8 +17,7 @@ from echelon.program.function import Function, cut, depth_first, operands, waiti
 from echelon.program.operations import Op
 from echelon.program.tape import Program
 
-LONGEST_PART = 1000
-"""Statements of one part, at most."""
+LONGEST_PART = 1000  # statements of one part, at most
 
 _FEW_RESULTS = 8  # operations for each result
 _MOST_LEAVES = 8

@@ -94,11 +94,9 @@ def _factors(a: Text, b: Text, *, number: bool) -> tuple[Text, Text]:
     return a, b
 
 
-WORK = "w"
-"""The array in which parts of a function pass values on."""
+WORK = "w"  # the array in which parts of a function pass values on
 
-LANES = 4
-"""Angles whose sines and cosines are computed at once."""
+LANES = 4  # angles whose sines and cosines are computed at once
 
 _MOST_ZEROS = 24
 

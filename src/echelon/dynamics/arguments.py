@@ -15,11 +15,9 @@ from echelon.program.function import Argument, Function
 from echelon.program.operations import Op
 from echelon.program.tape import Program, Scalar
 
-STATE = ("q", "qd", "qdd")
-"""Positions, velocities and accelerations."""
+STATE = ("q", "qd", "qdd")  # positions, velocities and accelerations
 
-STANDARD = "standard_parameters"
-"""The argument of functions that base parameters do not determine."""
+STANDARD = "standard_parameters"  # the argument of functions that base parameters do not determine
 
 
 @dataclass(frozen=True)

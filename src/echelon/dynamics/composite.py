@@ -42,8 +42,7 @@ from echelon.inertia import Array
 from echelon.program.tape import Scalar
 from echelon.regressor.steps import Freedom, Mat, Vec, add, apply, backward, cross, dot, into_frame, scale
 
-Symmetric = dict[tuple[str, str], Scalar]
-"""Entries by pairs of freedoms, in both orders; zero where absent."""
+Symmetric = dict[tuple[str, str], Scalar]  # entries by pairs of freedoms, in both orders; zero where absent
 
 
 def mass_matrix(inertias: Mapping[int, Array], motion: ForwardPass) -> Symmetric:

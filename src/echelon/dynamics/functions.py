@@ -231,7 +231,6 @@ LOOP_FUNCTIONS: Mapping[str, Builder] = {
 """The same, of functions of mechanisms with loops only."""
 
 ALL_FUNCTIONS: Mapping[str, Builder] = {**FUNCTIONS, **LOOP_FUNCTIONS}
-"""Both."""
 
 
 def robot_function(name: str, mechanism: Mechanism, pivots: Sequence[int]) -> Function:

@@ -39,8 +39,7 @@ from echelon.regressor.loops.dependent_motion import DependentMotion
 from echelon.regressor.steps import EffectRecorder, Probes, Recorder, VirtualMotion, motion_of_joints, virtual_motion
 from echelon.regressor.steps import Step as Recorded
 
-Index = tuple[int, ...]
-"""Row, or row and column."""
+Index = tuple[int, ...]  # row, or row and column
 
 
 class RecordedOutputs:

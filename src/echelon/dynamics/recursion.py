@@ -47,11 +47,9 @@ from echelon.regressor.steps import (
     scale,
 )
 
-MASS = 3
-"""Row of the mass and of first moments in a pseudo-inertia."""
+MASS = 3  # row of the mass and of first moments in a pseudo-inertia
 
-Wrench = tuple[Vec, Vec]
-"""Moment about the frame's origin and force."""
+Wrench = tuple[Vec, Vec]  # moment about the frame's origin and force
 
 
 @dataclass(frozen=True, eq=False)

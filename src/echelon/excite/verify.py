@@ -43,8 +43,7 @@ from echelon.program.intervals import Interval
 from echelon.regressor.loops.assembly import LARGEST_CORRECTION
 from echelon.regressor.loops.closed_motion import largest, position_rates
 
-ACTIVE = 0.02
-"""Share of a limit's range within which it counts as active."""
+ACTIVE = 0.02  # share of a limit's range within which it counts as active
 
 
 @dataclass(frozen=True)
@@ -92,11 +91,9 @@ def when_kept(margins: Iterable[Margin]) -> str:
     return "at every time"
 
 
-SHARP = 1e-3
-"""Share of a limit's range by which bounds may be wider than what is reached."""
+SHARP = 1e-3  # share of a limit's range by which bounds may be wider than what is reached
 _SHARE = 0.25  # share of the distance to a limit by which bounds may be wider than what is reached, where that is more
-PER_PERIOD = 10
-"""Cells per period of the highest frequency, at first."""
+PER_PERIOD = 10  # cells per period of the highest frequency, at first
 _HALVINGS = 12
 
 

@@ -48,11 +48,9 @@ from echelon.mechanism.joint import (
 from echelon.mechanism.mechanism import Snap
 from echelon.mechanism.stated import vanishes
 
-BASE = "base"
-"""What a parent is called that is the base, unless a body has that name."""
+BASE = "base"  # what a parent is called that is the base, unless a body has that name
 
-Read = Callable[[str], tuple[Step, ...]]
-"""Reads steps; its argument ends the names of symbols."""
+Read = Callable[[str], tuple[Step, ...]]  # reads steps; its argument ends the names of symbols
 
 
 @dataclass(frozen=True)
@@ -132,8 +130,7 @@ class Bodies:
 
 _STEP = pi / STEPS_PER_HALF_TURN
 _NOISE = 1e-14
-_NEAR = 1e-9
-"""Nearer than this, exact values are looked at whatever the tolerance is."""
+_NEAR = 1e-9  # nearer than this, exact values are looked at whatever the tolerance is
 _TURNS = (MotionKind.ROTATION, MotionKind.SCREW)
 _QUARTER = Fraction(1, 2)
 _TO_AXIS = (turn(1, Angle(_QUARTER)), turn(0, Angle(-_QUARTER)), Placement())

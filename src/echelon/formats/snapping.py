@@ -57,8 +57,7 @@ ANGLE_TOLERANCE = 2e-3
 LENGTH_TOLERANCE = 1e-5
 """Translations below this fraction of the robot's largest one are read as zero, unless snapping is off."""
 
-PRECISION = 1e-9
-"""The literal reading: what agrees to nine digits is the exact number, written as well as decimals can."""
+PRECISION = 1e-9  # the literal reading: what agrees to nine digits is the exact number, written as well as decimals can
 
 Gravity = Sequence[str | float | int] | str | None
 
@@ -126,11 +125,9 @@ def _component(text: str) -> Polynomial:
     return value
 
 
-LARGEST = 10**100
-"""Of lengths, masses and the like: mass times a distance squared is still far within double precision."""
+LARGEST = 10**100  # of lengths, masses and the like: mass times a distance squared is still far within double precision
 
-SMALLEST = Fraction(1, LARGEST)
-"""Of what is not zero."""
+SMALLEST = Fraction(1, LARGEST)  # of what is not zero
 
 LARGEST_ANGLE = 10**9
 """Of angles, rad: beyond, the digits of a double no longer say which multiple of 15° is the nearest."""

@@ -193,8 +193,7 @@ def module_text(*texts: str) -> str:
 
 _BINARY = {Op.ADD: "fadd contract", Op.SUB: "fsub contract", Op.MUL: "fmul contract", Op.DIV: "fdiv"}
 _LIBRARY = {Op.EXP: "exp", Op.LOG: "log", Op.TANH: "tanh", Op.ATAN: "atan"}
-LARGEST_ANGLE = 1e9
-"""Radians; beyond, the C library takes over."""
+LARGEST_ANGLE = 1e9  # radians; beyond, the C library takes over
 
 _TURNS = 2 / 3.141592653589793
 _HALF_PI = tuple(map(float.fromhex, ("0x1.921fb54442d18p+0", "0x1.1a62633145c07p-54", "-0x1.f1976b7ed8fbcp-110")))

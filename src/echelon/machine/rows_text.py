@@ -16,8 +16,7 @@ from enum import Enum
 from echelon.machine.kernel_text import Block
 from echelon.machine.operations_text import Code, Lowered, Vector, prefetched
 
-LINE = 8
-"""Doubles in a cache line."""
+LINE = 8  # doubles in a cache line
 
 _LARGEST_IMAGE = 2560  # doubles, 20 kB of an innermost cache of 32 kB
 # operations for each line that is copied among them: with images that fit, and with long ones, mostly copied apart

@@ -33,8 +33,7 @@ CLASSES = {
 
 Point = tuple[float, float]
 
-WIDTH, LABEL = 940.0, 262.0
-"""Width of the drawing, and of the columns of labels on both sides, px."""
+WIDTH, LABEL = 940.0, 262.0  # width of the drawing, and of the columns of labels on both sides, px
 
 _ROW = 24.0  # height of a label
 _HEIGHTS = 180.0, 420.0  # of a drawing, if its labels need no more

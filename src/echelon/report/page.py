@@ -224,8 +224,7 @@ def _indexed(stem: str, index: str) -> str:
 # -- pages -------------------------------------------------------------------------------------------------------------
 
 TEMPLATES = Path(__file__).with_name("templates")
-Context = dict[str, Any]
-"""What a template shows."""
+Context = dict[str, Any]  # what a template shows
 
 
 def html_page(

@@ -274,8 +274,7 @@ def _starts(found: ExcitingTrajectory) -> Context:
 
 # -- the moving picture ------------------------------------------------------------------------------------------------
 
-_RATE = 30.0
-"""Pictures per second; fewer where a page would become too large.  Between them a script interpolates."""
+_RATE = 30.0  # pictures per second; fewer where a page would become too large.  Between them a script interpolates
 _PICTURE_BYTES = 500_000  # of all pictures together, about
 _NUMBERS, _PER_NUMBER = 10, 4 * 4 / 3  # of a body in a picture, and bytes of each in base 64
 _STUB = 0.12  # length of a last body, of the robot's extent

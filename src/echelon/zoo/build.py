@@ -19,8 +19,7 @@ from echelon.report.page import Context, render, script_safe
 from echelon.version import __version__
 from echelon.zoo.exhibit import TEMPLATES, Found, Row, Task, build_exhibit, robot_files, usual_folders
 
-Progress = Callable[[int, int, Row | None], None]
-"""Told how many robots are done, of how many, and the last one's row."""
+Progress = Callable[[int, int, Row | None], None]  # told how many robots are done, of how many, and the last one's row
 
 _DESCRIPTIONS = (".yaml", ".yml")
 

@@ -122,8 +122,7 @@ ROW = "row.json"
 _FUNCTIONS = ("regressor", "inverse_dynamics")
 _SNAPS = 200  # that are listed
 _MOST_SENSED, _MOST_DRAWN = 450, 300  # standard parameters of robots with sets of sensors, and with a picture of B
-Row = dict[str, Any]
-"""What the index knows of a robot; plain data."""
+Row = dict[str, Any]  # what the index knows of a robot; plain data
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.conventions import PER_BODY
 from echelon.errors import EchelonError, one_line
+from echelon.excite.problem.robot_shapes import carrying_bodies
 from echelon.formats.literal import LiteralTree
 from echelon.formats.robot_file import RobotFile
 from echelon.inertia import convert, pseudo_inertia
@@ -60,7 +61,8 @@ def _problems(base: BaseModel) -> Iterator[tuple[str, int, str]]:
     if tree is None:
         stated = [(body.name, k, body.inertial) for k, body in enumerate(bodies)]
     else:
-        stated = list(_links(base, tree))
+        places = carrying_bodies(tree, base.mechanism)
+        stated = [(link.name, body, link.inertial) for link, (body, _) in zip(tree.links, places, strict=True)]
     for name, body, inertial in stated:
         problem = "" if inertial is None else problem_of(np.array(inertial), size)
         if problem:
@@ -77,16 +79,6 @@ def read_from(mechanism: Mechanism) -> tuple[RobotFile | None, LiteralTree | Non
     if reading is None or robot is None:
         return None, None
     return robot, robot.tree(mimics=not reading.options.independent_mimics)
-
-
-def _links(base: BaseModel, tree: LiteralTree) -> Iterator[tuple[str, int, tuple[float, ...] | None]]:
-    """Name of every link, the body that it is part of, and its stated inertia."""
-    bodies = {body.name: k for k, body in enumerate(base.mechanism.bodies)}
-    for link in tree.links:
-        host = link
-        while host.name not in bodies and host.parent != GROUND:
-            host = tree.links[host.parent]
-        yield link.name, bodies.get(host.name, GROUND), link.inertial
 
 
 def _solid(robot: RobotFile) -> set[str]:

@@ -35,11 +35,9 @@ from echelon.results.schema import checked
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-FEWEST = 6
-"""Samples that a quintic spline goes through."""
+FEWEST = 6  # samples that a quintic spline goes through
 
-PREFIXES = ("q", "qd", "qdd")
-"""Prefixes of the names of columns, by the order of the derivative."""
+PREFIXES = ("q", "qd", "qdd")  # prefixes of the names of columns, by the order of the derivative
 
 _MOST = 5_000_000
 _AT_ONCE = 4_000_000
@@ -123,8 +121,7 @@ def check_repeats(trajectory: Trajectory, repeats: int) -> None:
         raise InputError(problem, element="repeats")
 
 
-TIME = "t"
-"""Name of the column of times, s."""
+TIME = "t"  # name of the column of times, s
 
 _PER = ("", "/s", "/s²")
 _UNIT = b"unit"
@@ -321,8 +318,7 @@ def _values(points: Sequence[_Point], name: str, width: int) -> Floats | None:
 
 # -- a spline through samples ----------------------------------------------------------------------------------------
 
-GROSS = 0.2
-"""Root mean square of a difference, relative to that of what differs, that cannot come from interpolating."""
+GROSS = 0.2  # root mean square of a difference, relative to that of what differs, that cannot come from interpolating
 
 
 def interpolated(samples: Samples, units: Sequence[str], source: str, row: str = "row") -> Trajectory:

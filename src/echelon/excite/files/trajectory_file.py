@@ -39,8 +39,7 @@ from echelon.inputs import parse_json, plain_data, published_schema, read_conten
 from echelon.logs.files.log_file import existing_file
 from echelon.results.schema import checked
 
-VERSION = 1
-"""Version of the format."""
+VERSION = 1  # version of the format
 
 FOURIER = (
     "q(t) = constant + sum over k = 1 ... harmonics of sin[k-1] * sin(2 pi k t / duration) "
@@ -245,8 +244,7 @@ def _read_splines(record: SplinesRecord, names: tuple[str, ...], path: str) -> t
 
 # -- files of every kind -----------------------------------------------------------------------------------------------
 
-SUFFIXES = (".json", ".csv", ".parquet", ".yaml")
-"""Suffixes of trajectories' files; .yml counts as .yaml."""
+SUFFIXES = (".json", ".csv", ".parquet", ".yaml")  # suffixes of trajectories' files; .yml counts as .yaml
 
 
 def kind_of(path: str | os.PathLike[str]) -> str:

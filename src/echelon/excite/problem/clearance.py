@@ -190,8 +190,7 @@ def _meant(mechanism: Mechanism, shapes: Sequence[Shape], name: str) -> frozense
     )
 
 
-REACH = 0.2
-"""How far beyond the clearance distances are measured, m: enough to be warned before a limit is near."""
+REACH = 0.2  # how far beyond the clearance distances are measured, m: enough to be warned before a limit is near
 
 _TOUCHING = 1e-12  # m, below which points do not tell a normal
 

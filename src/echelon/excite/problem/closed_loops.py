@@ -299,8 +299,7 @@ class LoopPart:
         return q, qd, qdd
 
 
-OPEN = 0.15
-"""Least openness that a solver has to keep, as a share of :attr:`LoopMotion.reference`."""
+OPEN = 0.15  # least openness that a solver has to keep, as a share of LoopMotion.reference
 
 
 @dataclass(frozen=True, eq=False)

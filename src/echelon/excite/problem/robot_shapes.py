@@ -48,8 +48,7 @@ from echelon.formats.urdf.urdf_reader import ExactXml
 from echelon.mechanism.joint import GROUND
 from echelon.mechanism.mechanism import Mechanism
 
-STAND_IN = "shapes of the set-up can stand in for it"
-"""Advice for a shape that cannot be read."""
+STAND_IN = "shapes of the set-up can stand in for it"  # advice for a shape that cannot be read
 
 
 @dataclass(frozen=True)
@@ -79,8 +78,7 @@ def carrying_bodies(tree: LiteralTree, mechanism: Mechanism) -> tuple[tuple[int,
     return tuple(found)
 
 
-READABLE = (".stl", ".obj", ".msh")
-"""Suffixes of meshes that MuJoCo reads."""
+READABLE = (".stl", ".obj", ".msh")  # suffixes of meshes that MuJoCo reads
 
 
 def find_mesh(name: str, directory: Path) -> Path | None:

@@ -46,11 +46,9 @@ SIZES = {
 }
 
 
-WORLD = ("world", "base", "ground")
-"""Names of the fixed world, unless a body has one of them."""
+WORLD = ("world", "base", "ground")  # names of the fixed world, unless a body has one of them
 
-CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
-"""Of a box with half lengths of 1."""
+CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # of a box with half lengths of 1
 
 Owner = tuple[int, str]
 """A body, −1 for the world, and the name of an obstacle; no name for all that belongs to the robot."""

@@ -36,8 +36,7 @@ from echelon.program.rewriting import smooth_function
 from echelon.program.tape import Program
 from echelon.regressor.steps import Recorder, add, apply
 
-ORDERS = ("position", "velocity", "acceleration", "jerk")
-"""Kinds of limits, by the order of the derivative."""
+ORDERS = ("position", "velocity", "acceleration", "jerk")  # kinds of limits, by the order of the derivative
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,8 +215,7 @@ def _axis(limits: Sequence[PointLimit]) -> tuple[str, ...]:
 
 # -- torques and forces ------------------------------------------------------------------------------------------------
 
-SIGNS = ("plus", "minus")
-"""Signs of the deviations, in the order of :meth:`EffortModel.extremes`."""
+SIGNS = ("plus", "minus")  # signs of the deviations, in the order of EffortModel.extremes
 
 _LEAST = 1e-6  # N·m or N, which are added to every deviation in squares: a root has no derivative at zero
 _ROUNDING = 1e-12

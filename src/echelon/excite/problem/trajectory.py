@@ -177,8 +177,7 @@ class Fourier(Basis):
         return found
 
 
-DEGREE = 5
-"""Quintic: jerks are continuous."""
+DEGREE = 5  # quintic: jerks are continuous
 
 
 @dataclass(frozen=True)
@@ -253,11 +252,9 @@ def uniform_splines(duration: float, segments: int) -> Splines:
 DURATIONS = (1e-6, 1e6)
 """Shortest and longest motion of a robot, s: beyond, powers of frequencies leave double precision."""
 
-SHORTEST_STEP = 1e-9
-"""Between samples, s; clocks count no finer."""
+SHORTEST_STEP = 1e-9  # between samples, s; clocks count no finer
 
-LARGEST = 1e12
-"""Position, velocity, acceleration or jerk, SI, that no robot comes near to."""
+LARGEST = 1e12  # position, velocity, acceleration or jerk, SI, that no robot comes near to
 
 
 @dataclass(frozen=True, eq=False)

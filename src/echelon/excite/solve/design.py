@@ -152,8 +152,7 @@ def _labels(constraints: Sequence[StateConstraint]) -> list[str]:
     return [label for constraint in constraints for label in constraint.labels]
 
 
-DURATION = 8.0
-"""Seconds, where none is stated."""
+DURATION = 8.0  # seconds, where none is stated
 _FEWEST, _MOST, _FUNCTIONS = 3, 7, 56
 """Harmonics where none are stated: so many that all coordinates together have about that many, within these ends."""
 

@@ -302,8 +302,7 @@ def coordinate_axis(direction: str) -> tuple[int, int]:
     return "xyz".index(direction[-1]), -1 if direction.startswith("-") else 1
 
 
-GENERIC = gravity_vector("generic", ORIGIN)
-"""Gravity of unknown direction; its symbols need no declaration."""
+GENERIC = gravity_vector("generic", ORIGIN)  # gravity of unknown direction; its symbols need no declaration
 
 
 def declared_symbols(robot: RobotDescription, document: Document) -> tuple[dict[str, Symbol], frozenset[str]]:

@@ -29,13 +29,11 @@ from echelon.formats.schema.schema_types import (
 )
 from echelon.formats.snapping import NOT_FINITE
 
-EVERY = "all"
-"""Key of mappings by name that stands for every name that is not listed."""
+EVERY = "all"  # key of mappings by name that stands for every name that is not listed
 
 
 _NONE = "none"
-_TEXTS = ("body", "name", "mesh")
-"""Keys of shapes whose values are texts."""
+_TEXTS = ("body", "name", "mesh")  # keys of shapes whose values are texts
 
 
 def _limit(value: object) -> float:

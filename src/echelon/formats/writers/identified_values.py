@@ -28,16 +28,14 @@ from echelon.mechanism.joint import ALL, Body
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
 
-ROTOR = "rotor"
-"""Kind of the joint of a body that is the rotor of a drive."""
+ROTOR = "rotor"  # kind of the joint of a body that is the rotor of a drive
 
 _MASS = PARAMETERS.index("M")
 _ROUNDING = 1e-9
 """How far below zero an eigenvalue may be, relative to the largest, that a solver left on the edge of the cone."""
 
 
-_NEGLIGIBLE = 1e-12
-"""Size of a body, relative to the largest, that is none but for rounding."""
+_NEGLIGIBLE = 1e-12  # size of a body, relative to the largest, that is none but for rounding
 
 
 @dataclass(frozen=True)
@@ -123,8 +121,7 @@ def _check_consistency(body: Body, values: Floats) -> None:
         raise InputError(problem, element=f"body '{body.name}'")
 
 
-_NOTICEABLE = 1e-9
-"""Numbers that were read as exact ones within this differ in their last digits only."""
+_NOTICEABLE = 1e-9  # numbers that were read as exact ones within this differ in their last digits only
 
 
 def head_comment(notes: Sequence[str]) -> list[str]:
