@@ -142,8 +142,7 @@ def aligned(shape: tuple[int, ...], *, zero: bool = False, boundary: int = _LINE
     count = prod(shape)
     raw = (np.zeros if zero else np.empty)(count * _DOUBLE + boundary, dtype=np.uint8)
     start = -raw.ctypes.data % boundary
-    result: Floats = raw[start : start + count * _DOUBLE].view(np.float64).reshape(shape)
-    return result
+    return raw[start : start + count * _DOUBLE].view(np.float64).reshape(shape)
 
 
 def _contents(argument: Argument) -> str:

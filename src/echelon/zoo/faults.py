@@ -153,8 +153,7 @@ def _null_space(matrix: Floats) -> Floats:
     """Vectors z with B z = 0 as rows, for a matrix of shape (r, 10) whose entries are lengths to some power."""
     _, sizes, directions = np.linalg.svd(matrix)
     rank = int((sizes > 1e-9 * sizes[0]).sum())
-    found: Floats = directions[rank:]
-    return found
+    return directions[rank:]
 
 
 def can_exist(values: Floats, free: Floats) -> bool:
@@ -198,5 +197,4 @@ def _normaliser(values: Floats) -> Floats:
     moved[:3, 3] = -values[6:9] / mass
     second = float(np.abs(np.diagonal(moved @ pseudo_inertia(values) @ moved.T)[:3]).max())
     second = max(second, 1e-9 * float(np.abs(values[:6]).max()), 1e-12 * mass)  # what is smaller is rounding
-    found: Floats = np.diag(np.array([second, second, second, mass]) ** -0.5) @ moved
-    return found
+    return np.diag(np.array([second, second, second, mass]) ** -0.5) @ moved

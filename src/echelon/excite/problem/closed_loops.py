@@ -62,8 +62,7 @@ class Closed:
 
     def counted(self, values: Floats) -> Floats:
         """Values of shape (N, ...) where the loops are closed, and zeros."""
-        found: Floats = np.where(self.done[:, None], values, 0.0)
-        return found
+        return np.where(self.done[:, None], values, 0.0)
 
 
 def openness(mechanism: Mechanism, _pivots: object) -> Function:
@@ -93,8 +92,7 @@ class LoopMotion(CompiledAssembly):
     @property
     def independent_units(self) -> Floats:
         """Units of the independent positions, shape (k,)."""
-        units: Floats = self.speed_units[self._independent]
-        return units
+        return self.speed_units[self._independent]
 
     @cached_property
     def reference(self) -> float:

@@ -144,8 +144,7 @@ class MotionInformation:
             part = slope[np.ix_(rows.columns, rows.columns)] * (2 * weight)
             adjoint[:, rows.entries] = self.entries[:, rows.entries] @ part
         pulled = source.regressor.pulled(self.state, adjoint)
-        total: Floats = np.hstack([phi.T for phi in source.phi]) @ np.vstack(pulled)
-        return total
+        return np.hstack([phi.T for phi in source.phi]) @ np.vstack(pulled)
 
 
 Slope = tuple[float, Floats]

@@ -252,5 +252,4 @@ BROKEN = 1e-6
 def beyond(values: Floats, low: Floats, high: Floats) -> Floats:
     """How far values are beyond their limits, relative to the limits' range; negative if there is room."""
     span = np.where(np.isfinite(high - low), high - low, np.maximum(np.minimum(np.abs(low), np.abs(high)), 1.0))
-    found: Floats = np.maximum(low - values, values - high) / np.maximum(span, 1e-300)
-    return found
+    return np.maximum(low - values, values - high) / np.maximum(span, 1e-300)

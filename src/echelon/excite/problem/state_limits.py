@@ -105,8 +105,7 @@ class StateLimits(Enclosed):
 
     def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """The functions at states of shape (N, n), shape (N, m)."""
-        found: Floats = self._kernels[0](self._given(q, qd, qdd))
-        return found
+        return self._kernels[0](self._given(q, qd, qdd))
 
     def slopes(self, q: Floats, qd: Floats, qdd: Floats) -> Slopes:
         """Derivatives of the functions by q, q̇ and q̈, each of shape (N, m, n)."""

@@ -43,8 +43,7 @@ class Basis(ABC):
 
     def motion(self, t: Floats, coefficients: Floats, order: int = 0) -> Floats:
         """Derivatives of combinations, shape (N, n)."""
-        found: Floats = self.values(t, order) @ coefficients
-        return found
+        return self.values(t, order) @ coefficients
 
     @abstractmethod
     def bounds(self, coefficients: Floats, order: int) -> Floats:
@@ -168,13 +167,11 @@ class Fourier(Basis):
         pairs = coefficients[1:].reshape(self.harmonics, 2, -1)
         amplitudes: Floats = np.vstack([np.abs(coefficients[:1]), np.linalg.norm(pairs, axis=1)])
         rates: Floats = np.append(0.0, self._rates)
-        total: Floats = np.asarray(rates**order) @ amplitudes
-        return total
+        return np.asarray(rates**order) @ amplitudes
 
     @property
     def _rates(self) -> Floats:
-        found: Floats = 2 * np.pi / self.duration * np.arange(1.0, self.harmonics + 1)
-        return found
+        return 2 * np.pi / self.duration * np.arange(1.0, self.harmonics + 1)
 
 
 DEGREE = 5  # quintic: jerks are continuous
@@ -223,8 +220,7 @@ class Splines(Basis):
             from scipy.interpolate import BSpline
 
         spline = BSpline(self._knots, coefficients, self.degree)
-        found: Floats = np.asarray(spline(np.clip(t, 0.0, self.duration), nu=order))
-        return found
+        return np.asarray(spline(np.clip(t, 0.0, self.duration), nu=order))
 
     def bounds(self, coefficients: Floats, order: int) -> Floats:
         """The largest control point of the derivative, in whose convex hull it stays, shape (n,)."""
