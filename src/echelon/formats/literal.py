@@ -53,6 +53,15 @@ class LiteralMotion:
 
 LiteralStep = LiteralPlacement | LiteralMotion
 
+MOTIONS: dict[str, MotionKind | str] = {
+    "revolute": MotionKind.ROTATION,
+    "continuous": MotionKind.ROTATION,
+    "prismatic": MotionKind.TRANSLATION,
+    "planar": "planar",
+    "floating": "floating",
+}
+"""Motions by the type of a joint with one axis, or of a floating base."""
+
 
 @dataclass(frozen=True)
 class LiteralLink:

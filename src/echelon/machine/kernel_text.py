@@ -17,7 +17,6 @@ from echelon.machine.operations_text import (
     Vector,
     Writer,
     declarations,
-    declared,
     prefetched,
     sincos,
 )
@@ -75,7 +74,7 @@ def kernel_text(block: Block) -> str:
     """Definitions of ``@compute`` and of all that it calls."""
     v = block.vector
     parts = [_part(block, number) for number in range(len(block.lowered.parts))]
-    return "\n".join([sincos(v), *declared(v), *_DECLARED, *parts, _compute(block)])
+    return "\n".join([sincos(v), *declarations(v), *_DECLARED, *parts, _compute(block)])
 
 
 # -- parts ---------------------------------------------------------------------------------------------------------
@@ -262,4 +261,4 @@ def prepare_text(lowered: Lowered) -> str:
     for i, node in enumerate(lowered.uniform):
         code.store(code.at("%uniforms", i), f"double {writer.value(node)}")
     head = f"define void @prepare(ptr %given, ptr %uniforms) {LARGE_FRAME} {{\nentry:\n"
-    return "\n".join([declarations(scalar), *declared(scalar), f"{head}{code.text()}\n  ret void\n}}\n"])
+    return "\n".join([*declarations(scalar), f"{head}{code.text()}\n  ret void\n}}\n"])

@@ -216,11 +216,13 @@ _COSINE = (
 )
 
 
-def declared(v: Vector) -> list[str]:
-    """Declarations of the functions that operations may call, but those of sines and cosines."""
-    found = [f"declare double @{name}(double)" for name in _LIBRARY.values()]
-    found.append(f"declare {v.type} @llvm.sqrt.{v.suffix}({v.type})")
-    found.append(f"declare {v.type} @llvm.copysign.{v.suffix}({v.type}, {v.type})")
+def declarations(v: Vector) -> list[str]:
+    """Declarations of the functions that operations may call, and those that ``@sincos`` calls."""
+    found = [f"declare double @{name}(double)" for name in ("sin", "cos", *_LIBRARY.values())]
+    for name, count in (("sqrt", 1), ("copysign", 2), ("fma", 3), ("fabs", 1)):
+        found.append(f"declare {v.type} @llvm.{name}.{v.suffix}({', '.join([v.type] * count)})")
+    if v.lanes > 1:
+        found.append(f"declare i1 @llvm.vector.reduce.or.v{v.lanes}i1({v.bits})")
     return found
 
 
@@ -301,7 +303,7 @@ class Writer:
 
 
 def sincos(v: Vector) -> str:
-    """The definition of ``@sincos``, which returns both, and the declarations it needs."""
+    """The definition of ``@sincos``, which returns both."""
     code = Code()
     shifted = _fma(code, v, "%x", v.of(_TURNS), v.of(_ROUNDING))
     n = code.let(f"fsub {v.type} {shifted}, {v.of(_ROUNDING)}")
@@ -339,22 +341,7 @@ def sincos(v: Vector) -> str:
     half = code.let(f"insertvalue {pair} undef, {v.type} {s}, 0")
     both = code.let(f"insertvalue {pair} {half}, {v.type} {c}, 1")
     code.do(f"ret {pair} {both}")
-    return (
-        f"define internal fastcc {pair} @sincos({v.type} %x) noinline {{\nentry:\n{code.text()}\n}}\n{declarations(v)}"
-    )
-
-
-def declarations(v: Vector) -> str:
-    """The functions that ``@sincos`` calls."""
-    lines = [
-        f"declare {v.type} @llvm.fma.{v.suffix}({v.type}, {v.type}, {v.type})",
-        f"declare {v.type} @llvm.fabs.{v.suffix}({v.type})",
-        "declare double @sin(double)",
-        "declare double @cos(double)",
-    ]
-    if v.lanes > 1:
-        lines.append(f"declare i1 @llvm.vector.reduce.or.v{v.lanes}i1({v.bits})")
-    return "\n".join(lines) + "\n"
+    return f"define internal fastcc {pair} @sincos({v.type} %x) noinline {{\nentry:\n{code.text()}\n}}\n"
 
 
 def _fma(code: Code, v: Vector, a: str, b: str, c: str) -> str:

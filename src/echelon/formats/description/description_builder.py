@@ -28,7 +28,7 @@ from echelon.formats.description.document import (
     with_intended_angles,
 )
 from echelon.formats.description.stated_setup import ADDITIONS, Additions, cut_off
-from echelon.formats.literal import LiteralMotion, StatedCoupling, move_inertial
+from echelon.formats.literal import MOTIONS, LiteralMotion, StatedCoupling, move_inertial
 from echelon.formats.snapping import ReadingOptions, gravity_vector, symbol_stem
 from echelon.hints import nearest, nearest_of, unused
 from echelon.mechanism.joint import (
@@ -58,14 +58,6 @@ if TYPE_CHECKING:
     from echelon.formats.schema.robot_schema import BodyEntry, ModifiedRow, RobotDescription, StandardRow
     from echelon.formats.schema.schema_types import AxisJoint, CustomJoint, HelicalJoint
     from echelon.formats.schema.schema_types import Joint as Entry
-
-
-_LITERAL_KINDS: dict[str, MotionKind | str] = {
-    "revolute": MotionKind.ROTATION,
-    "continuous": MotionKind.ROTATION,
-    "prismatic": MotionKind.TRANSLATION,
-    "planar": "planar",
-}
 
 
 def build_description(
@@ -416,7 +408,7 @@ class Joints:
                 return self._along_axis(joint, name, path, stem)
         axis_joint = cast("AxisJoint", joint)
         axis = self.expressions.direction(axis_joint.axis, f"{path}.axis")
-        return self.expressions.snapping.motion(LiteralMotion(path, name, _LITERAL_KINDS[joint.type], axis), stem)
+        return self.expressions.snapping.motion(LiteralMotion(path, name, MOTIONS[joint.type], axis), stem)
 
     def _along_axis(self, joint: HelicalJoint | AxisJoint, name: str, path: str, stem: str) -> tuple[Step, ...]:
         direction = self.expressions.direction(joint.axis, f"{path}.axis")

@@ -15,6 +15,7 @@ from echelon.errors import InputError
 from echelon.exact.expressions import decimal_text, parse_decimal
 from echelon.exact.polynomial import Rational, as_polynomial
 from echelon.formats.literal import (
+    MOTIONS,
     LiteralLink,
     LiteralMotion,
     LiteralPlacement,
@@ -28,16 +29,8 @@ from echelon.formats.literal import (
 from echelon.formats.snapping import checked_size
 from echelon.hints import in_quotes
 from echelon.mechanism.coupling import linear
-from echelon.mechanism.joint import MotionKind
 
-_MOTIONS: dict[str, MotionKind | str] = {
-    "revolute": MotionKind.ROTATION,
-    "continuous": MotionKind.ROTATION,
-    "prismatic": MotionKind.TRANSLATION,
-    "planar": "planar",
-    "floating": "floating",
-}
-JOINT_TYPES = (*_MOTIONS, "fixed")
+JOINT_TYPES = (*MOTIONS, "fixed")
 _SINGLE_AXIS = ("revolute", "continuous", "prismatic")
 _DEFAULT_AXIS: Triple = (1, 0, 0)
 _MOST_NAMED = 6  # links in messages
@@ -217,7 +210,7 @@ class UrdfReader(ExactXml):
         steps: list[LiteralStep] = [self.origin(element, f"joint '{joint}'")]
         if kind != "fixed":
             axis = (0, 0, 1) if kind == "floating" else self._axis(element, joint)
-            steps.append(LiteralMotion(f"joint '{joint}'", joint, _MOTIONS[kind], axis))
+            steps.append(LiteralMotion(f"joint '{joint}'", joint, MOTIONS[kind], axis))
         parent = position[self._end(element, "parent", joint)]
         return LiteralLink(name, parent, joint, kind, tuple(steps), inertial)
 
