@@ -160,7 +160,7 @@ class RobotFile:
 
     def built(self, options: ReadingOptions, literal: Collection[str] = ()) -> Built:
         """The robot with symbols, and what was read as exact."""
-        with locating(self.source):
+        try:
             if not self.is_description:
                 return build_mechanism(self.tree(mimics=not options.independent_mimics), options, literal)
             if self.robot is None:
@@ -170,6 +170,8 @@ class RobotFile:
             from echelon.formats.description.stated_setup import add_to_file
 
             return add_to_file(self.document, self.description, options, partial(self.robot.built, literal=literal))
+        except InputError as error:
+            raise error.located(self.source) from None
 
 
 def open_robot(robot: Any) -> RobotFile:

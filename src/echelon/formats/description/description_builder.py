@@ -24,10 +24,11 @@ from echelon.formats.description.document import (
     Expressions,
     check_use,
     coordinate_axis,
+    cut_off,
     declared_symbols,
     with_intended_angles,
 )
-from echelon.formats.description.stated_setup import ADDITIONS, Additions, cut_off
+from echelon.formats.description.stated_setup import ADDITIONS, Additions
 from echelon.formats.literal import MOTIONS, LiteralMotion, StatedCoupling, move_inertial
 from echelon.formats.snapping import ReadingOptions, gravity_vector, symbol_stem
 from echelon.hints import nearest, nearest_of, unused

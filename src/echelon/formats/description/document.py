@@ -22,6 +22,7 @@ from echelon.errors import InputError
 from echelon.exact.expressions import PI, RESERVED, STEPS_PER_HALF_TURN, Angle, as_angle, parse, parse_angle
 from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator, residues_at
 from echelon.exact.polynomial import Number, Polynomial, Rational, Surd, is_trigonometric, symbol_of
+from echelon.formats.bodies import BASE
 from echelon.formats.literal import central_inertial
 from echelon.formats.snapping import NOT_FINITE, ReadingOptions, Snapping, checked_size, gravity_vector
 from echelon.hints import nearest, nearest_of
@@ -303,6 +304,11 @@ def coordinate_axis(direction: str) -> tuple[int, int]:
 
 
 GENERIC = gravity_vector("generic", ORIGIN)  # gravity of unknown direction; its symbols need no declaration
+
+
+def cut_off(robot: RobotDescription) -> tuple[str, ...]:
+    """Names of the parts that force/torque sensors carry, which are bodies even where they are fixed."""
+    return tuple(w for w in (getattr(output, "wrench", BASE) for output in robot.outputs or ()) if w != BASE)
 
 
 def declared_symbols(robot: RobotDescription, document: Document) -> tuple[dict[str, Symbol], frozenset[str]]:

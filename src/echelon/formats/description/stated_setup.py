@@ -18,7 +18,7 @@ from echelon.formats.bodies import BASE
 from echelon.formats.builder import Built, Rider
 from echelon.formats.closure_frames import at_zero, second_frame
 from echelon.formats.description.couplings import CouplingReader
-from echelon.formats.description.document import Document, Expressions, coordinate_axis, declared_symbols
+from echelon.formats.description.document import Document, Expressions, coordinate_axis, cut_off, declared_symbols
 from echelon.formats.literal import StatedJoint
 from echelon.formats.snapping import ReadingOptions, symbol_stem
 from echelon.formats.usual_effects import effect_label, floating_velocities, slides
@@ -369,11 +369,6 @@ class Additions:
             else:
                 stated += entry.terms
         return [name for name in dict.fromkeys(stated) if name in self.mechanism.velocities]
-
-
-def cut_off(robot: RobotDescription) -> tuple[str, ...]:
-    """Names of the parts that force/torque sensors carry, which are bodies even where they are fixed."""
-    return tuple(w for w in (getattr(output, "wrench", BASE) for output in robot.outputs or ()) if w != BASE)
 
 
 # -- beside a robot file ----------------------------------------------------------------------------------------------
