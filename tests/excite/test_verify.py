@@ -18,7 +18,7 @@ from echelon.errors import InputError
 from echelon.excite import verify as cells
 from echelon.excite.problem.clearance import Engine, clearance_of
 from echelon.excite.problem.robot_shapes import entry_shapes, mesh_shape
-from echelon.excite.problem.state_limits import MotionLimit, StateLimits
+from echelon.excite.problem.state_limits import ORDERS, MotionLimit, StateLimits
 from echelon.excite.problem.trajectory import Basis, Fourier, Splines, Trajectory
 from echelon.excite.verify import (
     ACTIVE,
@@ -202,7 +202,7 @@ def test_margins_of_motions_contain_all_samples(name: str, order: int, seed: int
     # sharp within a thousandth of the range of the limit
     assert max(values.min() - margin.least, margin.largest - values.max()) <= 1.01e-3 * (limit.high - limit.low)
     assert margin.kept
-    assert margin.label == f"{limit.kind} of m"
+    assert margin.label == f"{ORDERS[limit.order]} of m"
 
 
 @pytest.mark.parametrize("ends", [(-np.inf, 5.0), (-5.0, np.inf)])

@@ -34,9 +34,9 @@ class Compilations:
         self.count = 0
         monkeypatch.setattr(kernel_module, "object_code", self._counted)
 
-    def _counted(self, text: str, target: Target, level: int = 1) -> bytes:
+    def _counted(self, text: str, target: Target) -> bytes:
         self.count += 1
-        return object_code(text, target, level)
+        return object_code(text, target)
 
 
 @pytest.fixture

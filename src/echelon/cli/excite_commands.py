@@ -145,7 +145,7 @@ def check_trajectory(
     with steps() as step:
         step("reading")
         task = task_of(robot, changed_entry(robot.excitation, changed, robot.source))
-        read_from = read_trajectory(trajectory, task.mechanism.independent_velocities, task.units)
+        read_from = read_trajectory(trajectory, task.mechanism.independent_velocities, task.limits.units)
         step("checking all limits")
         found = judged_trajectory(robot, read_from, **changed)
     if page is not None:

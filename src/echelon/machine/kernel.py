@@ -348,10 +348,9 @@ class _Code:
         self._scratch.append(memory)
 
 
-def loaded(text: str, target: Target, level: int = 1) -> Library:
+def loaded(text: str, target: Target) -> Library:
     """A module's machine code in this process, through the cache on disk."""
-    code = cached_object(f"{target.identity} {level}", text, lambda: object_code(text, target, level))
-    return Library(code, target)
+    return Library(cached_object(target.identity, text, lambda: object_code(text, target)), target)
 
 
 def _threads(wanted: int | None, samples: int) -> int:

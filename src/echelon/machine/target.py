@@ -50,11 +50,11 @@ class Target:
         version = ".".join(map(str, llvm().llvm_version_info))
         return f"{self.triple} {self.cpu} {self.features} {self.lanes} llvmlite {llvmlite.__version__} LLVM {version}"
 
-    def machine(self, level: int) -> Any:
+    def machine(self) -> Any:
         """LLVM's code generator; programs are straight lines in good order, so effort 1 is as good as 3 and faster."""
         target = llvm().Target.from_triple(self.triple)
         return target.create_target_machine(
-            cpu=self.cpu, features=self.features, opt=level, reloc="pic", codemodel="jitdefault"
+            cpu=self.cpu, features=self.features, opt=1, reloc="pic", codemodel="jitdefault"
         )
 
 
@@ -94,9 +94,9 @@ def compiles() -> bool:
     return True
 
 
-def object_code(text: str, target: Target, level: int = 1) -> bytes:
+def object_code(text: str, target: Target) -> bytes:
     """Machine code of a module; no optimiser runs over the text, since programs leave it nothing to find."""
-    machine = target.machine(level)
+    machine = target.machine()
     try:
         module = llvm().parse_assembly(text, llvm().create_context())
     except RuntimeError as error:
@@ -113,7 +113,7 @@ class Library:
     def __init__(self, code: bytes, target: Target) -> None:
         _know_library_functions()
         # in the global context: one of our own could be collected before the engine, which would then crash
-        self._engine = llvm().create_mcjit_compiler(llvm().parse_assembly(""), target.machine(1))
+        self._engine = llvm().create_mcjit_compiler(llvm().parse_assembly(""), target.machine())
         self._engine.add_object_file(llvm().ObjectFileRef.from_data(code))
         self._engine.finalize_object()
 

@@ -145,8 +145,8 @@ def _combinations(count: int) -> str:
     return f"{count} combinations of its parameters" if count > 1 else "a combination of its parameters"
 
 
-def _some(names: list[str], most: int = 6) -> str:
-    return ", ".join(map(one_line, names[:most])) + (f" and {len(names) - most} more" if len(names) > most else "")
+def _some(names: list[str]) -> str:
+    return ", ".join(map(one_line, names[:6])) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
 
 
 def _null_space(matrix: Floats) -> Floats:

@@ -51,14 +51,9 @@ class MotionLimit:
     high: float
 
     @property
-    def kind(self) -> str:
-        """The kind of limit, by the order of the derivative."""
-        return ORDERS[self.order]
-
-    @property
     def label(self) -> str:
         """For messages, ``"velocity of j3"``."""
-        return f"{self.kind} of {self.name}"
+        return f"{ORDERS[self.order]} of {self.name}"
 
 
 Slopes = tuple[Floats | None, Floats | None, Floats | None]

@@ -228,11 +228,6 @@ class Task:
         """The robot with what does not move held."""
         return self.base.mechanism
 
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Units of the coordinates that move, ``"rad"`` or ``"m"``."""
-        return self.limits.units
-
 
 def task_of(setup: Setup, entry: ExcitationEntry) -> Task:
     """Work out what moves and what limits there are, for the section ``excitation`` as it is or changed."""

@@ -33,9 +33,9 @@ class Basis(ABC):
         """Highest frequency that matters, Hz: what a grid of samples must resolve."""
 
     @property
-    @abstractmethod
     def periodic(self) -> bool:
         """Whether a motion can follow itself without a jump of any derivative."""
+        return False
 
     @abstractmethod
     def values(self, t: Floats, order: int = 0) -> Floats:
@@ -202,11 +202,6 @@ class Splines(Basis):
     def frequency(self) -> float:
         """Frequency of a motion that turns in every segment, Hz."""
         return 0.5 / float(np.min(np.diff(self.breaks)))
-
-    @property
-    def periodic(self) -> bool:
-        """A spline does not end as it began."""
-        return False
 
     def values(self, t: Floats, order: int = 0) -> Floats:
         """Derivatives of all functions, shape (N, size)."""

@@ -168,7 +168,7 @@ class Design:
     def trajectory(self, x: Floats) -> Trajectory:
         """The trajectory with these coefficients."""
         names = self.task.mechanism.independent_velocities
-        return Trajectory(names, self.task.units, self.problem.basis, x.reshape(self.problem.shape))
+        return Trajectory(names, self.task.limits.units, self.problem.basis, x.reshape(self.problem.shape))
 
 
 def designed(task: Task, prior: Floats | None = None) -> Design:
