@@ -215,11 +215,7 @@ def run_sensors(file: Path, size: int, read: Read, seed: int, budget: float, *, 
     title = f"comparing the sensors of {file.name}"
     with steps(f"{title}: reading, and closing loops") as step:
         report = sensor_report(
-            load(file, **read),
-            size,
-            seed=seed,
-            budget=budget,
-            progress=lambda phase: step(f"{title}: {phase}"),
+            load(file, **read), size, seed=seed, budget=budget, progress=lambda phase: step(f"{title}: {phase}")
         )
     deliver(_sensors_json(report) if as_json else _sensors_text(report), None)
 

@@ -90,9 +90,7 @@ def _starts(found: ExcitingTrajectory) -> str:
 
 
 def _conditioning(found: ExcitingTrajectory) -> str:
-    shown, names = (
-        found.conditioning,
-        {"d_optimal": "D-optimal", "a_optimal": "A-optimal", "condition": "condition number"},
-    )
+    shown = found.conditioning
+    names = {"d_optimal": "D-optimal", "a_optimal": "A-optimal", "condition": "condition number"}
     numbers = f"condition number {shown.condition:.3g}, with scaled columns {shown.scaled_condition:.3g}"
     return f"{names[found.criterion]}; {numbers}; log det of the information {shown.log_det:.5g}"

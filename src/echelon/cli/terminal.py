@@ -130,9 +130,7 @@ def _scores(validation: Validation) -> Table:
 
 
 def _number(value: float, digits: int) -> Text:
-    return Text(
-        f"{value:.{digits}g}" if digits == 4 and value else f"{value:.{digits}f}" if math.isfinite(value) else "–"
-    )
+    return Text(f"{value:.{digits}f}" if math.isfinite(value) else "–")
 
 
 def _parameters(base: BaseModel, estimate: Estimate, level: float) -> Table:

@@ -193,12 +193,7 @@ CPP = Language(
 
 # CUDA C++: device functions, and kernels with one thread for each sample; compiled by nvcc or NVRTC
 CUDA = replace(
-    C,
-    name="cuda",
-    files={"{robot}.cu": "cuda.cu.j2"},
-    comment="// ",
-    entry="result[{index}*stride]",
-    windows=False,
+    C, name="cuda", files={"{robot}.cu": "cuda.cu.j2"}, comment="// ", entry="result[{index}*stride]", windows=False
 )
 
 # Python with NumPy: functions of arrays with any leading axes

@@ -10,16 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from echelon.machine.operations_text import (
-    LARGE_FRAME,
-    Code,
-    Lowered,
-    Vector,
-    Writer,
-    declarations,
-    prefetched,
-    sincos,
-)
+from echelon.machine.operations_text import LARGE_FRAME, Code, Lowered, Vector, Writer, declarations, prefetched, sincos
 from echelon.program.function import operands
 from echelon.program.operations import Op
 

@@ -301,10 +301,7 @@ def _page(base: BaseModel, row: Row, sensors: Context, sources: dict[str, str], 
 def _table(base: BaseModel) -> list[Context]:
     """One row per body: its title, and for each of XX … M a mark, a class of the style sheet, and what it means."""
     return [
-        {
-            "title": title,
-            "cells": [(mark, CLASSES[kind], kind.value) if kind else ("", "", "") for mark, kind in cells],
-        }
+        {"title": title, "cells": [(mark, CLASSES[kind], kind.value) if kind else ("", "", "") for mark, kind in cells]}
         for title, cells in classification_rows(base)
     ]
 

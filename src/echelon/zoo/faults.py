@@ -17,6 +17,7 @@ from echelon.base.model import BaseModel
 from echelon.conventions import PER_BODY
 from echelon.errors import EchelonError, one_line
 from echelon.excite.problem.robot_shapes import carrying_bodies
+from echelon.excite.problem.shapes import placed
 from echelon.formats.literal import LiteralTree
 from echelon.formats.robot_file import RobotFile
 from echelon.inertia import convert, pseudo_inertia
@@ -193,8 +194,7 @@ def can_exist(values: Floats, free: Floats) -> bool:
 def _normaliser(values: Floats) -> Floats:
     """A matrix G for which G J Gᵀ is about 1, with the centre of mass at the origin; shape (4, 4)."""
     mass = float(values[-1]) if values[-1] > 0 else 1.0
-    moved = np.eye(4)
-    moved[:3, 3] = -values[6:9] / mass
+    moved = placed(np.eye(3), -values[6:9] / mass)
     second = float(np.abs(np.diagonal(moved @ pseudo_inertia(values) @ moved.T)[:3]).max())
     second = max(second, 1e-9 * float(np.abs(values[:6]).max()), 1e-12 * mass)  # what is smaller is rounding
     return np.diag(np.array([second, second, second, mass]) ** -0.5) @ moved

@@ -242,13 +242,7 @@ def yaml_text(samples: Samples) -> str:
     import yaml
 
     names = yaml.safe_dump(list(samples.coordinates), default_flow_style=True, width=float("inf"), allow_unicode=True)
-    lines = [
-        "header:",
-        "  stamp: {sec: 0, nanosec: 0}",
-        "  frame_id: ''",
-        f"joint_names: {names.strip()}",
-        "points:",
-    ]
+    lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''", f"joint_names: {names.strip()}", "points:"]
     states = [values for values in samples.states if values is not None]
     for time, *state in zip(samples.t.tolist(), *states, strict=True):
         sec, nanosec = divmod(round(time * _NANO), _NANO)

@@ -28,7 +28,7 @@ import numpy.typing as npt
 from echelon.arrays import Floats, Integers
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import EchelonError, InputError
-from echelon.excite.problem.shapes import WORLD, BoundingSpheres, Kind, Owner, Shape
+from echelon.excite.problem.shapes import WORLD, BoundingSpheres, Kind, Owner, Shape, placed
 from echelon.excite.problem.state_limits import Slopes, StateConstraint
 from echelon.formats.mjcf.mjcf_model import import_mujoco
 from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
@@ -84,11 +84,8 @@ class Engine:
     @cached_property
     def _offsets(self) -> Floats:
         """Geoms in their shapes' frames: MuJoCo centres meshes and turns them to their principal axes."""
-        found = np.tile(np.eye(4), (len(self.shapes), 1, 1))
-        for k in range(len(self.shapes)):
-            found[k, :3, :3] = quaternion_matrix(self._model.geom_quat[k])
-            found[k, :3, 3] = self._model.geom_pos[k]
-        return found
+        poses = zip(self._model.geom_quat, self._model.geom_pos, strict=True)
+        return np.array([placed(quaternion_matrix(quat), pos) for quat, pos in poses]).reshape(-1, 4, 4)
 
     def _compiled(self) -> Any:
         mujoco = self._mujoco

@@ -103,11 +103,10 @@ class Shape:
         return InputError(problem, element=f"shape '{self.name}'")
 
 
-def placed(rotation: npt.ArrayLike | None = None, translation: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Floats:
+def placed(rotation: npt.ArrayLike, translation: npt.ArrayLike) -> Floats:
     """A placement as a 4 × 4 matrix."""
     matrix = np.eye(4)
-    matrix[:3, :3] = np.eye(3) if rotation is None else rotation
-    matrix[:3, 3] = translation
+    matrix[:3, :3], matrix[:3, 3] = rotation, translation
     return matrix
 
 

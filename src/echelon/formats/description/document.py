@@ -27,18 +27,7 @@ from echelon.formats.literal import central_inertial
 from echelon.formats.snapping import NOT_FINITE, ReadingOptions, Snapping, checked_size, gravity_vector
 from echelon.hints import nearest, nearest_of
 from echelon.inputs import DESCRIPTION_NODES, decoded, parse_json, parse_yaml
-from echelon.mechanism.joint import (
-    IDENTITY,
-    ORIGIN,
-    Matrix,
-    Placement,
-    Symbol,
-    Vector,
-    X,
-    Y,
-    Z,
-    turn,
-)
+from echelon.mechanism.joint import IDENTITY, ORIGIN, Matrix, Placement, Symbol, Vector, X, Y, Z, turn
 from echelon.mechanism.mechanism import Mechanism, Snap
 from echelon.mechanism.stated import geometry as geometry_of
 from echelon.mechanism.stated import symbol_roles

@@ -104,7 +104,8 @@ def _read(document: MjcfDocument, mimics: bool) -> LiteralTree:
     sensors = Sensors(spec)
     reader = _Reader(compile_spec(spec, document), source)
     loops = [equality for equality in equalities if equality not in couples]
-    held, couplings, found = resolve(relations, reader.reference, driven, source, slides(spec) if loops else ())
+    sliding = [str(j.name) for j in spec.joints if loops and _KINDS[int(j.type)] == "slide"]
+    held, couplings, found = resolve(relations, reader.reference, driven, source, sliding)
     notes += found
     notes += [f"joint '{name}' is held by an equality and cannot move" for name in held]
     model = reader.model
@@ -306,11 +307,6 @@ def is_motor(actuator: Any) -> bool:
 
 _ANCHOR, _POSITION, _QUATERNION, _TORQUE_SCALE = slice(0, 3), slice(3, 6), slice(6, 10), 10
 _BALL = ("w", "x", "y", "z")
-
-
-def slides(spec: Any) -> list[str]:
-    """Names of the joints that slide."""
-    return [str(joint.name) for joint in spec.joints if joint.type == import_mujoco().mjtJoint.mjJNT_SLIDE]
 
 
 _DRIVES = {"damping": "viscous", "frictionloss": "coulomb", "armature": "rotor_inertia", "stiffness": "spring"}

@@ -167,8 +167,7 @@ class RobotDescription(Model):
     """One robot."""
 
     model_config = ConfigDict(
-        title="Echelon robot description",
-        json_schema_extra={"oneOf": [{"required": [form]} for form in FORMS]},
+        title="Echelon robot description", json_schema_extra={"oneOf": [{"required": [form]} for form in FORMS]}
     )
 
     echelon: Version = required("Version of this format.", 1)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
 from functools import partial
 from typing import Annotated, Any, Literal, Self
 
@@ -64,12 +63,10 @@ _name = partial(_scalar, "a name")
 
 
 def _flag(value: object) -> object:
-    text = value.lower() if isinstance(value, str) else value
-    if isinstance(text, str) and text in _FLAGS:
-        return _FLAGS[text]
-    if isinstance(value, bool):
-        return value
-    raise refusal(f"needs true or false, found {kind_of(value)}")
+    found = _FLAGS.get(value.lower()) if isinstance(value, str) else value
+    if not isinstance(found, bool):
+        raise refusal(f"needs true or false, found {kind_of(value)}")
+    return found
 
 
 def _version(value: object) -> object:
@@ -193,20 +190,6 @@ def optional(default: Any, meaning: str, *examples: Any) -> Any:
     return Field(default, description=meaning, examples=list(examples) or None)
 
 
-def check_keys(data: object, valid: Sequence[str]) -> None:
-    """Refuse what is not a mapping, and the first key that is not valid, with a hint at what was meant."""
-    # what rows and bodies share is listed last, behind what distinguishes them
-    valid = sorted(valid, key=lambda key: key in _SHARED)
-    if not isinstance(data, dict):
-        raise refusal(f"needs a mapping with the keys {', '.join(valid)}; found {kind_of(data)}")
-    for key in data:
-        if key not in valid:
-            renamed = _RENAMED.get(str(key), ("", ""))
-            hint = f"; {renamed[1]}" if renamed[0] in valid else nearest(str(key), valid)
-            problem = f"unknown key{hint} (valid: {', '.join(valid)})"
-            raise PydanticCustomError("unknown_key", "{problem}", {"problem": problem, "key": str(key)})
-
-
 Direction = Literal["x", "y", "z", "-x", "-y", "-z"]
 Axis = Annotated[Annotated[Direction, Tag("text")] | Annotated[Triple, Tag("list")], by_form("text", "list")]
 
@@ -219,7 +202,17 @@ class Model(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _check_keys(cls, data: Any) -> Any:
-        check_keys(data, list(cls.model_fields))
+        """Refuse what is not a mapping, and the first key that is not valid, with a hint at what was meant."""
+        # what rows and bodies share is listed last, behind what distinguishes them
+        valid = sorted(cls.model_fields, key=lambda key: key in _SHARED)
+        if not isinstance(data, dict):
+            raise refusal(f"needs a mapping with the keys {', '.join(valid)}; found {kind_of(data)}")
+        for key in data:
+            if key not in valid:
+                renamed = _RENAMED.get(str(key), ("", ""))
+                hint = f"; {renamed[1]}" if renamed[0] in valid else nearest(str(key), valid)
+                problem = f"unknown key{hint} (valid: {', '.join(valid)})"
+                raise PydanticCustomError("unknown_key", "{problem}", {"problem": problem, "key": str(key)})
         return data
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -258,11 +259,8 @@ class UrdfGenerator:
 
     def _placed(self, steps: tuple[object, ...]) -> Floats:
         """Placements one after the other as a homogeneous matrix."""
-        total = np.eye(4)
-        for step in steps:
-            assert isinstance(step, Placement), "the caller takes the motions out"
-            total = total @ placement_matrix(step, self.known)
-        return total
+        placements = (placement_matrix(step, self.known) for step in steps if isinstance(step, Placement))
+        return reduce(np.matmul, placements, np.eye(4))
 
     def _notes(self) -> Iterator[str]:
         yield from self.effects.notes
