@@ -83,6 +83,12 @@ class RobotFile:
 
         return check_document(self.document)
 
+    @property
+    def is_linear_model(self) -> bool:
+        """Whether the file states a linear model rather than a robot."""
+        stated = self.document.data if self.is_description else None
+        return isinstance(stated, dict) and stated.get("model") == "linear"
+
     @cached_property
     def robot(self) -> RobotFile | None:
         """The XML file with the geometry: this one, or the one that a description adds to; None if there is none."""
@@ -272,8 +278,7 @@ def load(
 def load_model(robot: Any, **reading: Any) -> Mechanism | LinearModel:
     """Read a robot, with the keyword arguments of :func:`load`, or a linear model."""
     file = open_robot(robot)
-    stated = file.document.data if file.is_description else None
-    if not isinstance(stated, dict) or stated.get("model") != "linear":
+    if not file.is_linear_model:
         return file.mechanism(ReadingOptions(**reading))
     from echelon.formats.linear_document import read_linear
 
