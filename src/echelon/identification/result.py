@@ -264,7 +264,7 @@ def contradictions(
     if feasible is not None and feasible.feasible is False and feasible.distance > IMPOSSIBLE:
         away = f"{feasible.distance:.2g} standard deviations away"
         facts.append(f"no robot can have its parameters, the nearest is {away}")
-    facts += [str(finding) for finding in findings if finding.kind in ("contradiction",)]
+    facts += [str(finding) for finding in findings if finding.kind == "contradiction"]
     return facts
 
 
@@ -274,8 +274,8 @@ def fit_findings(
     feasible: Feasibility | None,
     physical: PhysicalFit | None,
     validations: Sequence[Validation],
-    culprit: Culprit | None = None,
-    apart: Mapping[str, float] | None = None,
+    culprit: Culprit | None,
+    apart: Mapping[str, float],
 ) -> list[Finding]:
     """What is wrong with a fit, or worth knowing; ``apart`` are outputs whose units contradict those of the others."""
     found = [*_of_scores(validations), *_of_estimate(estimate, seen), *_of_physics(feasible, physical, estimate)]

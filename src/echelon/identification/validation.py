@@ -100,7 +100,7 @@ def validated(
 ) -> Validation:
     """Scores of models with given base parameters on prepared samples."""
     values = [_checked(model, some, name) for name, some in models.items()]
-    outputs = tuple(zip(model.layout.outputs, model.output_units, strict=True))
+    outputs = [(output.name, output.unit) for output in model.base.mechanism.outputs]
     # while one stretch is judged, the next is predicted, and the one after that is read
     signals = prefetched(predicted(model, prefetched(samples), values))
     return validate(signals, outputs, tuple(models), role=role, identification=identification, limit=limit)

@@ -22,23 +22,18 @@ from echelon.files import write_atomically
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.result import Identification
 from echelon.identification.rows.plan import Plan
-from echelon.identification.scores import Score, Validation
+from echelon.identification.scores import Score
 from echelon.identification.servos.servo_fit import ServoFit
 from echelon.inputs import parse_json, plain_data, read_content
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.preparation.prepare import Preparation
 from echelon.results.saved import from_json, to_dict
 from echelon.results.schema import (
-    ConditioningRecord,
     EstimateRecord,
-    FeasibilityRecord,
-    FitRecord,
     IdentifiedRecord,
     ParameterRecord,
     PhysicalRecord,
-    RangeRecord,
     ScoreRecord,
-    ValidationRecord,
     checked,
     record_of,
 )
@@ -127,15 +122,11 @@ def identification_document(result: Identification) -> dict[str, Any]:
         versions=_versions(),
         findings=[asdict(finding) for finding in result.findings],
         values=dict(zip(result.base.pivots, result.values, strict=True)),
-        ranges=[record_of(RangeRecord, found) for found in result.ranges],
         estimate=_estimate(result.estimate, result),
         essential=None if result.essential is None else _estimate(result.essential, result),
-        conditioning=record_of(ConditioningRecord, result.conditioning),
-        feasibility=None if result.feasibility is None else record_of(FeasibilityRecord, result.feasibility),
         physical=None
         if (fit := result.physical) is None
         else record_of(PhysicalRecord, fit, standard=dict(zip(fit.parameters, fit.standard, strict=True))),
-        validations=list(map(_validation, result.validations)),
         logs=_logs(result),
         columns=settings.pop("columns", []),
         # an infinite cut-off, which means no filter, as a word
@@ -166,20 +157,9 @@ def _estimate(estimate: Estimate, result: Identification) -> dict[str, Any]:
     )
 
 
-def _validation(found: Validation) -> dict[str, Any]:
-    return record_of(
-        ValidationRecord,
-        found,
-        scores=list(map(score_record, found.scores)),
-        prior_scores=list(map(score_record, found.prior_scores)),
-        plain_scores=list(map(score_record, found.plain_scores)),
-    )
-
-
 def score_record(score: Score) -> dict[str, Any]:
     """A score as JSON-able data; null where JSON has no number."""
-    fits = {name: record_of(FitRecord, getattr(score, name)) for name in ("whole", "moving", "raw")}
-    found: dict[str, Any] = plain_data(record_of(ScoreRecord, score, **fits))
+    found: dict[str, Any] = plain_data(record_of(ScoreRecord, score))
     return found
 
 
@@ -211,9 +191,9 @@ def _versions() -> dict[str, str]:
     return found
 
 
-def servo_document(fit: ServoFit, level: float = 0.95) -> dict[str, Any]:
+def servo_document(fit: ServoFit) -> dict[str, Any]:
     """All of a fit as JSON-able data of schema ``echelon.servos/1``; equal runs give equal data."""
-    estimate = fit.estimate
+    estimate, level = fit.estimate, 0.95
     rows = zip(
         estimate.parameters, estimate.units, estimate.values, estimate.std, estimate.interval(level), strict=True
     )

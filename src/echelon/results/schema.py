@@ -6,7 +6,7 @@ that is saved as it is needs no record.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 from pydantic import BaseModel as Schema
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
@@ -31,11 +31,18 @@ Made = TypeVar("Made")
 
 
 def record_of(kind: type[Schema], found: object, **given: Any) -> dict[str, Any]:
-    """Data of a record: each field as given, or the attribute of its name."""
+    """Data of a record: each field as given, or the attribute of its name, as a record where that is one."""
     return {
-        field.alias or name: given[name] if name in given else getattr(found, name)
+        field.alias or name: given[name] if name in given else _inside(field.annotation, getattr(found, name))
         for name, field in kind.model_fields.items()
     }
+
+
+def _inside(kind: Any, value: Any) -> Any:
+    inner = next((k for k in (kind, *get_args(kind)) if isinstance(k, type) and issubclass(k, Schema)), None)
+    if inner is None or value is None:
+        return value
+    return [record_of(inner, one) for one in value] if isinstance(value, tuple) else record_of(inner, value)
 
 
 def checked(kind: type[Record], data: Any, source: str, what: str) -> Record:

@@ -164,7 +164,7 @@ def _described(file: RobotFile, options: ReadingOptions) -> Setup:
     return Setup(
         file.source,
         mechanism,
-        tuple(stated_columns(log, mechanism, document, f"log[{k}]" if many else "log") for k, log in enumerate(logs)),
+        tuple(_Columns(mechanism, document, f"log[{k}]" if many else "log").read(log) for k, log in enumerate(logs)),
         robot.preparation,
         entry,
         stated,
@@ -180,12 +180,9 @@ EVERY, DRIVES = "all", "actuators"
 """Keys that stand for every coordinate (or output), and for every drive."""
 
 
-def stated_columns(log: LogEntry, mechanism: Mechanism, document: Document, path: str = "log") -> ColumnMap:
-    """What a ``log`` section of a description says."""
-    return _Columns(mechanism, document, path).read(log)
-
-
 class _Columns:
+    """What a ``log`` section of a description says."""
+
     def __init__(self, mechanism: Mechanism, document: Document, path: str) -> None:
         self.mechanism, self.document, self.path = mechanism, document, path
         self.drives = tuple(a.name for a in mechanism.transmission.actuators)

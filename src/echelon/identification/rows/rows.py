@@ -112,11 +112,6 @@ class ModelRows:
         """SI units of the base parameters."""
         return self.base.units
 
-    @property
-    def output_units(self) -> tuple[str, ...]:
-        """SI units of the outputs."""
-        return tuple(output.unit for output in self.base.mechanism.outputs)
-
     @cached_property
     def layout(self) -> Layout:
         """Outputs, base parameters, and which of them each output can depend on."""

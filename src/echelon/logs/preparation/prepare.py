@@ -14,7 +14,7 @@ dry friction, rows near rest leave the fit, because the direction of friction is
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, inf, isfinite
@@ -98,9 +98,7 @@ def states(segment: Segment, preparation: Preparation, mechanism: Mechanism) -> 
     """Positions (N, positions), velocities and accelerations (N, velocities) of a usable segment."""
     rate, columns = segment.rate, segment.signals["q"].shape[1]
     positions, names = signal_names(mechanism, "q", columns), velocity_names(mechanism, columns)
-    strange = next((name for name in preparation.lowpass or {} if name not in positions), None)
-    if strange is not None:
-        raise InputError(f"there is no position '{strange}' (valid: {', '.join(positions)})", element="lowpass")
+    _check_names("position", preparation.lowpass or {}, positions, "lowpass")
     x = _smoothed(segment.signals["q"], preparation, rate, positions)
     measured = {
         name: _smoothed(measured_signal(segment, name), preparation, rate, names) for name in preparation.measured or ()
@@ -110,6 +108,12 @@ def states(segment: Segment, preparation: Preparation, mechanism: Mechanism) -> 
         return q, qd, measured.get("qdd", qdd)
     q, qd = _by_kind(x, x, x, mechanism)[0], measured["qd"]  # of unit length, where quaternions are among them
     return q, qd, measured["qdd"] if "qdd" in measured else derivative(qd, rate)
+
+
+def _check_names(what: str, given: Iterable[str], valid: Sequence[str], setting: str) -> None:
+    for name in given:
+        if name not in valid:
+            raise InputError(f"there is no {what} '{name}' (valid: {', '.join(valid)})", element=setting)
 
 
 def states_cutoff(preparation: Preparation, rate: float) -> float:
@@ -232,11 +236,8 @@ class PreparationPlan:
     @cached_property
     def delays(self) -> Mapping[str, float]:
         """Samples by which outputs are late."""
-        names = [output.name for output in self.mechanism.outputs]
         given = self.preparation.delays or {}
-        strange = next((name for name in given if name not in names), None)
-        if strange is not None:
-            raise InputError(f"there is no output '{strange}' (valid: {', '.join(names)})", element="delays")
+        _check_names("output", given, [output.name for output in self.mechanism.outputs], "delays")
         return {name: seconds * self.rate for name, seconds in given.items() if seconds}
 
     @property
@@ -271,18 +272,18 @@ class PreparationPlan:
                 source=segment.source,
             )
 
-    def samples(self, piece: Segment, rows: slice) -> Samples:
-        """Some rows of a usable piece as samples."""
+    def samples(self, piece: Segment) -> Samples:
+        """A usable piece as samples, without what its ends spoil."""
+        rows = slice(self.spoilt, len(piece) - self.spoilt)
         q, qd, qdd = (some[rows] for some in states(piece, self.preparation, self.mechanism))
-        y = piece.signals.get("y")
         return Samples(
-            source=piece.source,
-            start=piece.start + rows.start / piece.rate,
-            rate=piece.rate,
-            q=q,
-            qd=qd,
-            qdd=qdd,
-            y=None if y is None else self._on_time(y)[rows],
+            piece.source,
+            piece.start + rows.start / piece.rate,
+            piece.rate,
+            q,
+            qd,
+            qdd,
+            y=self._on_time(piece.signals["y"])[rows] if "y" in piece.signals else None,
             inputs={name: values[rows] for name, values in piece.inputs.items()},
             reduction=self.reduction,
             moving=self._moving(qd, q.shape[1]),
@@ -318,9 +319,7 @@ class PreparationPlan:
         names = [output.name for output in self.mechanism.outputs]
         if not isinstance(given, Mapping):
             return dict.fromkeys(names, float(given))
-        strange = next((name for name in given if name not in names), None)
-        if strange is not None:
-            raise InputError(f"there is no output '{strange}' (valid: {', '.join(names)})", element="still")
+        _check_names("output", given, names, "still")
         return given
 
 
@@ -332,5 +331,4 @@ def prepare(segment: Segment, preparation: Preparation, mechanism: Mechanism) ->
     piece = usable(segment, mechanism)
     plan = PreparationPlan(preparation, mechanism, piece.rate)
     plan.check(piece)
-    inside = slice(plan.spoilt, len(piece) - plan.spoilt)
-    return plan.samples(piece, inside)
+    return plan.samples(piece)
