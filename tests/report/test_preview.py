@@ -333,7 +333,7 @@ def test_loops_are_drawn_closed() -> None:
     setup = ec.load_setup(EXAMPLES / "loops" / "four_bar.yaml")
     task = task_of(setup, changed(setup.excitation, {"duration": 4.0}, setup.source))
     run = Trajectory(
-        task.mechanism.independent_velocities, task.units, Fourier(4.0, 1), np.array([[0.0], [0.3], [0.0]])
+        task.mechanism.independent_velocities, task.limits.units, Fourier(4.0, 1), np.array([[0.0], [0.3], [0.0]])
     )
     found = ExcitingTrajectory(
         run, task.base, {}, "d_optimal", Conditioning(1.0, 1.0, 0.0, (1.0,) * task.base.rank, ()), (), (), (), {}
