@@ -40,23 +40,16 @@ from echelon.logs.recording import Segment
 from echelon.signals.clock import low_passed
 from echelon.signals.spectrum import Spectrum
 
-_WIDER = 1.4
-"""Ratio of neighbouring bands that are tried."""
-_LONGEST = 6_000
-"""Samples, at that rate, from which the band is chosen."""
-_EXPLAINED = 0.5
-"""Share of what is measured that the model explains at least at the edge of the band."""
-_BIASED = 1 / 3
-"""Largest bias of a base parameter, by its standard deviation."""
-_TOLD = 0.5
-"""Bias from which on it is said: intervals of 95 % then hold 92 % or less."""
+_WIDER = 1.4  # ratio of neighbouring bands that are tried
+_LONGEST = 6_000  # samples, at that rate, from which the band is chosen
+_EXPLAINED = 0.5  # share of what is measured that the model explains at least at the edge of the band
+_BIASED = 1 / 3  # largest bias of a base parameter, by its standard deviation
+_TOLD = 0.5  # bias from which on it is said: intervals of 95 % then hold 92 % or less
 _KNOWN = 0.3
 """Largest share that noise takes of any combination of parameters, for which a correction of first order is enough."""
 _REWEIGHTED = 4
-_LEAST = 1e-9
-"""Residual of an output at least, by its largest value: rounding of exact data is no knowledge."""
-_OPEN = 1e-12
-"""Share of the largest eigenvalue of the scaled normal matrix below which nothing is known."""
+_LEAST = 1e-9  # residual of an output at least, by its largest value: rounding of exact data is no knowledge
+_OPEN = 1e-12  # share of the largest eigenvalue of the scaled normal matrix below which nothing is known
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,8 +30,7 @@ from echelon.version import __version__
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-_PATIENCE = 15.0
-"""Seconds without a single worker after which none is expected to come (back)."""
+_PATIENCE = 15.0  # seconds without a single worker after which none is expected to come (back)
 _LOOK = 5.0  # seconds between two looks whether there are workers: results are small and travel faster
 _SILENT: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
 """No pages about what the processes do."""

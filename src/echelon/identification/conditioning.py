@@ -173,8 +173,7 @@ def _shares(names: Sequence[str], direction: Floats) -> tuple[tuple[str, float],
 
 State = dict[str, Floats]
 
-_STATES = 256
-"""Random states: indices are wanted to a tenth or so."""
+_STATES = 256  # random states: indices are wanted to a tenth or so
 _SPEED, _ACCELERATION = 1.5, 6.0
 """Typical speeds and accelerations of arms, rad/s and rad/s² (per characteristic length for sliding joints)."""
 _MATTERS = 0.25  # index, relative to the largest, from which on a variable is named
@@ -248,8 +247,7 @@ def sensitivities(base: BaseModel, change: Floats) -> dict[str, dict[str, float]
 
 def _outputs(base: BaseModel, state: State, change: Floats) -> Floats:
     values = base.regressor(state["q"], state["qd"], state["qdd"], inputs=_inputs(base.mechanism, state))
-    result: Floats = values @ change
-    return result
+    return values @ change
 
 
 def _inputs(mechanism: Mechanism, state: State) -> Mapping[str, Floats]:

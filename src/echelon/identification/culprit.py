@@ -35,18 +35,13 @@ from echelon.observe.observation import Observation
 SAMPLES = 4000
 """Samples that changes are tried on, of which filters leave a third: some twenty per parameter of an arm, of every
 output."""
-BETTER = 0.75
-"""Residual that a change leaves, relative to what was read, from which on it is named."""
-_MUCH_BETTER = 0.5
-"""The same for the prediction of a log that was not fitted, which may be of another day."""
-APART = 0.93
-"""The same relative to every other change."""
+BETTER = 0.75  # residual that a change leaves, relative to what was read, from which on it is named
+_MUCH_BETTER = 0.5  # the same for the prediction of a log that was not fitted, which may be of another day
+APART = 0.93  # the same relative to every other change
 _FOREIGN = 50.0
 """Ratio of an output to what the prior predicts that no robot explains: below that of units, above errors of priors."""
-_ALTERNATIVES = 2
-"""Changes that are named together, because nothing tells them apart."""
-_PROGRAMMES = 16
-"""Physical programmes that are solved at most."""
+_ALTERNATIVES = 2  # changes that are named together, because nothing tells them apart
+_PROGRAMMES = 16  # physical programmes that are solved at most
 _RATES = ((10.0, 31), (1.17, 9), (1.03, 9))  # how far from the best one rates are tried, and how many
 _SAME_RATE = 0.05  # relative difference from which on a rate is another one
 _ALIKE = 0.5  # cosine from which on outputs and what the prior predicts have something to do with one another

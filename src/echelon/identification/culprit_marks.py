@@ -20,8 +20,7 @@ from echelon.identification.physics.feasibility import nearest_physical
 from echelon.identification.rows.rows import rows_taken
 from echelon.logs.recording import Samples
 
-_LARGEST = 120
-"""Base parameters beyond which physics is not asked: programmes of that size take seconds."""
+_LARGEST = 120  # base parameters beyond which physics is not asked: programmes of that size take seconds
 _RIDGE = 1e-9  # of squares of columns: what the data leave open stays small
 _FLOOR = 1e-4  # of an output's spread: smaller residuals count as equal
 

@@ -141,8 +141,7 @@ def _noise(parts: Sequence[_Output], values: Floats, root: Floats, before: Float
     for part, sigma in zip(parts, before, strict=True):
         leverage = float(np.sum((part.jacobian(values) @ root / sigma) ** 2))
         found.append(np.linalg.norm(part.residual(values)) / np.sqrt(max(part.rows - leverage, 1.0)))
-    noise: Floats = np.maximum(found, _floor(parts))
-    return noise
+    return np.maximum(found, _floor(parts))
 
 
 def _floor(parts: Sequence[_Output]) -> Floats:
@@ -193,10 +192,8 @@ def _squares(parts: Sequence[_Output], values: Floats, noise: Floats) -> float:
 
 _APART, _REMOVED = 1.4, 0.3
 """Ratio of gains, and share of an output's squares that gains of their own remove, from which on outputs contradict."""
-_TOLD = 0.1
-"""Relative standard deviation up to which the data tell a gain."""
-_MEETING = 1e-9
-"""Singular value, relative to the largest, below which directions of rows are the same."""
+_TOLD = 0.1  # relative standard deviation up to which the data tell a gain
+_MEETING = 1e-9  # singular value, relative to the largest, below which directions of rows are the same
 
 
 def contradicting_gains(

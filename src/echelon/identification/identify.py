@@ -61,15 +61,11 @@ OnStep = Callable[[str], None]
 
 Solved = TypeVar("Solved")
 
-_PIECES = 5
-"""Stretches of the data that are predicted from one another to weigh the prior."""
-_BIASED = ("ols", "wls", "irls", "huber")
-"""Estimators that noise of the positions biases as it biases least squares."""
-_CLEARLY = 5.0
-"""Times a sensor's noise in the band, or an estimate's standard deviation, that is more than noise."""
+_PIECES = 5  # stretches of the data that are predicted from one another to weigh the prior
+_BIASED = ("ols", "wls", "irls", "huber")  # estimators that noise of the positions biases as it biases least squares
+_CLEARLY = 5.0  # times a sensor's noise in the band, or an estimate's standard deviation, that is more than noise
 _ROTOR = "a rotor inertia was taken in at {}: it weighs nothing, which else a constant force would have to explain"
-_SAME_UNIT = 0.5
-"""Decades that a factor between outputs may be off that of a unit."""
+_SAME_UNIT = 0.5  # decades that a factor between outputs may be off that of a unit
 
 
 def identify(

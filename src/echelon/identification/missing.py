@@ -28,20 +28,14 @@ from echelon.observe.triangle import column_norms, safe_norms, upper_triangle
 _SAMPLES, _ROWS = 12_000, 6_000
 """Samples that are looked at, on a clock no faster than the band needs, and rows of each output that are kept."""
 _HARMONICS = range(1, 13)
-_NAMED = 4
-"""Effects that are named at most."""
+_NAMED = 4  # effects that are named at most
 _CLEAR = ((0.05, 1e-3), (0.3, 1e-4))
 """Least shares of an output's squares that an effect removes, with the least R² that it then adds."""
-_RARE = 0.7
-"""Weight of the gain of effects that few robots have, so that the usual ones come first."""
-_RARELY = 3
-"""How much larger a share they have to remove."""
-_SERIOUS = 0.01
-"""R² that is worth a warning."""
-_EXACT = 1e-9
-"""Share of an output's squares that is left at least: rounding of exact data explains nothing."""
-_SEEN = 1e-2
-"""Least share of an effect's force that the model cannot say already."""
+_RARE = 0.7  # weight of the gain of effects that few robots have, so that the usual ones come first
+_RARELY = 3  # how much larger a share they have to remove
+_SERIOUS = 0.01  # R² that is worth a warning
+_EXACT = 1e-9  # share of an output's squares that is left at least: rounding of exact data explains nothing
+_SEEN = 1e-2  # least share of an effect's force that the model cannot say already
 
 
 @dataclass(frozen=True)
@@ -231,8 +225,7 @@ class _Rows:
 
     def squares(self, residual: Floats) -> Floats:
         """Squares by output."""
-        found: Floats = np.bincount(self.outputs, residual**2, len(self.spread)).astype(float)
-        return found
+        return np.bincount(self.outputs, residual**2, len(self.spread)).astype(float)
 
 
 @dataclass
@@ -353,8 +346,7 @@ class _Test:
     def _values(self) -> Floats:
         some = self.fit.effects[0][:, self.columns]
         sizes = column_norms(some)
-        found: Floats = np.linalg.lstsq(some / sizes, self.fit.residuals[0], rcond=1e-3)[0] / sizes
-        return found
+        return np.linalg.lstsq(some / sizes, self.fit.residuals[0], rcond=1e-3)[0] / sizes
 
     @cached_property
     def _squares(self) -> tuple[tuple[Floats, Floats], ...]:

@@ -35,8 +35,7 @@ from echelon.observe.observation import Layout, Observation
 if TYPE_CHECKING:
     from distributed import Client
 
-BATCHES = 40
-"""Batches that the data are cut into at least, if they are long enough."""
+BATCHES = 40  # batches that the data are cut into at least, if they are long enough
 
 
 @dataclass(frozen=True, repr=False)
@@ -240,11 +239,9 @@ def size_of(samples: Samples) -> int:
     return sum(values.nbytes for values in signals if values is not None)
 
 
-Task = tuple[Path, Part, str]
-"""A log, the part of it that is judged, and its role."""
+Task = tuple[Path, Part, str]  # a log, the part of it that is judged, and its role
 
-_FEWEST = 24
-"""Rows of a trace that are kept at least, however many logs there are."""
+_FEWEST = 24  # rows of a trace that are kept at least, however many logs there are
 
 
 @dataclass

@@ -25,8 +25,7 @@ from echelon.logs.recording import Samples
 from echelon.mechanism.joint import ALL
 from echelon.observe.observation import Layout
 
-LABEL = "_payload"
-"""Ends the names of a payload's parameters: ``M_payload``."""
+LABEL = "_payload"  # ends the names of a payload's parameters: ``M_payload``
 
 
 @dataclass(frozen=True)

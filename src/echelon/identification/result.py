@@ -240,16 +240,12 @@ def _safe(text: str) -> str:
     return escape(one_line(text))
 
 
-_MOST = 12
-"""Findings of one kind that are shown; of more the first ones and their number."""
-_STRANGER = 0.3
-"""R² below which, for every output, the model has nothing to do with the data."""
-FAR = 5.0
-"""Standard deviations to the nearest robot that noise alone does not bring about."""
+_MOST = 12  # findings of one kind that are shown; of more the first ones and their number
+_STRANGER = 0.3  # R² below which, for every output, the model has nothing to do with the data
+FAR = 5.0  # standard deviations to the nearest robot that noise alone does not bring about
 IMPOSSIBLE = 30.0
 """Standard deviations from which on the model contradicts physics: what filters and unmodelled effects do is below."""
-_COSTLY = 1.5
-"""Ratio of misfits from which on physical consistency costs more than noise does."""
+_COSTLY = 1.5  # ratio of misfits from which on physical consistency costs more than noise does
 
 
 def contradictions(

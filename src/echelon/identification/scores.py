@@ -19,8 +19,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.logs.finding import enumerated
 
-ROLES = ("identification", "validation")
-"""Whether the fit saw the data."""
+ROLES = ("identification", "validation")  # whether the fit saw the data
 
 _EXPLAINED = 1e-3  # what no fit to measured samples leaves: friction alone is less regular
 _NOISELESS = 1e-4  # of an output's deviation: noise of the best sensors is ten times as large
@@ -207,18 +206,15 @@ def by_role(validations: Sequence[Validation]) -> tuple[Validation, ...]:
 # -- verdicts ---------------------------------------------------------------------------------------------------------
 
 
-GOOD = 0.98
-"""R² from which on a prediction is good: the residual's rms is below a seventh of the output's own spread."""
-USABLE = 0.90
-"""R² from which on it is usable: below a third of the spread, less than friction usually is."""
+GOOD = 0.98  # R² from which on a prediction is good: the residual's rms is below a seventh of the output's own spread
+USABLE = 0.90  # R² from which on it is usable: below a third of the spread, less than friction usually is
 OVERFIT = 1.5
 """Ratio of rms on unseen to fitted data from which on the model does not carry over: the squares have more than
 doubled, beyond what noise and other motions do to a model that holds."""
 BIAS = 0.5
 """Share of the rms from which on a bias is named: a quarter of the squares is a constant, which an offset would
 remove."""
-WHITE = 0.01
-"""Probability below which a residual is not taken for white noise."""
+WHITE = 0.01  # probability below which a residual is not taken for white noise
 PRIOR = 1.05
 """Ratio of rms from which on one model beats another: 5 % is more than preparation and noise usually change."""
 

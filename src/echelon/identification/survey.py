@@ -42,16 +42,12 @@ from echelon.observe.triangle import safe_norms, upper_triangle
 from echelon.setup.setup import Setup
 from echelon.signals.clock import shift_reach, shifted
 
-_LONGEST = 0.02
-"""Longest delay that is looked for, s: beyond it the log is at fault."""
+_LONGEST = 0.02  # longest delay that is looked for, s: beyond it the log is at fault
 _PERIODS = 2.5
 """The same in periods, where that is longer: slow recorders pair positions with outputs of the sample before."""
-_STEPS = 20
-"""Delays to either side that are tried before the parabola through the best ones."""
-_GAIN = 0.1
-"""Least share of the residual's squares that a delay must remove."""
-_SHORTEST = 10 * _LONGEST
-"""Segments are at least so long, s."""
+_STEPS = 20  # delays to either side that are tried before the parabola through the best ones
+_GAIN = 0.1  # least share of the residual's squares that a delay must remove
+_SHORTEST = 10 * _LONGEST  # segments are at least so long, s
 _SAMPLES = 10_000
 """Samples that are looked at, on a clock that is no faster than the band needs: a delay shows in any motion."""
 
@@ -154,10 +150,8 @@ def _best(delays: Floats, squares: Floats, before: float | None = None) -> tuple
     return float(delays[least] + offset * step), float(1 - np.exp(middle - reference))
 
 
-_LOGS = 64
-"""Logs that are looked at; of a long log, its first piece."""
-_MOST_SAMPLES = 1 << 18
-"""Samples that choices are made from; faults are looked for in the first piece of every log."""
+_LOGS = 64  # logs that are looked at; of a long log, its first piece
+_MOST_SAMPLES = 1 << 18  # samples that choices are made from; faults are looked for in the first piece of every log
 
 
 @dataclass(frozen=True)
@@ -213,8 +207,7 @@ def _first_piece(setup: Setup, path: Path) -> LogPiece:
     return piece
 
 
-SAMPLES = 20_000
-"""Samples that are looked at, over all logs: enough to see which parameters a motion excites."""
+SAMPLES = 20_000  # samples that are looked at, over all logs: enough to see which parameters a motion excites
 
 
 @dataclass(frozen=True)

@@ -33,8 +33,7 @@ Models = Mapping[str, Floats]
 """Parameters of the models that are compared by name: the identified one first, then those of :data:`BESIDE`."""
 BESIDE = ("prior", "plain")
 """What the identified model is compared with: the model one had before, and one without friction, fitted alike."""
-LIMIT = 200_000
-"""Rows of an output that are kept; more than any screen shows."""
+LIMIT = 200_000  # rows of an output that are kept; more than any screen shows
 _SHOWING_NOISE = 1 << 14  # samples of a stretch that tell the noise of its sensor
 _ORDER = 4  # of the differences that leave the noise of a sensor: motion is slow against its samples
 _NAN = float("nan")
@@ -251,12 +250,9 @@ class TraceKeeper:
 # -- autocorrelations -------------------------------------------------------------------------------------------------
 
 
-LAGS = 4096
-"""Largest lag; what correlates longer is reported as at least what is summed up to there."""
-WINDOW = 5.0
-"""Sokal's window, in autocorrelation times: wide enough for little bias, narrow enough for little noise."""
-PORTMANTEAU = 20
-"""Lags of the test of whiteness; enough for resonances and hysteresis, few enough to keep its power."""
+LAGS = 4096  # largest lag; what correlates longer is reported as at least what is summed up to there
+WINDOW = 5.0  # Sokal's window, in autocorrelation times: wide enough for little bias, narrow enough for little noise
+PORTMANTEAU = 20  # lags of the test of whiteness; enough for resonances and hysteresis, few enough to keep its power
 
 
 @dataclass(frozen=True)
@@ -375,8 +371,7 @@ def _crossed(later: Floats, earlier: Floats, lags: int) -> Floats:
 
     size = next_fast_len(later.shape[1] + lags + 1, real=True)
     products = rfft(later, size)[:, None] * np.conj(rfft(earlier, size))[None]
-    sums: Floats = irfft(products.reshape(-1, products.shape[-1]), size)[:, : lags + 1]
-    return sums
+    return irfft(products.reshape(-1, products.shape[-1]), size)[:, : lags + 1]
 
 
 def _running(whole: Floats, tail: int, lags: int) -> Floats:

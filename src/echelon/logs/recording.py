@@ -42,8 +42,7 @@ class Segment:
     @property
     def time(self) -> Floats:
         """Times of the samples, s, shape (N,)."""
-        times: Floats = self.start + np.arange(len(self)) / self.rate
-        return times
+        return self.start + np.arange(len(self)) / self.rate
 
 
 @dataclass(frozen=True)

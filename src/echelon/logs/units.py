@@ -17,8 +17,7 @@ from typing import Final
 from echelon.errors import InputError
 from echelon.hints import nearest_of
 
-Dimension = tuple[int, int, int, int, int]
-"""Powers of kg, m, s, A and rad."""
+Dimension = tuple[int, int, int, int, int]  # powers of kg, m, s, A and rad
 
 _PI: Final = Fraction("3.14159265358979323846264338327950288419716939937510")
 _G: Final = Fraction("9.80665")

@@ -21,8 +21,7 @@ from echelon.logs.preparation.prepare import Preparation
 
 SCHEMA_NAME: Literal["echelon.base-model/1"] = "echelon.base-model/1"
 
-Value = Annotated[float, Field(ge=-1e100, le=1e100)]
-"""A parameter whose products still have doubles."""
+Value = Annotated[float, Field(ge=-1e100, le=1e100)]  # a parameter whose products still have doubles
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 

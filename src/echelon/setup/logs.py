@@ -32,11 +32,9 @@ from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.setup import Setup, load_setup, with_usual
 
-_FEW = 6
-"""Joints that are named with where they rest; of more, only that they do."""
+_FEW = 6  # joints that are named with where they rest; of more, only that they do
 _VECTOR = re.compile(r"(?<![A-Za-z])(ctrl|actuator_force)[\W_]*(\d+)\W*$", re.IGNORECASE)
-_STILL = 2e-3
-"""Range, rad or m, of a joint that never moves."""
+_STILL = 2e-3  # range, rad or m, of a joint that never moves
 
 
 def with_logs(

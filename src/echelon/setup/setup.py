@@ -176,8 +176,7 @@ def _described(file: RobotFile, options: ReadingOptions) -> Setup:
 
 _FIELD = re.compile(r"\{(?:(\d+) *\* *)?(n|i|name)(?: *([+-]) *(\d+))?\}")
 
-EVERY, DRIVES = "all", "actuators"
-"""Keys that stand for every coordinate (or output), and for every drive."""
+EVERY, DRIVES = "all", "actuators"  # keys that stand for every coordinate (or output), and for every drive
 
 
 class _Columns:

@@ -43,12 +43,10 @@ effects:                                # no torques are logged: servos follow c
   - {type: coulomb, at: all}
   - {type: rotor_inertia, at: all}
 """
-GUESS = 333.0
-"""Hz, at which hardly any robot is logged."""
+GUESS = 333.0  # Hz, at which hardly any robot is logged
 _UNUSED = "columns that are not used"
 _WIDTH = 112
-_COARSE = 0.2
-"""Share of time stamps that repeat, from which on they say nothing of single samples."""
+_COARSE = 0.2  # share of time stamps that repeat, from which on they say nothing of single samples
 
 
 @dataclass(frozen=True)

@@ -42,12 +42,10 @@ _REPEATED = 0.2
 _UNORDERED = 50
 _ROUND = 2e-3
 
-SLOWER = 0.99
-"""Rates below this share of the old one need the low-pass."""
+SLOWER = 0.99  # rates below this share of the old one need the low-pass
 _ATTENUATION = 80.0
 _PASSED = 0.8
-HALF = 4
-"""Samples on either side from which a value between samples is interpolated."""
+HALF = 4  # samples on either side from which a value between samples is interpolated
 
 
 @dataclass(frozen=True)
@@ -155,8 +153,7 @@ def regularity(time: Floats, period: float) -> Regularity:
 def grid(first: float, last: float, rate: float) -> Floats:
     """Uniform times from the first on, not beyond the last, s, as offsets from the first; the rate is in Hz."""
     rounding = 1e-6 + 4 * rate * float(np.spacing(max(abs(first), abs(last))))
-    times: Floats = np.arange(int((last - first) * rate + rounding) + 1) / rate
-    return times
+    return np.arange(int((last - first) * rate + rounding) + 1) / rate
 
 
 def interpolated(time: Floats, values: Floats, wanted: Floats) -> Floats:
@@ -168,8 +165,7 @@ def interpolated(time: Floats, values: Floats, wanted: Floats) -> Floats:
         return np.broadcast_to(values[:1], (len(wanted), *values.shape[1:])).copy()
     # an odd degree, because not-a-knot splines need one knot less per degree than there are samples
     degree = 3 if len(time) > 3 else 1
-    result: Floats = np.asarray(make_interp_spline(time, values, degree)(np.clip(wanted, time[0], time[-1])))
-    return result
+    return np.asarray(make_interp_spline(time, values, degree)(np.clip(wanted, time[0], time[-1])))
 
 
 def low_passed(values: Floats, ratio: float) -> Floats:
@@ -188,8 +184,7 @@ def low_passed(values: Floats, ratio: float) -> Floats:
     if len(values) < 2:
         return values.copy()
     shape = (-1, *[1] * (values.ndim - 1))
-    result: Floats = oaconvolve(longer, window.reshape(shape), mode="valid", axes=0)
-    return result
+    return oaconvolve(longer, window.reshape(shape), mode="valid", axes=0)
 
 
 def shift_reach(samples: float) -> int:
@@ -214,5 +209,4 @@ def shifted(values: Floats, samples: float) -> Floats:
         return moved
     places = np.arange(-HALF, HALF + 1)
     taps = np.array([np.prod([(rest - m) / (k - m) for m in places if m != k]) for k in places])
-    found: Floats = correlate1d(moved, taps, axis=0, mode="nearest")
-    return found
+    return correlate1d(moved, taps, axis=0, mode="nearest")

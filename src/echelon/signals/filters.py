@@ -41,11 +41,9 @@ from echelon.extras import extra
 
 Complexes = npt.NDArray[np.complex128]
 
-LOWEST = 1e-6
-"""Cut-off, relative to the rate, below which a filter would be longer than any log."""
+LOWEST = 1e-6  # cut-off, relative to the rate, below which a filter would be longer than any log
 
-FAR = 1e-9
-"""Influence of a sample, as a share of its value, below which a result does not depend on it."""
+FAR = 1e-9  # influence of a sample, as a share of its value, below which a result does not depend on it
 
 NEAR = 3e-2
 """Influence of what lies beyond the end of a signal, below which a result is not spoilt by it: the signal turned about
@@ -54,15 +52,11 @@ its end, which is taken for it there, is far from wrong."""
 _ORIGIN = 1e-9
 """Radius within which a pole forgets everything in one sample; exactly zero has no residue of the same form."""
 
-ATTENUATION = 80.0
-"""Of what lies above the band, dB: noise is rarely a ten-thousandth of the signal."""
-WIDEST = 0.5
-"""Widest transition from what passes to what does not, as a share of the cut-off."""
+ATTENUATION = 80.0  # of what lies above the band, dB: noise is rarely a ten-thousandth of the signal
+WIDEST = 0.5  # widest transition from what passes to what does not, as a share of the cut-off
 _LAST = 4  # samples of which the last of two filters keeps one
-PASSED = 0.8
-"""Share of the band below half the rate after decimation that is kept."""
-WORTH = 0.4
-"""Highest edge that is worth a filter, as a share of the rate."""
+PASSED = 0.8  # share of the band below half the rate after decimation that is kept
+WORTH = 0.4  # highest edge that is worth a filter, as a share of the rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +88,7 @@ class ZeroPhase:
         length = min(padding, len(values) - 1)
 
         def along_time(rows: Floats) -> Floats:
-            found: Floats = sosfiltfilt(sections, rows, axis=-1, padlen=length)
-            return found
+            return sosfiltfilt(sections, rows, axis=-1, padlen=length)
 
         return by_channel(along_time, values)
 
@@ -257,8 +250,7 @@ _WEIGHTS = {
     2: np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560]),
 }
 
-REACH = 4
-"""Samples on either side that derivatives depend on."""
+REACH = 4  # samples on either side that derivatives depend on
 
 _FAR_FROM_UNIT = 0.1  # largest deviation of a quaternion's length from 1 that rounding of a log can explain
 
@@ -270,8 +262,7 @@ def derivative(values: Floats, rate: float, order: int = 1) -> Floats:
 
     widths = [(REACH, REACH)] + [(0, 0)] * (np.ndim(values) - 1)
     longer = np.pad(np.asarray(values, dtype=np.float64), widths, mode="reflect", reflect_type="odd")
-    found: Floats = correlate1d(longer, _WEIGHTS[order] * rate**order, axis=0)[REACH:-REACH]
-    return found
+    return correlate1d(longer, _WEIGHTS[order] * rate**order, axis=0)[REACH:-REACH]
 
 
 def derivatives(values: Floats, rate: float) -> tuple[Floats, Floats]:

@@ -24,8 +24,7 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.extras import extra
 
-LEAST_SAMPLES = 64
-"""Fewest samples from which a spectrum can be told."""
+LEAST_SAMPLES = 64  # fewest samples from which a spectrum can be told
 _PARTS = 4  # windows, without overlap, into which a signal is cut: so few for their resolution, so many for their mean
 
 _QUANTILE, _NORMAL = 0.9, 1.6449  # and that of the absolute value of a standard normal variable

@@ -24,8 +24,7 @@ from echelon.identification.rows.rows import Rows
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import safe_norms
 
-BATCHED = ("ols", "wls", "irls", "huber")
-"""Estimators whose covariance can come from batches of time."""
+BATCHED = ("ols", "wls", "irls", "huber")  # estimators whose covariance can come from batches of time
 _BY_FACTORS = ("ols", "wls", "irls")
 _ALL = 1e-9
 

@@ -49,8 +49,7 @@ from echelon.identification.rows.rows import RowBlock, Rows
 from echelon.observe.observation import Layout, Observation
 from echelon.observe.triangle import Triangle, column_norms, upper_triangle
 
-_DISTINCT = 1e-8
-"""Relative distance of singular values below which their vectors are arbitrary: √ε."""
+_DISTINCT = 1e-8  # relative distance of singular values below which their vectors are arbitrary: √ε
 
 
 def tls(observation: Observation, units: Sequence[str]) -> Estimate:
@@ -99,8 +98,7 @@ def _tls_covariance(root: Floats, K: Floats, values: Floats, scale: Floats, vari
     total = 1.0 + float(values @ bias)
     inverse = root @ np.linalg.solve(K, root.T)
     inner = rows * variance**2 * (np.diag(scale**2) * total - np.outer(bias, bias))
-    covariance: Floats = variance * total * inverse + inverse @ inner @ inverse
-    return covariance
+    return variance * total * inverse + inverse @ inner @ inverse
 
 
 _NEW = 1e-10

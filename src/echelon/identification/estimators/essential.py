@@ -53,8 +53,7 @@ class Submodel:
     @property
     def values(self) -> Floats:
         """Least-squares estimates, shape (k,)."""
-        solution: Floats = self.root @ self.triangle[:-1, -1]
-        return solution
+        return self.root @ self.triangle[:-1, -1]
 
     @property
     def squares(self) -> float:
@@ -64,8 +63,7 @@ class Submodel:
     @property
     def cofactor(self) -> Floats:
         """(WᵀW)⁻¹, shape (k, k)."""
-        product: Floats = self.root @ self.root.T
-        return product
+        return self.root @ self.root.T
 
     @property
     def degrees(self) -> float:
@@ -80,8 +78,7 @@ class Submodel:
     @property
     def growth(self) -> Floats:
         """By how much the sum of squares grows when one parameter is taken out, shape (k,)."""
-        grown: Floats = self.values**2 / np.diagonal(self.cofactor)
-        return grown
+        return self.values**2 / np.diagonal(self.cofactor)
 
     @property
     def relative(self) -> Floats:
@@ -104,8 +101,7 @@ class Submodel:
 
 RATIO = 10.0
 """Multiple of the smallest relative standard deviation from which on a parameter is dropped; customary are 10 to 30."""
-LEVEL = 0.05
-"""Significance of the F-test."""
+LEVEL = 0.05  # significance of the F-test
 
 
 def essential(

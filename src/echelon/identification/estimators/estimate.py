@@ -58,8 +58,7 @@ class Estimate:
     @property
     def std(self) -> Floats:
         """Standard deviations, shape (n,)."""
-        deviations: Floats = np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
-        return deviations
+        return np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
 
     @property
     def relative_std(self) -> Floats:
@@ -104,8 +103,7 @@ class Solution:
     @property
     def inverse(self) -> Floats:
         """Inverse of the weighted WᵀW, shape (n, n)."""
-        product: Floats = self.root @ self.root.T
-        return product
+        return self.root @ self.root.T
 
     @property
     def degrees(self) -> float:
@@ -116,8 +114,7 @@ class Solution:
         """The weighted R_i times R⁻¹, shape (n_i, n): it has the cross product of the rows w_i W_i R⁻¹."""
         columns = list(self.observation.layout.columns[output])
         factor: Floats = self.weights[output] * self.observation.factors[output][: len(columns), : len(columns)]
-        product: Floats = factor @ self.root[columns]
-        return product
+        return factor @ self.root[columns]
 
     @cached_property
     def leverages(self) -> Floats:

@@ -166,8 +166,7 @@ def fitted(
 def usable_noise(observation: Observation, estimate: Estimate) -> Floats:
     """Standard deviations of the outputs' noise that make good weights: never zero, infinite where unknown."""
     noise = np.where(np.isfinite(estimate.noise), estimate.noise, np.inf)
-    floor: Floats = np.maximum(noise, noise_floor(observation))
-    return floor
+    return np.maximum(noise, noise_floor(observation))
 
 
 def _estimated(

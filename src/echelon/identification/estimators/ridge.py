@@ -25,8 +25,7 @@ from echelon.identification.estimators.estimate import Estimate, Solution, check
 from echelon.observe.observation import Observation
 
 _GRID = 401
-_RANGE = 1e-16, 1e8
-"""Ratios of variances that are searched, relative to the largest squared singular value."""
+_RANGE = 1e-16, 1e8  # ratios of variances that are searched, relative to the largest squared singular value
 
 
 def ridge(

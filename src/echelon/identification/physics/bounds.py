@@ -56,8 +56,7 @@ class Bounds:
 
 
 _SIGNED_KINDS = ("viscous", "asymmetric_viscous", "coulomb", "asymmetric_coulomb", "load_friction", "rotor_inertia")
-_DIAGONAL = (0, 3, 5, 9)
-"""XX, YY, ZZ and M, which cannot be negative by themselves."""
+_DIAGONAL = (0, 3, 5, 9)  # XX, YY, ZZ and M, which cannot be negative by themselves
 
 # parameters (of XX … M) that vanish, and pairs that are equal, for each plane and axis of symmetry
 _VANISHING = {

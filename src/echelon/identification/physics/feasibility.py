@@ -49,10 +49,8 @@ class Feasibility:
         return f"Feasibility({self.feasible}: {self.evidence})"
 
 
-_WEIGHT = 1e-6
-"""Of the divergence that makes the nearest robot unique, in squared standard deviations."""
-_UNITS = (1.0, 10.0, 100.0)
-"""Standard deviations that count as one, because solvers fail where thousands are needed."""
+_WEIGHT = 1e-6  # of the divergence that makes the nearest robot unique, in squared standard deviations
+_UNITS = (1.0, 10.0, 100.0)  # standard deviations that count as one, because solvers fail where thousands are needed
 
 
 def physical_lift(base: BaseModel, values: npt.ArrayLike) -> Floats | None:
@@ -176,8 +174,7 @@ def feasibility(
 
 _STEPS = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
 _ROUNDING = 1e-12
-_INVISIBLE = 1e-3
-"""A change by which data change this little of their noise cannot be seen."""
+_INVISIBLE = 1e-3  # a change by which data change this little of their noise cannot be seen
 
 
 def put_inside(programme: Programme, standard: Floats) -> tuple[Floats, float]:

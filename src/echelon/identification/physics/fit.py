@@ -73,13 +73,11 @@ class PhysicalFit:
         return f"PhysicalFit({len(self.margins)} bodies, misfit {self.misfit - least:.4g} above {least:.4g}{drawn})"
 
 
-Solve = Callable[[Floats, Floats, float], Floats]
-"""Base parameters from R, Qᵀy and a weight."""
+Solve = Callable[[Floats, Floats, float], Floats]  # base parameters from R, Qᵀy and a weight
 
 CANDIDATES = tuple(float(10.0**k) for k in range(-2, 7))
 _BISECTIONS = 6
-_CLEAR = 3.0
-"""Standard deviations from which on a value is more than noise."""
+_CLEAR = 3.0  # standard deviations from which on a value is more than noise
 
 
 @dataclass(frozen=True)
@@ -212,8 +210,7 @@ class _Problem:
         return _Problem(B, programme)
 
     def matrix(self, R: Floats) -> Floats:
-        design: Floats = R @ self.B
-        return design
+        return R @ self.B
 
     def solve(self, design: Floats, target: Floats, weight: float) -> tuple[Floats, ConeSolution]:
         informed = self.programme.reference.informed

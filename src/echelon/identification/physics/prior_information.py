@@ -33,11 +33,9 @@ from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, characteristic_length, placement_matrix, symbol_values
 
-LEAST = 1e-4
-"""Least eigenvalue of a repaired pseudo-inertia relative to that of a body of its mass and size."""
+LEAST = 1e-4  # least eigenvalue of a repaired pseudo-inertia relative to that of a body of its mass and size
 _SHARE = 1e-2
-_RADIUS = 0.25
-"""Radius of gyration along each axis of a plain body relative to the size of the mechanism."""
+_RADIUS = 0.25  # radius of gyration along each axis of a plain body relative to the size of the mechanism
 _WIDEST = 1.25
 """Radius of gyration along an axis, relative to the size of the mechanism, beyond which inertia is a placeholder."""
 
@@ -150,10 +148,8 @@ def common_mass(role: Roles, design: Floats, target: Floats) -> float:
     return max(found, least) if least > 0 else 1.0
 
 
-_TOLERANCE = 1e-3
-"""How far apart joint axes may be, m and rad; files round both."""
-_ACROSS = 0.1
-"""Sine of the least angle between axes that show where the base stands."""
+_TOLERANCE = 1e-3  # how far apart joint axes may be, m and rad; files round both
+_ACROSS = 0.1  # sine of the least angle between axes that show where the base stands
 
 
 @dataclass(frozen=True, repr=False)

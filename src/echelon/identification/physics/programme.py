@@ -57,8 +57,7 @@ def sparse_diagonal(entries: Floats) -> Any:
 
 _KINDS = ("zero", "nonnegative", "second_order", "semidefinite", "exponential")
 
-_UNITS = (1.0, 1e-2, 1e-4, 1e-6, 1e2, 3.0, 0.3)
-"""Units of the objective that are tried one after another."""
+_UNITS = (1.0, 1e-2, 1e-4, 1e-6, 1e2, 3.0, 0.3)  # units of the objective that are tried one after another
 _ALMOST = "Almost"
 
 SOLVED, INFEASIBLE, UNBOUNDED, FAILED = "solved", "infeasible", "unbounded", "failed"
@@ -149,8 +148,7 @@ def _clarabel(program: ConeProgram, P: Any, q: Floats, A: Any, b: Floats) -> Con
 _LOGS = SIZE
 _SMALL = 0.1
 """Size that is expected of an offset or a spring, by what it could explain alone, where bodies could as well."""
-_RIDGE = 1e-12
-"""Relative weight that keeps parameters at rest on which neither data nor a prior say anything."""
+_RIDGE = 1e-12  # relative weight that keeps parameters at rest on which neither data nor a prior say anything
 
 
 @dataclass(frozen=True)

@@ -69,8 +69,7 @@ def part_of(samples: Samples, begin: int, end: int) -> Samples:
     )
 
 
-SAMPLED = 12.0
-"""Rate at which a band is looked at, by its edge: filters of states pass a quarter of it unchanged."""
+SAMPLED = 12.0  # rate at which a band is looked at, by its edge: filters of states pass a quarter of it unchanged
 
 
 def begun(samples: Iterable[Samples], band: float, count: int) -> Iterator[Samples]:
@@ -105,8 +104,7 @@ def _slower(samples: Samples, factor: int, band: float) -> Samples:
     )
 
 
-Part = Literal["all", "first", "last"]
-"""Which part of a log: all of it, what is fitted, or what is held out."""
+Part = Literal["all", "first", "last"]  # which part of a log: all of it, what is fitted, or what is held out
 
 
 @dataclass(frozen=True)

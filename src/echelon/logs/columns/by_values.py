@@ -27,8 +27,7 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.clock import nominal_period
 
 _WINDOWS = 200
-_FOLLOWS = 0.9
-"""Correlation from which on one family is the derivative of another."""
+_FOLLOWS = 0.9  # correlation from which on one family is the derivative of another
 _SAME = 0.98
 _SCALES = np.array([1.0, 180 / np.pi, np.pi / 180, 1e3, 1e-3])
 """Sizes of a reference in units of those of the positions: both may be in other units."""

@@ -31,12 +31,10 @@ from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism
 
 Meanings = Mapping[str, Meaning]
-Look = Callable[[], Table]
-"""Reads the first piece of a log, with all columns."""
+Look = Callable[[], Table]  # reads the first piece of a log, with all columns
 
 _NEEDED = ("position", "output")
-_PARTLY = ("output", "current")
-"""What may be there for some joints only: the others are not measured."""
+_PARTLY = ("output", "current")  # what may be there for some joints only: the others are not measured
 _OPTIONAL = ("velocity", "acceleration", "reference")
 _AS_NAMED: Mapping[str, str] = {}
 _MANY = 8

@@ -66,8 +66,7 @@ SIGNALS = {"q": "position", "qd": "velocity", "qdd": "acceleration", "reference"
 _PER = ("", "/s", "/s²")
 _POSITIONS = ("q", "reference")
 
-WRAP = 5.5
-"""Jump of an angle between two samples, rad, that can only be a full turn taken off."""
+WRAP = 5.5  # jump of an angle between two samples, rad, that can only be a full turn taken off
 
 
 def actuators(mechanism: Mechanism) -> tuple[Actuator, ...]:

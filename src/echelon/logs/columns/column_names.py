@@ -38,8 +38,7 @@ _WORDS = {
     "tiempo temps tempo",
 }
 _KINDS = {word: kind for kind, words in _WORDS.items() for word in words.split()}
-_WEAK = frozenset("a v i t d")
-"""Letters that say what is measured only where no word does."""
+_WEAK = frozenset("a v i t d")  # letters that say what is measured only where no word does
 _OTHERS = {
     "reference": "ref refs reference target targets des desired cmd cmds command commanded setpoint sp goal ipo d "
     "action qref qdes qcmd soll sollwert consigne",
@@ -52,8 +51,7 @@ _OTHERS = {
     "header unix ros output est estimated sim robot main arm out yout signal signals js",
 }
 _ROLES = {word: role for role, words in _OTHERS.items() for word in words.split()}
-KNOWN = frozenset(_KINDS) | frozenset(_ROLES)
-"""Words that say something of what is measured."""
+KNOWN = frozenset(_KINDS) | frozenset(_ROLES)  # words that say something of what is measured
 _UNITS = {
     "rad": "rad",
     "deg": "deg",
@@ -83,16 +81,14 @@ _BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()]*[A-Za-z°%‰][^\[\]()]*?)\s*[\])
 _COLUMN_UNITS = {"grad": "deg", "grados": "deg", "u/min": "rpm", "1/min": "rpm"}
 _COLUMN_UNITS |= {"kg.cm": "kgf·cm", "kg·cm": "kgf·cm", "kg*cm": "kgf·cm", "kgcm": "kgf·cm", "kg-cm": "kgf·cm"}
 _COLUMN_UNITS |= dict.fromkeys(("per mille", "permille", "promille", "per mil", "1/1000"), "‰")
-SHARES = ("%", "‰")
-"""What torques are in that are shares of a rated one."""
+SHARES = ("%", "‰")  # what torques are in that are shares of a rated one
 _GREEK = str.maketrans({"θ": "theta", "ϑ": "theta", "τ": "tau", "ω": "omega"})
 _RATES = {"position": "velocity", "velocity": "acceleration"}
 _HUMPS = (re.compile(r"(?<=[a-z])(?=[A-Z][a-z])"), re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])"))
 _AFFIX = re.compile(r"^(?:joint|jnt|motor|axis)[_-]|[_-](?:joint|jnt|motor|axis)$", re.IGNORECASE)
 _BARE = frozenset({"joint", "state", "neutral"})
 _STRONG = frozenset(_KINDS) - _WEAK
-_PREFIXES = {"j"} | {word for word in _ROLES if len(word) > 2}
-"""First parts of compounds."""
+_PREFIXES = {"j"} | {word for word in _ROLES if len(word) > 2}  # first parts of compounds
 
 
 @dataclass(frozen=True)

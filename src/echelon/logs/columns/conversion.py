@@ -34,8 +34,7 @@ from echelon.signals.clock import GAP, nominal_period
 
 _TIME_WORDS = ("time", "stamp", "t", "ts", "sec", "seconds", "clock")
 
-_GAINED = ("A", "V")
-"""What drives report instead of forces."""
+_GAINED = ("A", "V")  # what drives report instead of forces
 _LARGEST = 1e100  # squares of it still have doubles
 _STATES = {"position": "q", "velocity": "qd", "acceleration": "qdd", "reference": "reference"}
 

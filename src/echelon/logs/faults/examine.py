@@ -34,8 +34,7 @@ _NOT_UNIT = 1e-3
 _COARSE = 0.3
 _NO_ENCODER = 2e-9  # rad or m: one of 26 bits per turn has steps of 9e-8 rad
 _ORDER = 8  # of the differences that leave noise: they take away motion down to some 30 samples per period
-_SAMPLED = 101
-"""Of so many samples one is compared first, to tell which channels may be the same."""
+_SAMPLED = 101  # of so many samples one is compared first, to tell which channels may be the same
 
 
 def examine(
@@ -321,8 +320,7 @@ _BAND = 1 / 200
 _RHYTHM = 0.9
 _CREEP = 3.0
 
-_SORTED = 20_000
-"""Samples that show a resolution; sorting more costs time."""
+_SORTED = 20_000  # samples that show a resolution; sorting more costs time
 
 
 def runs(flags: Flags) -> tuple[Integers, Integers]:

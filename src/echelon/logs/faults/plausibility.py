@@ -37,8 +37,7 @@ _LITTLE_LENGTH = 1e-3
 _STRONG = {"N·m": 2e4, "N": 1e6}
 _WEIGHTS = 50.0
 _WEAK = 1e-4
-_FORWARD = 0.75
-"""Share of steps forward in time from which on their length says something."""
+_FORWARD = 0.75  # share of steps forward in time from which on their length says something
 _G = 9.81
 
 _WINDOWS = 400

@@ -32,8 +32,7 @@ from echelon.inputs import COLUMNS
 from echelon.logs.files.log_file import CHUNK, Table, missing
 from echelon.logs.files.message_sources import END_OF_TIME, Mcap, Rosbag, is_mcap
 
-Labels = tuple[str, ...] | int | None
-"""Names of an array's entries, or how many there are, or None for a single number."""
+Labels = tuple[str, ...] | int | None  # names of an array's entries, or how many there are, or None for a single number
 
 _NAME_FIELDS = ("name", "names", "joint_names", "interface_names")
 _NANOSECONDS = ("nanosec", "nsec", "nsecs", "nanosecs")

@@ -29,10 +29,8 @@ from echelon.logs.files.text_layout import COMMENT, LIST, Dialect, cells, flat, 
 _DATE = re.compile(r"\d+[-/.]\d+[-/.]\d+|\d+:\d\d")
 _NULLS = ["", "-", "nan", "NaN", "NAN", "NA", "N/A", "#N/A", "null", "NULL", "None"]
 _SHOWN = 40
-_FEW = 0.01
-"""Share of the rows of a piece that may be garbage; of more, the file is of another layout."""
-_ENOUGH = 10
-"""Rows before one that is cut off, such as the last one of a recorder that was stopped."""
+_FEW = 0.01  # share of the rows of a piece that may be garbage; of more, the file is of another layout
+_ENOUGH = 10  # rows before one that is cut off, such as the last one of a recorder that was stopped
 _SNIFFED = 100
 _PREAMBLE = 100_000
 _AT_ONCE = 1 << 26

@@ -19,8 +19,7 @@ from echelon.arrays import Floats
 from echelon.errors import EchelonError, InputError, one_line
 from echelon.hints import nearest, nearest_of
 
-CHUNK = 1 << 17
-"""Rows that are read at once from a file that can be read in pieces."""
+CHUNK = 1 << 17  # rows that are read at once from a file that can be read in pieces
 
 _SHOWN = 160
 _NOTHING: Mapping[str, str] = {}

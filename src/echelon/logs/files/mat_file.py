@@ -39,8 +39,7 @@ _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f
 _CELL, _STRUCT, _OBJECT, _CHAR, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
 _COMPLEX = 0x0800
 _COMPLEX_NUMBERS = "holds complex numbers, not real numbers"
-MANY = 256
-"""Structs or cells of an array that are opened."""
+MANY = 256  # structs or cells of an array that are opened
 _OTHER = {
     _OBJECT: "is a MATLAB object; save its numbers as plain arrays",
     _CHAR: "holds text, not real numbers",

@@ -25,8 +25,7 @@ from echelon.inputs import parse_json
 from echelon.logs.files.log_file import decoding, existing_file
 from echelon.logs.files.unpacked_size import bounded, check_bag, check_chunks
 
-END_OF_TIME = 2**63
-"""Nanoseconds that do not fit into 64 bits any more."""
+END_OF_TIME = 2**63  # nanoseconds that do not fit into 64 bits any more
 
 _RULE = "=" * 80 + "\n"
 _BAG, _MCAP = "a ROS bag", "an MCAP file"

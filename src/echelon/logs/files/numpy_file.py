@@ -263,8 +263,7 @@ def _members(path: Path) -> list[NamedArray]:
 
 def _loaded(path: Path, member: str) -> npt.NDArray[Any]:
     with zipfile.ZipFile(path) as archive, archive.open(member) as stream:
-        array: npt.NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
-        return array
+        return np.lib.format.read_array(stream, allow_pickle=False)
 
 
 def _check_complete(shape: tuple[int, ...], kind: np.dtype[Any], rest: int) -> None:

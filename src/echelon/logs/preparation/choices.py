@@ -46,11 +46,9 @@ OWN = 2.0
 SIGMAS = 2.0
 """Standard deviations of a velocity's noise, within which its sign says nothing; beyond, one in forty is wrong."""
 
-ROWS = 10
-"""Rows per parameter below which none are left out."""
+ROWS = 10  # rows per parameter below which none are left out
 
-FLATTEST = 1 / 6
-"""Share of the rate up to which derivatives are right to two thousandths."""
+FLATTEST = 1 / 6  # share of the rate up to which derivatives are right to two thousandths
 
 _RATES_ALIKE = 1e-3
 _AGREEING = 0.05
@@ -59,8 +57,7 @@ sensor of velocity may have; more is another signal, or one that is late or filt
 
 _REPEATED = 0.7
 """Share of their noise that velocities which were differentiated by the recorder have from the positions."""
-_NOISY = 0.35
-"""Share of the rate at which noise has to begin, for it to be looked at."""
+_NOISY = 0.35  # share of the rate at which noise has to begin, for it to be looked at
 
 
 def chosen(preparation: PreparationEntry, log: Signals) -> Preparation:

@@ -59,8 +59,7 @@ ROOM, ORDER = 3.0, 4
 """Low-pass over positions, relative to the band of both sides: within the band its gain is right to 2e-4, and to 3 % up
 to where the filter of both sides lets nothing pass."""
 _ROUNDINGS = 16.0  # of a position, that add up in its derivatives
-MEASURED = ("qd", "qdd")
-"""Derivatives that may be taken from a log."""
+MEASURED = ("qd", "qdd")  # derivatives that may be taken from a log
 
 
 def usable(segment: Segment, mechanism: Mechanism) -> Segment:

@@ -33,8 +33,7 @@ from echelon.signals.filters import continuous
 
 _POSITIONS = ("q", "reference")
 
-FEWEST = 20
-"""Samples that a segment must have; filters and derivatives make nothing of shorter ones."""
+FEWEST = 20  # samples that a segment must have; filters and derivatives make nothing of shorter ones
 
 
 def unwrapped(
