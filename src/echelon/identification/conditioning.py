@@ -87,9 +87,7 @@ class Conditioning:
 
 
 def conditioning(
-    observation: Observation,
-    weights: Sequence[float] | Floats | None = None,
-    base: BaseModel | None = None,
+    observation: Observation, weights: Sequence[float] | Floats | None = None, base: BaseModel | None = None
 ) -> Conditioning:
     """Conditioning of data, and the combinations of parameters that they hardly show.
 
@@ -182,13 +180,7 @@ _MOST = 6  # parameters named
 _KINDS = ("qdd", "qd", "q")
 
 
-def advice(
-    names: Sequence[str],
-    direction: Floats,
-    change: Floats,
-    base: BaseModel | None,
-    seen: float = 0.0,
-) -> str:
+def advice(names: Sequence[str], direction: Floats, change: Floats, base: BaseModel | None, seen: float = 0.0) -> str:
     """What the data do not show and how to show it, in a sentence."""
     size = np.abs(direction)
     order = [int(k) for k in np.argsort(-size, kind="stable") if size[k] >= _NAMED * size.max()]

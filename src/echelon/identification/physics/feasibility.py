@@ -29,7 +29,6 @@ from echelon.identification.physics.programme import (
     ConeProgram,
     Programme,
     solve_in_units,
-    sparse_diagonal,
     svec,
 )
 from echelon.mechanism.stated import characteristic_length
@@ -146,11 +145,7 @@ _DISTINCT = 2e-3
 """Distance from which on values are not those of the nearest robot: solvers and margins account for less."""
 
 
-def feasibility(
-    base: BaseModel,
-    values: npt.ArrayLike,
-    covariance: npt.ArrayLike | None = None,
-) -> Feasibility:
+def feasibility(base: BaseModel, values: npt.ArrayLike, covariance: npt.ArrayLike | None = None) -> Feasibility:
     """Whether a robot that can exist has given base parameters.
 
     Every body that carries all ten parameters needs J ≻ 0; signs of the others are those of
@@ -205,8 +200,8 @@ def interior_point(programme: Programme) -> Floats:
     cap[0, p] = -1.0
     program.add("nonnegative", cap, np.array([0.5]))
     # the middle of the mass of the reference keeps what is not bounded from running away
-    quadratic = sparse_diagonal(np.append(np.full(p, 1e-9), 0.0))
-    found = solve_in_units(program, quadratic, np.append(np.zeros(p), -1.0))
+    diagonal, linear = np.append(np.full(p, 1e-9), 0.0), np.append(np.zeros(p), -1.0)
+    found = solve_in_units(program, diagonal, linear)
     if found.status == INFEASIBLE or found.x[p] <= 1e-9:
         raise InputError("the bounds contradict each other: no body that can exist satisfies all of them")
     return _equal(programme.limits, programme.unwhiten @ found.x[:p])

@@ -47,20 +47,13 @@ SVEC = np.stack([svec(pseudo_inertia(unit)) for unit in np.eye(PER_BODY)], axis=
 """svec(J) = SVEC · (XX … M), shape (10, 10)."""
 
 
-def sparse_diagonal(entries: Floats) -> Any:
-    """A sparse diagonal matrix."""
-    with extra("identify"):
-        from scipy.sparse import diags_array
-
-    return diags_array(entries, format="csc")
-
-
 _KINDS = ("zero", "nonnegative", "second_order", "semidefinite", "exponential")
 
 _UNITS = (1.0, 1e-2, 1e-4, 1e-6, 1e2, 3.0, 0.3)  # units of the objective that are tried one after another
 _ALMOST = "Almost"
 
 SOLVED, INFEASIBLE, UNBOUNDED, FAILED = "solved", "infeasible", "unbounded", "failed"
+_STATUSES = {"Solved": SOLVED, "PrimalInfeasible": INFEASIBLE, "DualInfeasible": UNBOUNDED}
 
 
 @dataclass(frozen=True)
@@ -88,29 +81,38 @@ class ConeProgram:
         if len(offset):
             self._blocks[kind].append((csr_array(matrix), np.asarray(offset, dtype=float)))
 
-    def solve(self, quadratic: Any, linear: Floats) -> ConeSolution:
-        """Minimise ½ xᵀ quadratic x + linearᵀ x with a symmetric, positive semidefinite, sparse quadratic part."""
+    def solve(self, diagonal: Floats, linear: Floats) -> ConeSolution:
+        """Minimise ½ Σ diagonal · x² + linearᵀ x, without a negative number in the diagonal."""
         with extra("identify"):
-            from scipy.sparse import csc_array, triu, vstack
+            import clarabel
+            from scipy.sparse import csc_array, diags_array, vstack
 
+        lengths = {kind: [len(offset) for _, offset in blocks] for kind, blocks in self._blocks.items()}
+        cones = [clarabel.ZeroConeT(k) for k in lengths["zero"]]
+        cones += [clarabel.NonnegativeConeT(k) for k in lengths["nonnegative"]]
+        cones += [clarabel.SecondOrderConeT(k) for k in lengths["second_order"]]
+        cones += [clarabel.PSDTriangleConeT(_order(k)) for k in lengths["semidefinite"]]
+        cones += [clarabel.ExponentialConeT() for k in lengths["exponential"] for _ in range(k // 3)]
         blocks = [block for kind in _KINDS for block in self._blocks[kind]]
         rows = csc_array(vstack([-matrix for matrix, _ in blocks]))
         offsets = np.concatenate([offset for _, offset in blocks])
-        return _clarabel(self, csc_array(triu(quadratic)), linear, rows, offsets)
+        settings = clarabel.DefaultSettings()
+        settings.verbose, settings.max_threads = False, 1
+        quadratic = diags_array(diagonal, format="csc")
+        found = clarabel.DefaultSolver(quadratic, linear, rows, offsets, cones, settings).solve()
+        message = str(found.status)
+        status = _STATUSES.get(message.removeprefix(_ALMOST), FAILED)
+        return ConeSolution(np.array(found.x, dtype=float), status, message, found.iterations)
 
-    def lengths(self, kind: str) -> list[int]:
-        """Rows of every block of a kind."""
-        return [len(offset) for _, offset in self._blocks[kind]]
 
-
-def solve_in_units(program: ConeProgram, quadratic: Any, linear: Floats) -> ConeSolution:
+def solve_in_units(program: ConeProgram, diagonal: Floats, linear: Floats) -> ConeSolution:
     """Solve; if the solver gives up without a verdict, with the objective in other units.
 
     Solvers stop by a mixture of relative and absolute tolerances, so the unit of the objective matters to them.
     """
     attempts = []
     for unit in _UNITS:
-        attempts.append(program.solve(unit * quadratic, unit * linear))
+        attempts.append(program.solve(unit * diagonal, unit * linear))
         if attempts[-1].status != FAILED and not attempts[-1].message.startswith(_ALMOST):
             return attempts[-1]
     almost = next((found for found in attempts if found.status != FAILED), None)
@@ -118,31 +120,6 @@ def solve_in_units(program: ConeProgram, quadratic: Any, linear: Floats) -> Cone
         problem = f"the solver gave up ({attempts[0].message}): check the scale of the data and of the prior"
         raise EchelonError(problem)
     return almost
-
-
-def _clarabel(program: ConeProgram, P: Any, q: Floats, A: Any, b: Floats) -> ConeSolution:
-    with extra("identify"):
-        import clarabel
-    cones = [clarabel.ZeroConeT(k) for k in program.lengths("zero")]
-    cones += [clarabel.NonnegativeConeT(k) for k in program.lengths("nonnegative")]
-    cones += [clarabel.SecondOrderConeT(k) for k in program.lengths("second_order")]
-    cones += [clarabel.PSDTriangleConeT(_order(k)) for k in program.lengths("semidefinite")]
-    cones += [clarabel.ExponentialConeT() for k in program.lengths("exponential") for _ in range(k // 3)]
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.max_threads = 1
-    found = clarabel.DefaultSolver(P, q, A, b, cones, settings).solve()
-    words = {
-        "Solved": SOLVED,
-        "AlmostSolved": SOLVED,
-        "PrimalInfeasible": INFEASIBLE,
-        "AlmostPrimalInfeasible": INFEASIBLE,
-        "DualInfeasible": UNBOUNDED,
-        "AlmostDualInfeasible": UNBOUNDED,
-    }
-    message = str(found.status)
-    x = np.array(found.x, dtype=float)
-    return ConeSolution(x, words.get(message, FAILED), message, found.iterations)
 
 
 _LOGS = SIZE
@@ -226,7 +203,7 @@ class Programme:
         else:
             diagonal[size - k :] = 2.0
         self._draw(diagonal, linear, matrix, target, drawing)
-        found = solve_in_units(program, sparse_diagonal(diagonal), linear)
+        found = solve_in_units(program, diagonal, linear)
         return self.unwhiten @ found.x[:p], found
 
     def _signed(self) -> list[tuple[int, float]]:

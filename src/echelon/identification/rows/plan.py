@@ -117,12 +117,7 @@ class Plan:
     holdout: float = 0.0  # share of each stretch that is held out, 0 to 1
 
     def samples(
-        self,
-        path: str | Path,
-        part: Part = "all",
-        *,
-        outputs: bool = True,
-        reference: bool = False,
+        self, path: str | Path, part: Part = "all", *, outputs: bool = True, reference: bool = False
     ) -> Iterator[Samples]:
         """Prepared samples of a log, stretch by stretch; what is too short is left out, unless it is all there is."""
         mechanism, short, any_left = self.base.mechanism, None, False

@@ -27,8 +27,7 @@ _MARKS = r"#|//|%(?!\w)"  # of comments; %time is a name
 COMMENT = re.compile(rf"^[ \t]*(?:{_MARKS})[^\n]*".encode(), re.MULTILINE)
 _DAYS = r"(?P<y>\d{4})[-/](?P<m>\d\d)[-/](?P<d>\d\d)|(?P<day>\d\d?)\.(?P<month>\d\d?)\.(?P<year>\d{4})"
 _STAMP = re.compile(
-    rf"(?:(?:{_DAYS})[T ])?(\d\d?):(\d\d):(\d\d)(?:[.,](\d+))? ?(?:Z|UTC|([+-]\d\d):?(\d\d))?",
-    re.ASCII | re.IGNORECASE,
+    rf"(?:(?:{_DAYS})[T ])?(\d\d?):(\d\d):(\d\d)(?:[.,](\d+))? ?(?:Z|UTC|([+-]\d\d):?(\d\d))?", re.ASCII | re.IGNORECASE
 )
 LIST = re.compile(rb'"?[\[(]([^\[\]()]*)[\])]"?')
 _EPOCH = date(1970, 1, 1).toordinal()
