@@ -23,8 +23,7 @@ from echelon.errors import DegenerateSampleError
 from echelon.exact.field import Geometry, PrimeField, Residues, as_flint, null_vectors, residues_of_generators
 from echelon.exact.polynomial import Monomial, cosine, sine
 
-EXTRA_SAMPLES = 4
-"""Samples beyond the number of unknowns: a wrong ansatz fits them with probability about p^-4."""
+EXTRA_SAMPLES = 4  # samples beyond the number of unknowns: a wrong ansatz fits them with probability about p^-4
 
 
 @dataclass(frozen=True)
@@ -40,8 +39,7 @@ class Ansatz:
         return len(self.numerator) + len(self.denominator)
 
 
-Fit = tuple[Ansatz, list[int]]
-"""The occurring monomials and their coefficients in one field."""
+Fit = tuple[Ansatz, list[int]]  # the occurring monomials and their coefficients in one field
 
 
 def circle_basis(angle: str, degree: int) -> list[Monomial]:
@@ -112,8 +110,7 @@ def normalised(vector: list[int], field: PrimeField) -> list[int]:
     return [c * scale % field.p for c in vector]
 
 
-_SURPLUS = 2
-"""Values beyond those that a quotient needs: a wrong one fits them with probability about p^-2."""
+_SURPLUS = 2  # values beyond those that a quotient needs: a wrong one fits them with probability about p^-2
 
 
 @dataclass(frozen=True)
@@ -169,12 +166,10 @@ def _along_symbol(top: Any, bottom: Any) -> Section:
 
 
 def _along_angle(top: Any, bottom: Any) -> Section:
-    """Numerator and denominator as trigonometric polynomials.
-
-    Let (1 + t²)^v divide the function, v perhaps negative, and let R be the rest of the denominator.  R / (1 + t²)^m
-    is a trigonometric polynomial for 2 m ≥ deg R, and vanishes at t = ∞ to the order 2 m − deg R, which has to be that
-    of the function's pole there.
-    """
+    """Numerator and denominator as trigonometric polynomials."""
+    # Let (1 + t²)^v divide the function, v perhaps negative, and let R be the rest of the denominator.  R / (1 + t²)^m
+    # is a trigonometric polynomial for 2 m ≥ deg R, and vanishes at t = ∞ to the order 2 m − deg R, which has to be
+    # that of the function's pole there
     if not top:
         return Section(0, 0, (1,))
     pole = max(0, top.degree() - bottom.degree())
@@ -188,8 +183,7 @@ def _along_angle(top: Any, bottom: Any) -> Section:
     return Section(degree - power, degree, _coefficients(bottom))
 
 
-Residual = dict[Monomial, int]
-"""A polynomial over GF(p)."""
+Residual = dict[Monomial, int]  # A polynomial over GF(p)
 
 
 def symbol_basis(name: str, degree: int, *, angle: bool) -> list[Monomial]:

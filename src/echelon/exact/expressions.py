@@ -39,8 +39,7 @@ from echelon.exact.polynomial import (
     square_root,
 )
 
-STEPS_PER_HALF_TURN = 12
-"""π is twelve steps of 15°, the angles with a sine and cosine in Q(√2, √3)."""
+STEPS_PER_HALF_TURN = 12  # π is twelve steps of 15°, the angles with a sine and cosine in Q(√2, √3)
 
 LARGEST_EXPANSION = 8
 """cos(n x) is a polynomial of degree n in cos(x), with coefficients up to 2ⁿ that cost digits in floating point; beyond
@@ -94,8 +93,7 @@ class Angle:
         return " + ".join(parts) or "0"
 
 
-Point = tuple[Polynomial, Polynomial]
-"""Cosine and sine of an angle."""
+Point = tuple[Polynomial, Polynomial]  # cosine and sine of an angle
 
 
 def multiple_of_point(point: Point, count: int) -> Point:
@@ -124,8 +122,7 @@ def _multiple(symbol: str, count: int) -> Point:
 
 
 PI = "pi"
-RESERVED = frozenset({PI, "sin", "cos", "sqrt"})
-"""Names with a fixed meaning, which no symbol may take."""
+RESERVED = frozenset({PI, "sin", "cos", "sqrt"})  # names with a fixed meaning, which no symbol may take
 
 _PIECE, _LONGEST_TERM, _LONGEST = 500, 2000, 1_000_000
 _LARGEST_EXPONENT, _MOST_TERMS, _MOST_BITS = 32, 20_000, 20_000

@@ -31,16 +31,14 @@ import numpy.typing as npt
 from echelon.errors import ClosedFormError, DegenerateSampleError, InputError
 from echelon.exact.polynomial import Number, Surd, generator_values, repeated
 
-Residues = npt.NDArray[Any]
-"""Array of residues in [0, p): int64 for primes below 2^31, Python integers above."""
+Residues = npt.NDArray[Any]  # array of residues in [0, p): int64 for primes below 2^31, Python integers above
 
 ARRAY_BITS, CERTIFICATE_BITS = 31, 81
 _SMALL_PRIMES = int(flint.fmpz.primorial_ui(flint.fmpz(400)))  # their product
 _FEW = 16  # below this many elements, inverting one by one is faster than a tree of products
 
 
-DEFAULT_SEED = 2015
-"""Seeds are recorded in results, so that the same input gives the same output."""
+DEFAULT_SEED = 2015  # seeds are recorded in results, so that the same input gives the same output
 
 
 def random_generator(seed: int) -> np.random.Generator:
@@ -237,8 +235,7 @@ def solve_batched(left: Residues, right: Residues, field: PrimeField) -> Residue
     return table[:, :unknowns, unknowns:]
 
 
-_DECIDED = 3
-"""A ball that may be zero is taken as zero when it is below 2^-(precision / 3)."""
+_DECIDED = 3  # A ball that may be zero is taken as zero when it is below 2^-(precision / 3)
 
 
 def ball_rank(matrix: list[list[Any]], bits: int) -> int | None:
@@ -285,8 +282,7 @@ def substituted(combination: Mapping[int, T], solved: Mapping[int, Mapping[int, 
 
 # -- functions that are known by their values --------------------------------------------------------------------------
 
-Geometry = Mapping[str, Residues]
-"""Values of the symbols; for an angle the tangent of its half."""
+Geometry = Mapping[str, Residues]  # values of the symbols; for an angle the tangent of its half
 
 
 def residues_of_generators(
@@ -308,8 +304,7 @@ def residues_at(generators: Iterable[str], symbols: Mapping[str, Residues], fiel
 
 _OPERATIONS = 5e8  # a few seconds
 _TERMS = 500
-SOLVING = 0.05
-"""What an operation of FLINT's linear algebra costs beside one of an evaluation in NumPy."""
+SOLVING = 0.05  # what an operation of FLINT's linear algebra costs beside one of an evaluation in NumPy
 
 
 @dataclass
@@ -349,8 +344,7 @@ class Work:
 
 Found = TypeVar("Found")
 _ATTEMPTS = 8
-_CHUNK = 512
-"""Geometries that are evaluated at once."""
+_CHUNK = 512  # geometries that are evaluated at once
 
 
 @dataclass(frozen=True)

@@ -39,8 +39,7 @@ from echelon.exact.ansatz import (
 from echelon.exact.field import SOLVING, Geometry, PrimeField, Residues, UnknownFunctions, Work, as_flint, persistent
 from echelon.exact.polynomial import Monomial
 
-_NODES = (6, 16, 40, 100)
-"""Values along a line, more where they are too few."""
+_NODES = (6, 16, 40, 100)  # values along a line, more where they are too few
 _LARGEST_JOINT_FIT = 1500
 _FEW_SYMBOLS = 8
 

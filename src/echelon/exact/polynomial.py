@@ -35,10 +35,9 @@ _PRODUCT = (
 
 
 class Surd:
-    """An irrational element a + b√2 + c√3 + d√6 with rational a, b, c, d.
+    """An irrational element a + b√2 + c√3 + d√6 with rational a, b, c, d."""
 
-    Use :func:`surd` to build one: it returns a plain rational when b = c = d = 0.
-    """
+    # Use surd to build one: it returns a plain rational when b = c = d = 0
 
     __slots__ = ("parts",)
 
@@ -212,8 +211,7 @@ def _format_part(value: Rational, radicand: int) -> str:
     return f"{sign}{body}" if denominator == 1 else f"{sign}{body}/{denominator}"
 
 
-Monomial = tuple[tuple[str, int], ...]
-"""Generators with their positive exponents, sorted by generator."""
+Monomial = tuple[tuple[str, int], ...]  # generators with their positive exponents, sorted by generator
 
 _ONE: Monomial = ()
 

@@ -85,10 +85,8 @@ def raised(monomial: Exponents, variable: int) -> Exponents:
 
 
 def commute(matrices: Residues, field: PrimeField) -> Flags:
-    """At which samples matrices of shape (variables, size, size, samples) commute pairwise.
-
-    It is enough, but for a chance of a few in p, that two random combinations of them do on a random vector.
-    """
+    """At which samples matrices of shape (variables, size, size, samples) commute pairwise."""
+    # it is enough, but for a chance of a few in p, that two random combinations of them do on a random vector
     rng = np.random.default_rng(1)
     first, second = (_combination(matrices, field, rng) for _ in range(2))
     vector = field.draw(rng, (first.shape[1], 1, 1))
@@ -98,12 +96,10 @@ def commute(matrices: Residues, field: PrimeField) -> Flags:
 
 
 def quotient_points(matrices: Residues, field: PrimeField) -> tuple[Integers, Residues]:
-    """Points with coordinates in GF(p).
-
-    Let m be the characteristic polynomial of a combination M of the multiplications that tells the points apart, and q
-    what is left of m without one of its roots.  Then q(M) acts on the subspace of that root only, and if the point has
-    the coordinate x there, then the multiplication X has the trace tr(X q(M)) = x tr(q(M)).
-    """
+    """Points with coordinates in GF(p)."""
+    # Let m be the characteristic polynomial of a combination M of the multiplications that tells the points apart, and
+    # q what is left of m without one of its roots.  Then q(M) acts on the subspace of that root only, and if the point
+    # has the coordinate x there, then the multiplication X has the trace tr(X q(M)) = x tr(q(M))
     # shapes: matrices (variables, size, size, samples)
     variables, size, _, samples = matrices.shape
     if not size or not samples:

@@ -22,11 +22,10 @@ _CELLS = 500
 
 @dataclass(frozen=True)
 class Spline:
-    """f(x) = Σ aᵢ xⁱ + Σ cₖ |x − xₖ|³ over the knots that lie between 0 and x, so that f(0) = 0.
+    """f(x) = Σ aᵢ xⁱ + Σ cₖ |x − xₖ|³ over the knots that lie between 0 and x, so that f(0) = 0."""
 
-    Without knots it is a polynomial, and with one coefficient a linear function.  A cubic spline is the polynomial of
-    its piece at zero, and from each knot on, seen from zero, what the third derivative's jump there adds.
-    """
+    # Without knots it is a polynomial, and with one coefficient a linear function.  A cubic spline is the polynomial of
+    # its piece at zero, and from each knot on, seen from zero, what the third derivative's jump there adds
 
     coefficients: tuple[Polynomial, ...]  # a₁, a₂, …; trailing zeros are dropped
     knots: tuple[tuple[Rational, Polynomial], ...] = ()  # pairs xₖ, cₖ, sorted; those with cₖ = 0 are dropped
@@ -121,11 +120,10 @@ def linear(ratio: Polynomial) -> Spline:
 
 
 def natural_spline(points: Sequence[tuple[Rational, Rational]]) -> tuple[Spline, Rational]:
-    """The natural cubic spline through points, straight beyond the first and the last, as a spline and a constant.
-
-    Its second derivatives mₖ at the points solve the tridiagonal equations (de Boor, A Practical Guide to Splines, IV)
-    hₖ₋₁ mₖ₋₁ + 2 (hₖ₋₁ + hₖ) mₖ + hₖ mₖ₊₁ = 6 (dₖ − dₖ₋₁), with steps h, slopes d of the chords and zero at the ends.
-    """
+    """The natural cubic spline through points, straight beyond the first and the last, as a spline and a constant."""
+    # its second derivatives mₖ at the points solve the tridiagonal equations (de Boor, A Practical Guide to Splines,
+    # IV) hₖ₋₁ mₖ₋₁ + 2 (hₖ₋₁ + hₖ) mₖ + hₖ mₖ₊₁ = 6 (dₖ − dₖ₋₁), with steps h, slopes d of the chords and zero at the
+    # ends
     ordered = sorted((Fraction(x), Fraction(y)) for x, y in points)
     if len(ordered) < 2 or any(a[0] == b[0] for a, b in pairwise(ordered)):
         raise ValueError("a spline needs two points or more, each with an x of its own")
@@ -181,10 +179,9 @@ def _product(a: Sequence[Polynomial], b: Sequence[Polynomial]) -> list[Polynomia
 
 @dataclass(frozen=True)
 class Coupling:
-    """A dependent coordinate as a sum of functions of independent ones: q = Σ f_k(q_k), with f_k(0) = 0.
+    """A dependent coordinate as a sum of functions of independent ones: q = Σ f_k(q_k), with f_k(0) = 0."""
 
-    A constant offset belongs into the geometry (a placement), not here.
-    """
+    # a constant offset belongs into the geometry (a placement), not here
 
     coordinate: str
     terms: tuple[tuple[str, Spline], ...]

@@ -13,10 +13,8 @@ from enum import StrEnum
 class Side(StrEnum):
     """Where along the drive train an effect acts, and so which sensors see it."""
 
-    JOINT = "joint"
-    """At the joint itself: torque sensors in the joint see it."""
-    ACTUATOR = "actuator"
-    """In the drive: only the actuator's torque or current sees it."""
+    JOINT = "joint"  # at the joint itself: torque sensors in the joint see it
+    ACTUATOR = "actuator"  # in the drive: only the actuator's torque or current sees it
 
 
 @dataclass(frozen=True)

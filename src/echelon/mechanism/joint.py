@@ -217,11 +217,9 @@ def floating_motions(name: str) -> tuple[Motion, ...]:
     return (*(translation(f"{name}.t{'xyz'[axis]}", axis) for axis in (X, Y, Z)), ball(f"{name}.r"))
 
 
-GROUND = -1
-"""Parent index of a body that hangs on the fixed world."""
+GROUND = -1  # parent index of a body that hangs on the fixed world
 
-ALL = tuple(range(PER_BODY))
-"""All ten standard parameters of a body."""
+ALL = tuple(range(PER_BODY))  # all ten standard parameters of a body
 
 
 @dataclass(frozen=True)

@@ -170,11 +170,9 @@ def _mixes_dimensions(mechanism: Mechanism) -> bool:
     )
 
 
-Point = tuple[Residues, Residues]
-"""Cosine and sine."""
+Point = tuple[Residues, Residues]  # cosine and sine
 
-UNITS = _RADIANS, _TURNS = "unit_of_decimals", "unit_of_pi"
-"""Names of the two units, where they stand for symbols."""
+UNITS = _RADIANS, _TURNS = "unit_of_decimals", "unit_of_pi"  # names of the two units, where they stand for symbols
 
 
 @dataclass(frozen=True)
@@ -277,8 +275,7 @@ class StatedValues:
         return int(c[0]), int(s[0])
 
 
-GENERAL = StatedValues({}, {}, {})
-"""No values: all symbols are general."""
+GENERAL = StatedValues({}, {}, {})  # no values: all symbols are general
 
 
 def in_numbers(mechanism: Mechanism) -> Mechanism:
@@ -317,10 +314,8 @@ def values_of(symbols: Mapping[str, Symbol], angles: Collection[str]) -> StatedV
 
 
 def vanishes(value: Polynomial, symbols: Mapping[str, Symbol]) -> bool:
-    """Whether an expression is zero at the exact values of its symbols; False if one has none.
-
-    It is evaluated at a random point modulo a random prime of 81 bits.
-    """
+    """Whether an expression is zero at the exact values of its symbols; False if one has none."""
+    # it is evaluated at a random point modulo a random prime of 81 bits
     names = value.symbols()
     inner = [s.stands_for for s in (symbols.get(n) for n in names) if s is not None and s.stands_for is not None]
     generators = [g for expression in (value, *inner) for g in expression.generators()]

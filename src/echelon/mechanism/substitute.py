@@ -27,8 +27,7 @@ from echelon.mechanism.effect import Effect
 from echelon.mechanism.joint import Body, Matrix, Motion, MotionKind, Placement, Step, Vector, merge
 from echelon.mechanism.mechanism import Channel, Cut, Mechanism, Output
 
-_NAMES = re.compile(r"\[[^\]]*\]|[^\W\d]\w*")
-"""Coordinates in brackets, which are no symbols, and names."""
+_NAMES = re.compile(r"\[[^\]]*\]|[^\W\d]\w*")  # coordinates in brackets, which are no symbols, and names
 
 
 def substituted(mechanism: Mechanism, values: Mapping[str, Polynomial]) -> Mechanism:
@@ -117,10 +116,8 @@ class _Substitution:
 
 
 def with_numeric_ratios(mechanism: Mechanism) -> Mechanism:
-    """A mechanism with loops in which the ratios between turning coordinates are rational numbers.
-
-    Symbols in such ratios are replaced by their values, wherever they occur.
-    """
+    """A mechanism with loops in which the ratios between turning coordinates are rational numbers."""
+    # Symbols in such ratios are replaced by their values, wherever they occur
     symbols = {symbol for _, ratio in _turning(mechanism) for symbol in ratio.symbols()}
     if symbols:
         numbers = {name: s.number for name, s in mechanism.symbols.items() if name in symbols}

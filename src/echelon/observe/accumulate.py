@@ -30,8 +30,7 @@ BLOCK = 32 * ROWS
 _AHEAD = 4  # blocks for each thread whose factors wait to be merged
 
 Data = Mapping[str, npt.ArrayLike]
-Factors = list[Floats]
-"""A matrix for each output: its R, or its Gram matrix."""
+Factors = list[Floats]  # A matrix for each output: its R, or its Gram matrix
 
 
 @dataclass(frozen=True)
@@ -66,11 +65,9 @@ class Observer:
     def __call__(
         self, data: Data | Iterable[Data], *, block: int | None = None, threads: int | None = None
     ) -> Observation:
-        """R-factors of [W y].
-
-        ``data`` holds the regressor's arguments and the measured outputs by name, of shape (samples, size), or (size,)
-        where they are the same for all samples; pieces of an iterable follow one another.
-        """
+        """R-factors of [W y]."""
+        # `data` holds the regressor's arguments and the measured outputs by name, of shape (samples, size), or (size,)
+        # where they are the same for all samples; pieces of an iterable follow one another
         factors, samples = self._reduced(data, _Method(update_triangle, upper_triangle), block, threads)
         return Observation.of(self.layout, factors, samples)
 

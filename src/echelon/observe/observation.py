@@ -22,16 +22,14 @@ from echelon.program.function import Argument, Function
 
 @dataclass(frozen=True)
 class Layout:
-    """Rows and columns of [W y], output by output.
+    """Rows and columns of [W y], output by output."""
 
-    Columns in which an output is structurally zero never enter that output's R-factor: joints of a serial arm do not
-    see the bodies before them.
-    """
+    # columns in which an output is structurally zero never enter that output's R-factor: joints of a serial arm do not
+    # see the bodies before them
 
     outputs: tuple[str, ...]
     parameters: tuple[str, ...]
-    columns: tuple[tuple[int, ...], ...]
-    """For each output, the parameters that it can depend on, ascending."""
+    columns: tuple[tuple[int, ...], ...]  # for each output, the parameters that it can depend on, ascending
 
     @cached_property
     def sizes(self) -> tuple[int, ...]:

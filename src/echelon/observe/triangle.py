@@ -22,8 +22,7 @@ from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
 from echelon.extras import extra
 
-ROWS = 384
-"""Rows of a block: its columns stay in the cache."""
+ROWS = 384  # rows of a block: its columns stay in the cache
 
 _REFLECTORS = 8  # applied together
 _SHOWN = 6
@@ -34,15 +33,11 @@ class Triangle:
     """R, Qᵀy and the residual of a least-squares problem with n parameters."""
 
     parameters: tuple[str, ...]
-    R: Floats
-    """Upper triangular, shape (n, n), with a diagonal that is not negative."""
-    qty: Floats
-    """The first n entries of Qᵀy."""
-    residual: float
-    """Norm of W ζ − y at the least-squares solution, in the unit of the (weighted) outputs."""
+    R: Floats  # upper triangular, shape (n, n), with a diagonal that is not negative
+    qty: Floats  # the first n entries of Qᵀy
+    residual: float  # norm of W ζ − y at the least-squares solution, in the unit of the (weighted) outputs
     samples: int
-    rows: int
-    """Rows of W."""
+    rows: int  # rows of W
 
     @cached_property
     def scales(self) -> Floats:
@@ -144,10 +139,8 @@ def upper_triangle(*parts: Floats, start: Floats | None = None) -> Floats:
 
 
 def update_triangle(R: Floats, columns: Floats) -> None:
-    """R of [R; block] in place, from the columns of the block, shape (n, rows); R is in Fortran's order.
-
-    The columns are overwritten, and signs on the diagonal are any.
-    """
+    """R of [R; block] in place, from the columns of the block, shape (n, rows); R is in Fortran's order."""
+    # the columns are overwritten, and signs on the diagonal are any
     n, rows = columns.shape
     if not columns.size:
         return

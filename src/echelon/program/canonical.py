@@ -171,8 +171,7 @@ def _times(monomial: Monomial, other: Monomial) -> Monomial:
     return tuple(sorted((g, e) for g, e in powers.items() if e))
 
 
-Signs = tuple[tuple[int, int], ...]
-"""Nodes with their signs, ±1, sorted by node."""
+Signs = tuple[tuple[int, int], ...]  # nodes with their signs, ±1, sorted by node
 
 _LARGEST_UNIT = 10**15  # beyond, exponents of generators would not fit into machine integers
 _MOST_PASSES = 200
@@ -230,10 +229,8 @@ class CanonicalForms:
         return self.generators[name].constant
 
     def forms(self, requests: Sequence[tuple[int, Signs]]) -> list[Form]:
-        """Forms of function nodes, each for some signs.
-
-        Units and denominators are shared, so all is formed anew until no request asks for larger ones.
-        """
+        """Forms of function nodes, each for some signs."""
+        # Units and denominators are shared, so all is formed anew until no request asks for larger ones
         for _ in range(_MOST_PASSES):
             self._changed = False
             found = [self.form(node, signs) for node, signs in requests]

@@ -14,8 +14,7 @@ from fractions import Fraction
 from echelon.program.operations import Op
 from echelon.program.tape import Program, Scalar
 
-Partials = list[tuple[int, Scalar]]
-"""Operands of a node, and the derivative of the node by each of them."""
+Partials = list[tuple[int, Scalar]]  # operands of a node, and the derivative of the node by each of them
 
 
 def derivatives(

@@ -17,8 +17,7 @@ from echelon.errors import InputError
 from echelon.program.operations import Op
 from echelon.program.tape import Program
 
-Interval = tuple[Floats, Floats]
-"""Least and largest values, of one shape."""
+Interval = tuple[Floats, Floats]  # least and largest values, of one shape
 
 _ROUNDING = 1e-14
 _SLACK = 1e-12  # turns: places of extremes and poles are known up to rounding

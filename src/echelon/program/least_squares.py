@@ -14,8 +14,7 @@ from collections.abc import Mapping
 from echelon.exact.polynomial import Number
 from echelon.program.tape import Program, Scalar
 
-Column = Mapping[int, Scalar]
-"""Entries by row; zero where absent."""
+Column = Mapping[int, Scalar]  # entries by row; zero where absent
 
 
 class LeastSquares:

@@ -45,8 +45,7 @@ def with_values(
     return copy, replayed(program, outputs, copy, known, recorded)
 
 
-Rule = Callable[[Program, Op, Scalar], Scalar]
-"""What stands for a function of a scalar."""
+Rule = Callable[[Program, Op, Scalar], Scalar]  # what stands for a function of a scalar
 
 
 def _rewritten(program: Program, outputs: Sequence[int], ops: Collection[Op], rule: Rule) -> tuple[Program, list[int]]:

@@ -93,11 +93,9 @@ class FunctionSampler(FieldSampler):
 
     @property
     def leaf_size(self) -> Size:
-        """Bound on a leaf as a quotient of polynomials in the independent random numbers, e.g. multiples of angles.
-
-        A cosine or sine of n angles is a quotient of degree 2n, with coefficients that add up to 4ⁿ at most; a unit
-        quaternion is one of degree 2.
-        """
+        """Bound on a leaf as a quotient of polynomials in the independent random numbers, e.g. multiples of angles."""
+        # a cosine or sine of n angles is a quotient of degree 2n, with coefficients that add up to 4ⁿ at most; a unit
+        # quaternion is one of degree 2
         canonical = self.canonical
         # only about half of all points have a root that is needed, so twice as many of them may be false
         roots = prod(2 * canonical.unit(g.name) for g in canonical.generators.values() if g.kind == "root")
@@ -203,15 +201,13 @@ class FunctionSampler(FieldSampler):
 
 
 def _check_independent(slopes: Residues, arcs: int, regions: int, field: PrimeField) -> None:
-    """Check arc tangents by the derivatives of them and of arguments of sines and cosines.
-
-    2i·atan w is a logarithm of (1 + i·w)/(1 − i·w).  By Ax's theorem (see :mod:`echelon.program.canonical`) arc
-    tangents are algebraically independent of one another and of the other functions, unless a rational combination of
-    them and of arguments of sines and cosines is constant in a region.  Then the same combination of their derivatives
-    vanishes.  So arc tangents whose derivatives are linearly independent of these stand for random elements of a field;
-    whether they are is decided exactly, region by region.  Where they are not, the combination is constant, but that
-    constant is not looked for: such relations count as unknown.
-    """
+    """Check arc tangents by the derivatives of them and of arguments of sines and cosines."""
+    # 2i·atan w is a logarithm of (1 + i·w)/(1 − i·w).  By Ax's theorem (see echelon.program.canonical) arc tangents are
+    # algebraically independent of one another and of the other functions, unless a rational combination of them and of
+    # arguments of sines and cosines is constant in a region.  Then the same combination of their derivatives vanishes.
+    # So arc tangents whose derivatives are linearly independent of these stand for random elements of a field; whether
+    # they are is decided exactly, region by region.  Where they are not, the combination is constant, but that constant
+    # is not looked for: such relations count as unknown
     # shapes: slopes (functions, inputs, states)
     for region in range(regions):
         table = slopes[:, :, region::regions].reshape(len(slopes), -1).T

@@ -39,8 +39,7 @@ class Arithmetic(Protocol):
     """What a schedule needs to know about the numbers it works on."""
 
     dtype: npt.DTypeLike
-    shape: tuple[int, ...]
-    """Axes of a single number: none, or one for the coefficients of a series."""
+    shape: tuple[int, ...]  # axes of a single number: none, or one for the coefficients of a series
 
     def constant(self, value: Number) -> float | int | Array:
         """Embed an exact constant."""
@@ -185,10 +184,9 @@ class Size:
 
 
 class FieldSampler:
-    """Evaluates outputs of a program at random points of a prime field; functions are sines and cosines of inputs.
+    """Evaluates outputs of a program at random points of a prime field; functions are sines and cosines of inputs."""
 
-    For other functions see :mod:`echelon.program.sampling`.
-    """
+    # For other functions see echelon.program.sampling
 
     def __init__(self, program: Program, outputs: Sequence[int]) -> None:
         self.program, self.outputs = program, outputs
@@ -240,11 +238,9 @@ class FieldSampler:
 
     @property
     def leaf_size(self) -> Size:
-        """Bound on a leaf as a quotient of polynomials in the independent random numbers, e.g. multiples of angles.
-
-        A cosine or sine of n angles is a quotient of degree 2n, with coefficients that add up to 4ⁿ at most; a unit
-        quaternion is one of degree 2.
-        """
+        """Bound on a leaf as a quotient of polynomials in the independent random numbers, e.g. multiples of angles."""
+        # a cosine or sine of n angles is a quotient of degree 2n, with coefficients that add up to 4ⁿ at most; a unit
+        # quaternion is one of degree 2
         return Size(2, 2.0)
 
     def with_order(self, order: int | None) -> FieldSampler:  # noqa: ARG002

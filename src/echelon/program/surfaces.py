@@ -261,8 +261,7 @@ class RealValues:
         return found
 
 
-Combination = tuple[tuple[int, int], tuple[int, int]]
-"""Two surfaces with a sign each."""
+Combination = tuple[tuple[int, int], tuple[int, int]]  # two surfaces with a sign each
 
 _Linear = dict[int, Fraction]  # ratios of atoms; −1 for the constant
 _FIELD = PrimeField.of(2**31 - 105)

@@ -45,8 +45,7 @@ COMPOUND: Mapping[str, tuple[int | None, Callable[[Sequence[Scalar]], Scalar]]] 
 """By name: the number of arguments, None for any, and what is recorded."""
 
 _PLAIN = {op.name.lower(): op for op in FUNCTIONS}
-FUNCTION_NAMES = (*_PLAIN, *COMPOUND)
-"""The functions that a text may hold."""
+FUNCTION_NAMES = (*_PLAIN, *COMPOUND)  # the functions that a text may hold
 
 _LONGEST = 4000
 _SHOWN_NAMES = 12

@@ -24,11 +24,9 @@ from echelon.program.operations import Op
 from echelon.program.schedule import Array, ModularArithmetic, Schedule
 from echelon.program.tape import Program
 
-Row = dict[int, int]
-"""Monomials and the numbers by which they are multiplied."""
+Row = dict[int, int]  # monomials and the numbers by which they are multiplied
 
-Product = tuple[int, int]
-"""A variable and a known monomial."""
+Product = tuple[int, int]  # A variable and a known monomial
 
 
 class Residue:
@@ -58,11 +56,10 @@ class Residue:
 
 
 class Recorder:
-    """Computes with the residues of one sample, and records how on a program; numbers are its nodes.
+    """Computes with the residues of one sample, and records how on a program; numbers are its nodes."""
 
-    What is zero at the recorded sample is left out of all further computation.  Other samples *follow* if the same
-    numbers vanish there and none that is inverted does.
-    """
+    # What is zero at the recorded sample is left out of all further computation.  Other samples *follow* if the same
+    # numbers vanish there and none that is inverted does
 
     def __init__(self, field: PrimeField, inputs: Iterable[int]) -> None:
         self.program = record = Program()
@@ -142,12 +139,12 @@ class _Noting(ModularArithmetic):
 
 
 class NormalForms:
-    """Normal forms of all monomials up to a degree modulo the ideal of some polynomials, without entries that vanish.
+    """Normal forms of all monomials up to a degree modulo the ideal of some polynomials, without zeros."""
 
-    Modulo the polynomials known so far every monomial is a combination of a few *free* ones.  The table of these
-    combinations grows by degree (a multiple of a monomial that is not free follows from lower degrees) and shrinks the
-    set of free monomials by elimination (a polynomial of the ideal expresses its leading monomial by smaller ones).
-    """
+    # Modulo the polynomials known so far every monomial is a combination of a few *free* ones.  The table of these
+    # combinations grows by degree (a multiple of a monomial that is not free follows from lower degrees) and shrinks
+    # the set of free monomials by elimination (a polynomial of the ideal expresses its leading monomial by smaller
+    # ones)
 
     def __init__(
         self, monomials: Monomials, numbers: Residue | Recorder, polynomials: Sequence[Mapping[Exponents, int]]
@@ -263,10 +260,8 @@ class Solver:
         field: PrimeField,
         spend: Callable[[float], None] = lambda _: None,
     ) -> Solutions:
-        """Solve polynomials by the exponents of their terms, with coefficients of shape (samples,).
-
-        ``spend`` is told of the work that is done, in numbers that are added, and may raise an exception to end it.
-        """
+        """Solve polynomials by the exponents of their terms, with coefficients of shape (samples,)."""
+        # `spend` is told of the work that is done, in numbers that are added, and may raise an exception to end it
         system = [Equation.of(terms, field) for terms in equations if terms]
         if not system:
             return Solutions(np.zeros(0, dtype=np.int64), [])
