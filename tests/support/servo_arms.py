@@ -89,17 +89,21 @@ def simulated(
     Servos pull no more than at an error of ``torque``, not within ``dead`` of their commands, and follow them at a
     speed of ``speed`` at most.
     """
-    data = mujoco.MjData(arm.model)
+    force = arm.gains * np.broadcast_to(torque, arm.gains.shape)
+    arm.model.actuator_forcelimited[:] = np.isfinite(force)
+    arm.model.actuator_forcerange[:] = np.where(np.isfinite(force), force, 0.0)[:, None] * [-1.0, 1.0]
+    held, late, still = round(1 / (RATE * STEP)), round(delay / STEP), not np.any(dead)
+    goals = commanded[np.maximum(np.arange(len(commanded) * held) - late, 0) // held]
+    if np.isfinite(speed).any():
+        goal = commanded[0].copy()
+        for k, asked in enumerate(goals):
+            goals[k] = goal = goal + np.clip(asked - goal, -speed * STEP, speed * STEP)
+    data, found = mujoco.MjData(arm.model), []
     data.qpos[:] = commanded[0]
-    held = round(1 / (RATE * STEP))
-    late = round(delay / STEP)
-    found, goal = [], commanded[0].copy()
-    for k in range(len(commanded) * held):
+    for k, goal in enumerate(goals):
         if k % held == 0:
             found.append(data.qpos.copy())
-        goal += np.clip(commanded[max(k - late, 0) // held] - goal, -speed * STEP, speed * STEP)
-        error = goal - data.qpos
-        data.ctrl[:] = data.qpos + np.clip(error - np.clip(error, -dead, dead), -torque, torque)
+        data.ctrl[:] = goal if still else goal - np.clip(goal - data.qpos, -dead, dead)
         mujoco.mj_step(arm.model, data)
     return np.round(np.array(found) / ENCODER) * ENCODER
 

@@ -406,8 +406,8 @@ def _scores(motion: ServoMotion, windows: Windows, solution: Solution) -> tuple[
 
 def _commanded(motion: ServoMotion, windows: Windows, delay: float, limits: Limits) -> Floats:
     """Commands at the samples that count, shape (W, length, n)."""
-    means = windows.commands(motion.names, delay, limits)[0]
-    return means[:, windows.run_in * windows.substeps :: windows.substeps]
+    means, last = windows.commands(motion.names, delay, limits).means, (windows.run_in + 1) * windows.substeps - 1
+    return np.moveaxis(means[last :: windows.substeps], 0, 1)
 
 
 def _limits(motion: ServoMotion, windows: Windows, solution: Solution) -> tuple[ServoLimit, ...]:

@@ -1,26 +1,27 @@
 """What the electronics of a servo do to its pull Kp (u − q): limits of torque and of speed, and a dead band.
 
 The error e = u − q counts less a dead band d, and up to where the torque is largest: p(e) = clip(e − clip(e, ±d), ±L).
-The command u follows what was asked for at a speed of V at most.  Corners are rounded a little, so that simulated
-motions have derivatives by all of these, which are fitted as the gains are.
+The command u follows what was asked for at a speed of V at most.  Since the pull is continuous, motions have
+derivatives by all of these, which are fitted as the gains are.  Corners may be rounded, so that a limit that no error
+reaches yet has derivatives, too; what is fitted in the end has sharp ones, since rounded ones bias gains and friction.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from echelon.arrays import Floats
+from echelon.arrays import Flags, Floats
 
-_ROUNDED = {"torque": 0.05, "dead": 0.01}  # of a limit, within which its corner is rounded
 LIMITS = ("torque", "dead", "speed")
 
 
 @dataclass(frozen=True)
 class Pull:
-    """A servo's pull over its gain, with its derivatives by the error, the torque's limit and the dead band, (W, n)."""
+    """A servo's pull over its gain, with its derivatives by the error, the torque's limit and the dead band."""
 
     value: Floats
     by_error: Floats
@@ -35,6 +36,7 @@ class Limits:
     torque: Floats  # error from which on the torque does not grow, rad or m
     dead: Floats  # error below which there is no torque, rad or m
     speed: Floats  # of the command that is followed, rad/s or m/s
+    corner: float = 0.0  # share of limits of torque and of dead bands within which the pull is rounded
 
     @staticmethod
     def none(count: int) -> Limits:
@@ -72,13 +74,30 @@ class Limits:
             found = found.having(kind, joint, float(value))
         return found
 
+    def held(self, error: Floats) -> Floats:
+        """What servos pull with, over their gains, shape (…, n)."""
+        inner = error - _clipped(error, self._dead, self.corner)
+        return np.where(self._free, inner, _clipped(inner, self._torque, self.corner))
+
     def pull(self, error: Floats) -> Pull:
-        """What servos pull with, over their gains."""
-        dead, by_error, by_dead = _clipped(error, np.maximum(self.dead, 1e-12), _ROUNDED["dead"])
-        inner, slope, free = error - dead, 1 - by_error, ~np.isfinite(self.torque)
-        value, by_inner, by_torque = _clipped(inner, np.where(free, 1.0, self.torque), _ROUNDED["torque"])
-        value, by_inner = np.where(free, inner, value), np.where(free, 1.0, by_inner)
-        return Pull(value, by_inner * slope, by_torque, -by_inner * by_dead)
+        """The same with its derivatives."""
+        by_error, by_dead = _slopes(error, self._dead, self.corner)
+        inner, slope = error - _clipped(error, self._dead, self.corner), 1 - by_error
+        by_inner, by_torque = _slopes(inner, self._torque, self.corner)
+        by_inner = np.where(self._free, 1.0, by_inner)
+        return Pull(self.held(error), by_inner * slope, by_torque, -by_inner * by_dead)
+
+    @cached_property
+    def _free(self) -> Flags:
+        return ~np.isfinite(self.torque)
+
+    @cached_property
+    def _torque(self) -> Floats:
+        return np.where(self._free, 1.0, self.torque)
+
+    @cached_property
+    def _dead(self) -> Floats:
+        return np.maximum(self.dead, 1e-12)
 
     def followed(self, asked: Floats, rate: float, steps: int) -> tuple[Floats, Floats]:
         """Commands that are followed, as means over steps of samples, and derivatives by the speed, (N steps, n)."""
@@ -99,10 +118,17 @@ class Limits:
         return np.concatenate(found), np.concatenate(slopes)
 
 
-def _clipped(values: Floats, limit: Floats, rounded: float) -> tuple[Floats, Floats, Floats]:
-    """clip(x, ±s) with rounded corners, and its derivatives by x and by s."""
-    width = rounded * limit
-    above, below = np.hypot(values + limit, width), np.hypot(values - limit, width)
+def _clipped(values: Floats, limit: Floats, corner: float) -> Floats:
+    """clip(x, ±s) with corners that are rounded within a share of s."""
+    if not corner:
+        return np.clip(values, -limit, limit)
+    found: Floats = 0.5 * (np.hypot(values + limit, corner * limit) - np.hypot(values - limit, corner * limit))
+    return found
+
+
+def _slopes(values: Floats, limit: Floats, corner: float) -> tuple[Floats, Floats]:
+    """Its derivatives by x and by s."""
+    width = corner * limit
+    above, below = (np.maximum(np.hypot(values + side * limit, width), 1e-300) for side in (1, -1))
     up, down = (values + limit) / above, (values - limit) / below
-    by_limit = 0.5 * (up + down) + 0.5 * rounded * width * (1 / above - 1 / below)
-    return 0.5 * (above - below), 0.5 * (up - down), by_limit
+    return 0.5 * (up - down), 0.5 * (up + down) + 0.5 * corner * width * (1 / above - 1 / below)

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.linalg import norm
 
 from echelon.arrays import Flags, Floats, Integers
 from echelon.base.model import BaseModel
@@ -95,35 +96,39 @@ class Windows:
         spans = np.where(self.begins[:, 1] > 0, 2.0, 1.0)
         return q, (after - before) / spans[:, None] * self.rate
 
-    def commands(self, names: Sequence[str], delay: float, limits: Limits) -> tuple[Floats, Floats, Floats]:
-        """Means of followed commands over the steps, and derivatives by delay and speed limits, (W, steps, n)."""
+    def commands(self, names: Sequence[str], delay: float, limits: Limits) -> Commands:
+        """Followed commands in the steps of all windows."""
         steps = (self.run_in + self.length) * self.substeps
         edges = np.arange(steps + 1) * self.step
-        limited = bool(np.isfinite(limits.speed).any())
         asked = [np.stack([segment.inputs[name] for name in names], axis=1) for segment in self.segments]
         rate, followed = self.rate, [(held, np.zeros_like(held)) for held in asked]
-        if limited:
+        if np.isfinite(limits.speed).any():
             rate, followed = 1 / self.step, [limits.followed(held, self.rate, self.substeps) for held in asked]
-        means, slopes, by_speed = [], [], []
+        values, shares, slopes = [], [], []
         for k, first in self.begins:
-            late = first / self.rate + edges - delay
-            integral, value = _integral(followed[k][0], rate, late)
-            means.append(np.diff(integral, axis=0) / self.step)
-            slopes.append(-np.diff(value, axis=0) / self.step)
-            by_speed.append(np.diff(_integral(followed[k][1], rate, late)[0], axis=0) / self.step if limited else 0.0)
-        return np.stack(means), np.stack(slopes), np.stack(by_speed)
+            held, by_speed = followed[k]
+            late = (first / self.rate + edges - delay) * rate  # in samples; before the first its value is taken
+            place = np.clip(np.floor(late + 1e-9).astype(np.intp), 0, len(held) - 1)
+            after = np.clip((late - place)[1:] / (rate * self.step), 0.0, 1.0)
+            values.append([held[place[:-1]], held[place[1:]]])
+            slopes.append([by_speed[place[:-1]], by_speed[place[1:]]])
+            shares.append(np.stack([1 - after, after])[..., None])
+        return Commands(*(np.moveaxis(np.array(some), (0, 2), (2, 0)) for some in (values, slopes, shares)))
 
 
-def _integral(held: Floats, rate: float, times: Floats) -> tuple[Floats, Floats]:
-    """Integral from 0 of values that are held from sample to sample, and the values themselves, shapes (T, n).
+@dataclass(frozen=True)
+class Commands:
+    """Commands before and after they change, which they do once in a step at most."""
 
-    Before the first sample its value is taken, after the last one the last.
-    """
-    total = np.vstack([np.zeros_like(held[:1]), np.cumsum(held, axis=0) / rate])
-    place = np.clip(np.floor(times * rate + 1e-9).astype(np.intp), 0, len(held) - 1)
-    value = held[place]
-    integral: Floats = total[place] + (times - place / rate)[:, None] * value
-    return integral, value
+    values: Floats  # shape (steps, 2, W, n)
+    by_speed: Floats  # derivatives by the speed that limits them, shape (steps, 2, W, n)
+    shares: Floats  # of the step, shape (steps, 2, W, 1)
+
+    @property
+    def means(self) -> Floats:
+        """Means over the steps, shape (steps, W, n)."""
+        found: Floats = (self.shares * self.values).sum(axis=1)
+        return found
 
 
 @dataclass(frozen=True)
@@ -149,14 +154,17 @@ class ServoMotion:
     ) -> tuple[Floats, Floats]:
         q, v = windows.start
         h, count = windows.step, len(values) + 1 + len(limits.active)
-        u, slope, by_speed = windows.commands(self.names, delay, limits)
+        commands = windows.commands(self.names, delay, limits)
         a = np.zeros_like(q)
         by_q = np.zeros((*q.shape, count if derivatives else 0))
         by_v = np.zeros_like(by_q)
         found, slopes = [], []
         newton = None
-        for k in range(u.shape[1]):
-            servos = _Servos(self.names, u[:, k], values[list(self.gains)], limits)
+        gains = values[list(self.gains)]
+        for k, (u, by_speed, shares) in enumerate(
+            zip(commands.values, commands.by_speed, commands.shares, strict=True)
+        ):
+            servos = _Servos(self.names, u, by_speed, shares, gains, limits)
             solved = self._accelerations(q, v, a, servos, values, h, newton)
             if solved is None:
                 shape = (len(q), windows.length, q.shape[1])
@@ -164,8 +172,7 @@ class ServoMotion:
             a, middle, speed, newton = solved
             if derivatives:
                 newton = self._newton(middle, speed, a, values, servos, h) or newton
-                by_u = np.stack([slope[:, k], by_speed[:, k]]) if by_speed.ndim > 1 else slope[None, :, k]
-                by_a = self._change(middle, speed, a, servos, by_u, values, newton, by_q, by_v, h)
+                by_a = self._change(middle, speed, a, servos, values, newton, by_q, by_v, h)
                 by_q = by_q + h * by_v + h**2 / 2 * by_a
                 by_v = by_v + h * by_a
             q, v = q + h * speed, v + h * a
@@ -214,27 +221,28 @@ class ServoMotion:
         speed: Floats,
         a: Floats,
         servos: _Servos,
-        by_u: Floats,
         values: Floats,
         newton: Slopes,
         by_q: Floats,
         by_v: Floats,
         h: float,
     ) -> Floats:
-        """Derivatives of the accelerations of a step, shape (W, n, r + 1 + l); ``by_u`` by delay and speed limits."""
+        """Derivatives of the accelerations of a step, shape (W, n, r + 1 + l)."""
         matrix, slope_q, slope_v = newton
         right = slope_q @ (by_q + h / 2 * by_v) + slope_v @ by_v
         right[:, :, : len(values)] += self.base.regressor(middle, speed, a, inputs=servos.inputs(middle))
-        right[:, :, len(values) :] -= servos.slopes(middle, by_u)
+        right[:, :, len(values) :] -= servos.slopes(middle, h)
         return np.asarray(-np.linalg.solve(matrix, right), dtype=np.float64)
 
 
 @dataclass(frozen=True)
 class _Servos:
-    """Servos in a step of all windows."""
+    """Servos in a step of all windows, before and after their commands change."""
 
     names: tuple[str, ...]
-    commands: Floats  # followed, shape (W, n)
+    commands: Floats  # followed, shape (2, W, n)
+    by_speed: Floats  # their derivatives by the speed that limits them, shape (2, W, n)
+    shares: Floats  # of the step, shape (2, W, 1)
     gains: Floats  # shape (n,)
     limits: Limits
 
@@ -242,32 +250,38 @@ class _Servos:
     def _are_limited(self) -> bool:
         return any(kind != "speed" for kind, _ in self.limits.active)
 
+    def _mean(self, values: Floats) -> Floats:
+        found: Floats = (self.shares * values).sum(axis=0)
+        return found
+
     def inputs(self, q: Floats) -> dict[str, Floats]:
         """Commands that servos without limits would pull alike for, by joint."""
-        u = q + self.limits.pull(self.commands - q).value if self._are_limited else self.commands
+        limited = self._are_limited
+        u = q + self._mean(self.limits.held(self.commands - q)) if limited else self._mean(self.commands)
         return dict(zip(self.names, u.T, strict=True))
 
     def with_stiffness(self, by_q: Floats, q: Floats) -> Floats:
         """Derivatives of the forces by positions, (W, n, n), where servos at their limits pull no more."""
         if not self._are_limited:
             return by_q
-        missing = self.gains * (self.limits.pull(self.commands - q).by_error - 1)
+        missing = self.gains * (self._mean(self.limits.pull(self.commands - q).by_error) - 1)
         return by_q + missing[:, :, None] * np.eye(len(self.names))
 
-    def slopes(self, q: Floats, by_u: Floats) -> Floats:
+    def slopes(self, q: Floats, h: float) -> Floats:
         """Derivatives of the pulls by the delay and the limits, shape (W, n, 1 + l)."""
         pull, active = self.limits.pull(self.commands - q), self.limits.active
         found = np.zeros((*q.shape, 1 + len(active)))
-        found[:, :, 0] = self.gains * pull.by_error * by_u[0]
+        found[:, :, 0] = self.gains * (pull.value[0] - pull.value[1]) / h
+        by = {"torque": pull.by_torque, "dead": pull.by_dead, "speed": pull.by_error * self.by_speed}
         for place, (kind, j) in enumerate(active, 1):
-            by = {"torque": pull.by_torque, "dead": pull.by_dead, "speed": pull.by_error * by_u[-1]}[kind]
-            found[:, j, place] = self.gains[j] * by[:, j]
+            found[:, j, place] = self.gains[j] * self._mean(by[kind])[:, j]
         return found
 
 
 _STEPS = 60
 _STUCK = 1e8  # damping from which on no step helps
 _SETTLED = 1e-2  # standard deviations by which a last step moves
+_ROUNDED = 0.05  # of limits, within which corners are rounded at first
 
 
 @dataclass(frozen=True)
@@ -297,8 +311,14 @@ class OutputErrorProblem:
 
     def solve(self, step: Callable[[str], None]) -> Solution:
         """The values from which the motion is nearest to the measured one."""
-        free = self._free()
         values = np.concatenate([self.start, [self.delay], self.limits.values])
+        for corner in (_ROUNDED, 0.0) if self.limits.active else (0.0,):
+            values, solution = replace(self, limits=replace(self.limits, corner=corner))._descended(values, step)
+        return solution
+
+    def _descended(self, values: Floats, step: Callable[[str], None]) -> tuple[Floats, Solution]:
+        """The same from some values on, corners of limits being as rounded as they are."""
+        free = self._free()
         rest, slopes = self._linearised(values)
         if not np.isfinite(rest).all():
             raise InputError(
@@ -310,21 +330,21 @@ class OutputErrorProblem:
             count += 1
             step(f"simulating (step {count} of at most {_STEPS})")
             hessian, gradient = self._normal(rest, slopes, noise, values, free)
-            change = -np.linalg.solve(hessian + damping * np.diag(np.diagonal(hessian)), gradient)
+            change = -np.linalg.solve(hessian + damping * np.diag(_sizes(hessian)), gradient)
             tried = self._moved(values, free @ change)
             new, new_slopes = self._linearised(tried)
             if np.isfinite(new).all() and self._cost(new, noise, tried) <= self._cost(rest, noise, values):
-                converged = bool(np.sqrt(change @ hessian @ change / len(change)) < _SETTLED)
+                converged = bool(self._distance(tried - values, slopes, noise) < _SETTLED * np.sqrt(len(change)))
                 values, rest, slopes, noise, damping = tried, new, new_slopes, _noise(new), max(damping / 5, 1e-9)
             else:
                 damping *= 8
         inflated = noise * np.sqrt(_inflation(rest))
         hessian, _ = self._normal(rest, slopes, inflated, values, free)
-        scale = 1 / np.sqrt(np.diagonal(hessian))
+        scale = 1 / np.sqrt(_sizes(hessian))
         inverse = scale[:, None] * np.linalg.pinv(hessian * np.outer(scale, scale), hermitian=True) * scale
         r = len(self.start)
         limits = self.limits.moved(values[r + 1 :])
-        return Solution(values[:r], float(values[r]), limits, free @ inverse @ free.T, noise, converged)
+        return values, Solution(values[:r], float(values[r]), limits, free @ inverse @ free.T, noise, converged)
 
     def _free(self) -> Floats:
         """Basis of the changes that are allowed, of parameters, delay and limits, shape (r + 1 + l, d)."""
@@ -353,6 +373,10 @@ class OutputErrorProblem:
     def _cost(self, rest: Floats, noise: Floats, values: Floats) -> float:
         return float(np.sum((rest / noise) ** 2) + np.sum((self.prior @ (values[: len(self.start)] - self.start)) ** 2))
 
+    def _distance(self, change: Floats, slopes: Floats, noise: Floats) -> float:
+        """Standard deviations by which values move."""
+        return float(np.hypot(norm(slopes @ change / noise), norm(self.prior @ change[: len(self.start)])))
+
     def _normal(
         self, rest: Floats, slopes: Floats, noise: Floats, values: Floats, free: Floats
     ) -> tuple[Floats, Floats]:
@@ -363,6 +387,13 @@ class OutputErrorProblem:
         hessian = along.T @ along + prior.T @ prior
         gradient = along.T @ weighted + prior.T @ (self.prior @ (values[:r] - self.start))
         return hessian, gradient
+
+
+def _sizes(hessian: Floats) -> Floats:
+    """Its diagonal, which is positive where a limit that the data do not reach leaves none."""
+    diagonal = np.diagonal(hessian)
+    found: Floats = np.maximum(diagonal, 1e-12 * diagonal.max())
+    return found
 
 
 def _noise(rest: Floats) -> Floats:

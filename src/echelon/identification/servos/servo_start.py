@@ -22,7 +22,8 @@ _PRIOR = 1.0  # standard deviation of inertial parameters, in sizes of their bod
 _ANYTHING = 1e3  # standard deviation of effects, in the largest parameters of bodies
 _DELAYS = tuple(k / 100 for k in range(16))  # s
 _SLIGHT = 1e-3  # of a gain, that friction has at least at the start
-_SATURATED = (0.995, 0.98, 0.95, 0.9, 0.8, 0.65, 0.5)  # shares of samples that are below a limit that is tried
+# shares of samples that are below a limit that is tried
+_SATURATED = (0.995, 0.98, 0.95, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2, 0.1)
 _IDLE = (0.1, 0.2, 0.35, 0.5)  # and within a dead band
 _FAR_LESS = 0.7  # of a row's squares that a limit leaves
 _CERTAIN = 10.0  # standard errors of a gain that is a good start
@@ -166,7 +167,7 @@ def _errors(segments: Sequence[Segment], names: Sequence[str], delay: float, lim
 
 def _pulls(segments: Sequence[Segment], names: Sequence[str], delay: float, limits: Limits) -> Floats:
     """Smooth pulls of the servos over their gains, shape (N, n)."""
-    pulls = limits.pull(_errors(segments, names, delay, limits)).value
+    pulls = limits.held(_errors(segments, names, delay, limits))
     ends = np.cumsum([len(s) for s in segments])
     parts = zip(np.split(pulls, ends[:-1]), segments, strict=True)
     return np.vstack([lowpass(part, _band(s.rate), s.rate) for part, s in parts])
