@@ -203,7 +203,7 @@ class _Ingestion:
         for some in samples:
             self._keep(some)
             for piece in self._plan.parts(some, "first"):
-                stop = len(piece) if piece.stop is None else piece.stop
+                stop = piece.end
                 self.batcher.begin(piece.start + piece.first / piece.rate, (stop - piece.first) / piece.rate)
                 if plain(piece):
                     self._fused(piece, stop)

@@ -113,8 +113,7 @@ def _margin(segment: Segment, delays: Floats) -> int:
 
 def _inner(samples: Samples, margin: int) -> Samples:
     """The samples without those near the ends."""
-    stop = len(samples) if samples.stop is None else samples.stop
-    return replace(samples, first=max(samples.first, margin), stop=min(stop, len(samples) - margin))
+    return replace(samples, first=max(samples.first, margin), stop=min(samples.end, len(samples) - margin))
 
 
 def _rest(matrix: Floats, values: Floats) -> Floats:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -66,6 +66,26 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.q)
+
+    @property
+    def end(self) -> int:
+        """The sample before which those that count end."""
+        return len(self) if self.stop is None else self.stop
+
+    @property
+    def factor(self) -> int:
+        """Samples of which one row remains."""
+        return 1 if self.reduction is None else self.reduction.factor
+
+    def cut(self, some: slice) -> Samples:
+        """Some of the samples, with the clock and the ends still to be stated."""
+        return replace(
+            self,
+            **{name: getattr(self, name)[some] for name in ("q", "qd", "qdd")},
+            y=None if self.y is None else self.y[some],
+            inputs={name: values[some] for name, values in self.inputs.items()},
+            moving=None if self.moving is None else self.moving[some],
+        )
 
     @property
     def state(self) -> dict[str, Any]:

@@ -127,8 +127,14 @@ def essential(
         if not _goes(model, place, criterion):
             break
         smaller = model.without(place)
-        before, after = _value(model, criterion), _value(smaller, criterion)
-        history.append(_record(names[model.kept[place]], before, after, smaller))
+        history.append(
+            {
+                "parameter": names[model.kept[place]],
+                "before": _value(model, criterion),
+                "after": _value(smaller, criterion),
+                "rms": float(np.sqrt(smaller.squares / smaller.rows)),
+            }
+        )
         model = smaller
     diagnostics = {
         "criterion": criterion,
@@ -188,10 +194,6 @@ def _determined(triangle: Triangle) -> tuple[tuple[int, ...], list[dict[str, Any
     gone = [triangle.parameters[k] for k in range(n) if k not in kept]
     rms = triangle.residual / np.sqrt(max(triangle.rows, 1))
     return kept, [{"parameter": name, "before": None, "after": None, "rms": float(rms)} for name in gone]
-
-
-def _record(name: str, before: float, after: float, model: Submodel) -> dict[str, Any]:
-    return {"parameter": name, "before": before, "after": after, "rms": float(np.sqrt(model.squares / model.rows))}
 
 
 def _estimate(

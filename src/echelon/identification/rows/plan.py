@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
@@ -36,10 +35,9 @@ def split(samples: Samples, share: float) -> tuple[Samples, Samples]:
     """The first part of a segment for the fit, the last for validation."""
     if not 0 < share < 1:
         raise InputError(f"a share of {share:g}; expected a number between 0 and 1")
-    stop = len(samples) if samples.stop is None else samples.stop
+    stop = samples.end
     cut = samples.first + int(np.floor((1 - share) * (stop - samples.first)))
-    factor = 1 if samples.reduction is None else samples.reduction.factor
-    if cut - samples.first < factor or stop - cut < factor:
+    if cut - samples.first < samples.factor or stop - cut < samples.factor:
         raise InputError(
             f"{counted(stop - samples.first, 'sample')} cannot be split {1 - share:.0%} to {share:.0%}; give a longer "
             "log, or hold out a log of its own",
@@ -51,19 +49,9 @@ def split(samples: Samples, share: float) -> tuple[Samples, Samples]:
 
 def part_of(samples: Samples, begin: int, end: int) -> Samples:
     """Some of the samples, as a segment that knows nothing of the others."""
-
-    def cut(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        return values[begin:end]
-
     return replace(
-        samples,
+        samples.cut(slice(begin, end)),
         start=samples.start + begin / samples.rate,
-        q=cut(samples.q),
-        qd=cut(samples.qd),
-        qdd=cut(samples.qdd),
-        y=None if samples.y is None else cut(samples.y),
-        inputs={name: cut(values) for name, values in samples.inputs.items()},
-        moving=None if samples.moving is None else samples.moving[begin:end],
         first=max(samples.first - begin, 0),
         stop=None if samples.stop is None else min(samples.stop, end) - begin,
     )
@@ -89,18 +77,14 @@ def _slower(samples: Samples, factor: int, band: float) -> Samples:
     if factor == 1:
         return samples
     rate = samples.rate / factor
-    stop = len(samples) if samples.stop is None else samples.stop
     assert samples.y is not None
     return replace(
-        samples,
+        samples.cut(slice(None, None, factor)),
         rate=rate,
-        **{name: getattr(samples, name)[::factor] for name in ("q", "qd", "qdd")},
         y=low_passed(samples.y, 1 / factor)[::factor],
-        inputs={name: values[::factor] for name, values in samples.inputs.items()},
         reduction=reduction(band, rate),
-        moving=None if samples.moving is None else samples.moving[::factor],
         first=-(-samples.first // factor),
-        stop=-(-stop // factor),
+        stop=-(-samples.end // factor),
     )
 
 

@@ -147,8 +147,7 @@ class ModelRows:
 
     def _windows(self, samples: Samples) -> Iterator[tuple[int, int]]:
         """Stretches of samples that rows are made of, before the overlap; they start where a row may stand."""
-        stop = len(samples) if samples.stop is None else samples.stop
-        factor = 1 if samples.reduction is None else samples.reduction.factor
+        stop, factor = samples.end, samples.factor
         reach = 0 if samples.reduction is None else samples.reduction.reach
         size = -(-max(_WINDOW, _REACHES * reach) // factor) * factor
         first = samples.first // factor * factor
@@ -210,17 +209,16 @@ class Numbering:
         begin = samples.start + samples.first / samples.rate
         follows = samples.source == self._end[0] and abs(begin - self._end[1]) < 0.5 / samples.rate
         self._segment += not follows
-        stop = len(samples) if samples.stop is None else samples.stop
-        self._end = (samples.source, samples.start + stop / samples.rate)
+        self._end = (samples.source, samples.start + samples.end / samples.rate)
         return self._segment
 
 
 def rows_taken(samples: Samples, values: Floats) -> tuple[Floats, Floats, Flags | None]:
     """Times of rows, signals (rows, …) filtered like both sides, and which of them are fitted (rows, outputs)."""
-    reduction, stop = samples.reduction, len(samples) if samples.stop is None else samples.stop
+    reduction = samples.reduction
     kept = np.arange(len(samples)) if reduction is None else reduction.kept(len(samples))
     reduced = values if reduction is None else reduction.apply(values)
-    inside = (kept >= samples.first) & (kept < stop)
+    inside = (kept >= samples.first) & (kept < samples.end)
     moving = _moving(samples, slice(None))
     return samples.start + kept[inside] / samples.rate, reduced[inside], None if moving is None else moving[inside]
 

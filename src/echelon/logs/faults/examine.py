@@ -159,9 +159,8 @@ def _duplicates(recording: Recording, channels: Sequence[Series], usable: Flags,
     for group in groups.values():
         # two joints may well be asked to move alike, but they will not
         told = {channel.signal for channel in group}
-        loads = (
-            told == {"y", "input"} and len({channel.name for channel in group}) == 1
-        )  # of friction that grows with it
+        # of friction that grows with the load, its input is the output
+        loads = told == {"y", "input"} and len({channel.name for channel in group}) == 1
         if len(group) > 1 and told != {"reference"} and not loads:
             others = listed(channel.label for channel in group[1:])
             text = f"has the same values as {others} in every sample: was one column taken twice?"
