@@ -287,8 +287,7 @@ class NormalEquations:
             raise InputError(
                 "the normal equations are singular to half the digits of a double; use the R-factors, which keep all"
             )
-        solution: Floats = np.linalg.solve(L.T, np.linalg.solve(L, moment / safe)) / safe
-        return solution
+        return np.linalg.solve(L.T, np.linalg.solve(L, moment / safe)) / safe
 
     def __repr__(self) -> str:
         m, n = len(self.layout.outputs), len(self.layout.parameters)

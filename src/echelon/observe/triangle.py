@@ -52,8 +52,7 @@ class Triangle:
     @cached_property
     def scaled(self) -> Floats:
         """R with columns of norm 1; zero columns stay."""
-        found: Floats = self.R / self.safe_scales
-        return found
+        return self.R / self.safe_scales
 
     @cached_property
     def singular_values(self) -> Floats:
@@ -91,8 +90,7 @@ class Triangle:
         if self.rank < len(self.parameters):
             raise InputError(self._undetermined())
         # LU with row exchanges of a triangle exchanges nothing, so this is back substitution
-        solution: Floats = np.linalg.solve(self.scaled, self.qty) / self.scales
-        return solution
+        return np.linalg.solve(self.scaled, self.qty) / self.scales
 
     def _undetermined(self) -> str:
         n, rank = len(self.parameters), self.rank

@@ -111,8 +111,7 @@ class Schedule:
                 table[group.start : group.stop] = arithmetic.binary(group.op, left, table[group.rhs])
             else:
                 table[group.start : group.stop] = arithmetic.unary(group.op, left)
-        result: Array = table[self._outputs]
-        return result
+        return table[self._outputs]
 
 
 _FLOAT_FUNCTIONS: dict[Op, Any] = {op: getattr(np, op.name.lower()) for op in FUNCTIONS if op is not Op.ATAN}
@@ -132,8 +131,7 @@ class FloatArithmetic:
 
     def binary(self, op: int, a: Array, b: Array) -> Array:
         """Elementwise operation."""
-        result: Array = _FLOAT_BINARY[Op(op)](a, b)
-        return result
+        return _FLOAT_BINARY[Op(op)](a, b)
 
     def unary(self, op: int, a: Array) -> Array:
         """Elementwise function."""
@@ -171,8 +169,7 @@ class ModularArithmetic:
         """Negation modulo p."""
         if op != Op.NEG:
             raise EchelonError(f"{Op(op).name.lower()} has no exact meaning in a finite field")
-        negative: Array = -a % self.field.p
-        return negative
+        return -a % self.field.p
 
 
 @dataclass(frozen=True)
