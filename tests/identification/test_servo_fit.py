@@ -12,8 +12,8 @@ import pytest
 import echelon as ec
 from echelon.identification.servos.servo_fit import ServoScore, scale_groups
 from echelon.identification.servos.servo_limits import Limits
-from echelon.identification.servos.servo_motion import ServoMotion, Windows, smooth
-from echelon.identification.servos.servo_start import servo_joints
+from echelon.identification.servos.servo_motion import OutputErrorProblem, ServoMotion, Windows, smooth
+from echelon.identification.servos.servo_start import positive_parameters, servo_joints
 from echelon.logs.recording import Segment
 from support import servo_arms
 from support.command_line import run
@@ -178,6 +178,28 @@ def test_limits_of_servos_are_found_and_do_not_spoil_the_rest(kind: str, tmp_pat
     z = (fit.estimate.values - truth) / np.maximum(fit.estimate.std, 1e-12)
     assert np.abs(z).max() < 3.5
     assert abs(limit.value - planted) < 3.5 * limit.std
+
+
+@pytest.mark.slow
+def test_intervals_beside_a_torque_limit_hold(tmp_path: Path) -> None:
+    setup, rng, limits = two_joints(tmp_path), np.random.default_rng(11), Limits.none(2).having("torque", 0, 0.15)
+    base, names = ec.base_parameters(setup.mechanism), setup.mechanism.velocities
+    places = tuple(base.pivots.index(servo_joints(setup.mechanism)[name]) for name in names)
+    known, z = np.eye(base.rank)[[places[0]]], []
+    for _ in range(4):
+        arm = servo_arms.servo_arm(tmp_path / "swing.urdf", rng)
+        u = servo_arms.commands(arm, 20.0, rng)
+        q = servo_arms.simulated(arm, u, 0.025, torque=limits.torque)
+        segment = Segment("", 0.0, 30.0, {"q": q}, dict(zip(names, u.T, strict=True)))
+        windows = Windows((segment,), np.array([(0, b) for b in range(0, len(q) - 61, 30)]), 30, 30, 30.0)
+        motion = ServoMotion(replace(base, mechanism=smooth(setup.mechanism, 0.005)), names, places)
+        truth = base.values(servo_arms.true_standard(arm, setup.mechanism))
+        prior, positive = np.zeros((0, base.rank)), positive_parameters(base)
+        found = OutputErrorProblem(motion, windows, truth, 0.025, limits, positive, prior, known).solve(lambda _: None)
+        error = np.concatenate([found.values - truth, [found.delay - 0.025], found.limits.values - 0.15])
+        z.append(error / np.maximum(np.sqrt(np.diagonal(found.covariance)), 1e-12))
+    # three quarters where commands are averaged before their limit; one arm's errors hardly reach it, which is no fault
+    assert np.mean(np.abs(z) < 2) > 0.88
 
 
 @pytest.mark.parametrize("corner", [0.0, 0.05])
