@@ -174,9 +174,14 @@ class Relation:
         }
 
 
-def relations(mechanism: Mechanism, structure: Structure) -> list[Relation]:
-    """The relations of all dependent columns that do not vanish."""
-    return [*_across_joints(mechanism, structure), *_across_robot(mechanism, structure)]
+def relations(mechanism: Mechanism, structure: Structure, *, in_numbers: bool = False) -> list[Relation]:
+    """The relations of all dependent columns that do not vanish.
+
+    Where their coefficients are to be numbers, and finding a closed pose costs more than eliminating all columns at
+    once, those that take part of the whole robot are one.
+    """
+    together = bool(mechanism.closures) and (in_numbers or not symbol_roles(mechanism).symbols)
+    return [*_across_joints(mechanism, structure), *_across_robot(mechanism, structure, together)]
 
 
 def _across_joints(mechanism: Mechanism, structure: Structure) -> Iterable[Relation]:
@@ -208,11 +213,8 @@ def _pair_kernel(pair: Mechanism, targets: Sequence[int], size: int, zero: froze
     return Kernel(symbol_roles(pair), rows, sources, targets, zero, _degrees(pair, sources, targets))
 
 
-def _across_robot(mechanism: Mechanism, structure: Structure) -> Iterable[Relation]:
+def _across_robot(mechanism: Mechanism, structure: Structure, together: bool) -> Iterable[Relation]:
     groups: dict[int | None, list[int]] = {}
-    # where finding a closed pose costs more than eliminating all columns at once, there is one group
-    roles = symbol_roles(mechanism)
-    together = bool(mechanism.closures) and not roles.symbols
     for column, support in structure.by_robot.items():
         if support:
             groups.setdefault(None if together else mechanism.columns[column].body, []).append(column)
@@ -223,7 +225,8 @@ def _across_robot(mechanism: Mechanism, structure: Structure) -> Iterable[Relati
     for targets in groups.values():
         sources = sorted({c for t in targets for c in structure.by_robot[t]})
         degrees = _degrees(mechanism, sources, targets)
-        kernel = Kernel(roles, rows.columns([*sources, *targets]), sources, targets, frozenset(), degrees)
+        every = rows.columns([*sources, *targets])
+        kernel = Kernel(symbol_roles(mechanism), every, sources, targets, frozenset(), degrees)
         yield Relation(kernel, range(structure.parameters))
 
 

@@ -173,7 +173,7 @@ def base_matrix(
         if other is not None:
             return other
     report("numbers in place of closed forms")
-    stated = StatedColumns(mechanism, found, zero, order, rng)
+    stated = StatedColumns(mechanism, relations(mechanism, structure, in_numbers=True), zero, order, rng)
     if order != classical:  # an exchange of representatives mixes the columns
         pivots = set(stated.pivots)
         closed, open_columns = {}, [c for c in classical if c not in pivots]
