@@ -48,6 +48,10 @@ _MOST_TIMES = 32
 """So many times as many points where regions of signs need them."""
 
 
+_HARD = 5e6
+"""Numbers that are added in some seconds."""
+
+
 @dataclass(frozen=True, eq=False)
 class Kernel:
     """Target columns that are combinations of source columns, and rows from which the coefficients follow."""
@@ -85,6 +89,11 @@ class Kernel:
             return self.sampler.cost(program, self.unknowns + 1) + elimination
         return (self.unknowns + 1) * program + elimination
 
+    @property
+    def is_hard(self) -> bool:
+        """Whether closed poses modulo primes have taken long to find."""
+        return isinstance(self.sampler, CurveSampler) and self.sampler.searched > _HARD
+
     def unknown(self, rng: np.random.Generator) -> UnknownFunctions:
         """The coefficients of :attr:`pairs` as functions of the symbols."""
         roles = self.roles
@@ -94,6 +103,8 @@ class Kernel:
 
         def evaluate(field: PrimeField, geometry: Geometry) -> Residues:
             found: Residues = self.coefficients(field, geometry, rng)[chosen]
+            if self.is_hard and not self.sampler.symbols:
+                raise ClosedFormError("numbers take less time in balls")
             return found
 
         return UnknownFunctions(

@@ -183,9 +183,9 @@ class StatedColumns:
         return {self.order[k]: {self.order[p]: x for p, x in pivots.items()} for k, pivots in found.items()}
 
     def _exact(self, pairs: Sequence[Pair], needed: Sequence[Relation], meaning: StatedNumbers) -> list[Number] | None:
-        """Exact values, or None where the stated values have no residues."""
+        """Exact values, or None where the stated values have no residues, or closed poses are hard to find."""
         values = meaning.exact(symbol_roles(self.mechanism).angles)
-        if values is None:
+        if values is None or any(relation.kernel.is_hard for relation in needed):
             return None
 
         def evaluate(field: PrimeField, _: Mapping[str, Residues]) -> Residues:

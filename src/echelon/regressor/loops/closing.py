@@ -36,6 +36,7 @@ _EXACTLY = (
 )
 _STATES, _NEAR = 8, 0.5  # random configurations at which the mobility is counted numerically, and how far they stray
 _NEARLY = 1e-2  # what may be open where frames are made to follow, rad or characteristic lengths
+_SEARCH = 1.5e7  # numbers that are added until loops are not known to close: five to ten seconds
 _LITTLE_WORK = 1e5  # operations for a pose that take no longer than to let frames follow
 _NEARLY_FREE = 1e-2  # singular values below this part of the largest one belong to motions that are nearly possible
 _INDEPENDENT = (1e-3, 1e-5, 1e-6)  # singular values of independent motions, the wanted one first
@@ -204,7 +205,7 @@ def _recorded(mechanism: Mechanism) -> Loops:
 def _jacobian(loops: Loops, work: float = inf) -> tuple[PrimeField, Residues]:
     """The Jacobian of the closures at a closed pose of a random geometry, found with a limited amount of work."""
     mechanism, rng = loops.mechanism, random_generator(DEFAULT_SEED)
-    sampler = CurveSampler(loops.equations.program, [], replace(loops, work=work))
+    sampler = CurveSampler(loops.equations.program, [], replace(loops, work=work, search=_SEARCH))
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng)
         try:

@@ -41,6 +41,21 @@ class ClosureBlock:
         self.points = prod(len(_points(part.width, part.degree)) for part in self._parts)
         self.equations = recorded.schedule(nodes)
 
+    @property
+    def work(self) -> int:
+        """Operations for the coefficients of one sample."""
+        return self.points * self.equations.size
+
+    @property
+    def solved(self) -> set[str]:
+        """Names of the unknown coordinates."""
+        return {self.recorded.layout.names[c] for c in self.unknown}
+
+    @cached_property
+    def moving(self) -> set[str]:
+        """Names of the coordinates that the equations depend on."""
+        return self.recorded.moving(self.equations)
+
     @cached_property
     def fewer(self) -> ClosureBlock:
         """The block with one of the unknown coordinates drawn."""
@@ -48,7 +63,7 @@ class ClosureBlock:
 
     def solve(self, positions: Positions, pose: Pose, spend: Callable[[float], None]) -> Solutions:
         """Values of the unknown coordinates at which the equations hold; see :meth:`Solver.solve`."""
-        spend(len(pose.numbers) * self.points * self.equations.size / AT_ONCE)
+        spend(len(pose.numbers) * self.work / AT_ONCE)
         return self.recorded.solver.solve(self._polynomials(positions, pose), positions.field, spend)
 
     def put(self, pose: Pose, points: Residues, field: PrimeField) -> None:

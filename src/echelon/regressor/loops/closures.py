@@ -85,6 +85,8 @@ class Loops:
     order: int = 24  # coefficients taken along curves; more where few freedoms have to show many parameters
     # the most operations that may be needed to write down what has to be solved, where a pose is looked for
     work: float = inf
+    # the most numbers that may be added until a closed pose is found; where loops are known to close, that takes luck
+    search: float = 1.5e8
     # which of some poses are in the wanted assembly mode, from (field, rng, geometry, poses); None for all
     accepts: Accepts | None = None
 

@@ -127,6 +127,11 @@ class CurveSampler(FunctionSampler):
         """Whether the poses that were found are the stated one, exactly."""
         return self._poses.takes_stated
 
+    @property
+    def searched(self) -> float:
+        """How many numbers were added while closed poses were looked for."""
+        return self._poses.searched
+
     def variants(
         self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues], pose: Pose, count: int
     ) -> Pose:

@@ -51,7 +51,7 @@ class Layout:
     """Where the values of coordinates that turn, slide, or belong to a ball are among numbers and velocities."""
 
     def __init__(self, motions: Sequence[Motion]) -> None:
-        self.names = tuple(name for motion in motions for name in motion.velocities)
+        self.motions, self.names = motions, tuple(name for motion in motions for name in motion.velocities)
         self.turning = [m for m in motions if m.kind in (MotionKind.ROTATION, MotionKind.SCREW)]
         sliding, balls = ([m for m in motions if m.kind is k] for k in (MotionKind.TRANSLATION, MotionKind.BALL))
         self.count, self.columns = 0, dict[str, list[int]]()  # of numbers, and which are a motion's own

@@ -23,7 +23,6 @@ from echelon.regressor.loops.positions import Positions, Recorded
 _ROUNDS = 40
 _FIRST_TRIES, _MOST_TRIES = 1 << 10, 1 << 15  # together, in the first round and in one of the last
 _MOST_POINTS = 3**6  # at which the equations of a block are evaluated, for each sample
-_MOST_WORK = 1.5e7  # numbers that are added, for each sample, until a solution is found: five to ten seconds
 _LEAST_KEPT = 64  # variants of poses while loops are closed one after the other
 _FAILURES = 8  # of the tries that close a loop with one unknown about once in two
 
@@ -36,6 +35,7 @@ class PoseFinder:
     def __init__(self, loops: Loops, names: Sequence[str]) -> None:
         self._preferred = [names.index(name) for name in loops.mechanism.independent]
         self._accepts, self._work, self._stated = loops.accepts, loops.work, loops.stated
+        self._most, self.searched = loops.search, 0.0  # numbers that are added until one pose is found, and for all
         self.takes_stated = False  # whether the poses that are found are the stated one
         self._blocks: list[ClosureBlock] | None = None
         self._spent = 0.0  # work since a pose was found last, over all primes
@@ -94,7 +94,8 @@ class PoseFinder:
                 earlier = [k for group, _ in groups for k in group]
                 needed = rank(jacobian[earlier + rows], field) - rank(jacobian[earlier], field)
             groups.append((rows, columns))
-        return [block for rows, columns in groups for block in self._planned_for(jacobian, rows, columns, positions)]
+        blocks = [b for rows, columns in groups for b in self._planned_for(jacobian, rows, columns, positions)]
+        return _ordered(blocks)
 
     def _planned_for(
         self, jacobian: Residues, rows: list[int], columns: list[int], positions: Positions
@@ -105,7 +106,9 @@ class PoseFinder:
         wrists = self._wrists(jacobian, rows, columns, recorded)
         turns = {c for own in wrists.values() for c in own}
         # what gears multiply, components of balls, then screws, then what is preferred, should rather be drawn
-        wanted = [*recorded.geared, *balls, *recorded.threaded, *self._preferred, *(columns if turns else ())]
+        # solving for slides takes the least work
+        preferred = [c for c in self._preferred if c not in recorded.layout.slide_places]
+        wanted = [*recorded.geared, *balls, *recorded.threaded, *preferred, *(columns if turns else ())]
         last = [columns.index(c) for c in wanted if c in columns and c not in turns]
         rest = [columns[k] for k in choose(jacobian[np.ix_(rows, columns)], field, last).dependent]
         nodes: dict[str, list[int]] = {}
@@ -164,7 +167,8 @@ class PoseFinder:
     def _spend(self, work: float) -> None:
         """Go on while the budget lasts: loops that do not close could be tried at random points for ever."""
         self._spent += work
-        if self._spent > _MOST_WORK:
+        self.searched += work
+        if self._spent > self._most:
             raise SingularPoseError("no random point within the budget of the search has a solution")
 
     def _in_mode(
@@ -216,6 +220,19 @@ def _block(recorded: Recorded, nodes: Sequence[int], unknown: list[int]) -> Clos
     if geared:
         raise SingularPoseError(f"'{geared[0]}', of which gears take multiples or parts, would have to be solved for")
     return ClosureBlock(recorded, nodes, tuple(unknown))
+
+
+def _ordered(blocks: Sequence[ClosureBlock]) -> list[ClosureBlock]:
+    """Each block after those that solve for what moves in it, otherwise those that take little work first.
+
+    Where legs carry one platform, most random poses fail to close one of them, and rotations of wrists can wait.
+    """
+    ordered, left = list[ClosureBlock](), list(blocks)
+    while left:
+        ready = (b for b in left if all(other.solved.isdisjoint(b.moving) for other in left if other is not b))
+        ordered.append(min(ready, key=lambda block: block.work))
+        left.remove(ordered[-1])
+    return ordered
 
 
 def _involved(jacobian: Residues, positions: Positions) -> list[int]:

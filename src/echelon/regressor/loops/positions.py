@@ -61,6 +61,15 @@ class Recorded:
         }
         return [int(self.layout.turn_places[k, 0]) for k in sorted(found)]
 
+    def moving(self, schedule: Schedule) -> set[str]:
+        """Names of the velocities of what some nodes depend on."""
+        inputs, layout = self.program.inputs, self.layout
+        turns = {g for node in schedule.leaves if node in self.turns for g in self.turns[node].multiples}
+        found = {layout.turning[self.turning[g]] for g in turns if g in self.turning}
+        names = {inputs[node].name for node in schedule.leaves if node in inputs}
+        found |= {m for m in layout.motions if not names.isdisjoint(f"q[{p}]" for p in m.positions)}
+        return {name for motion in found for name in motion.velocities}
+
     def schedule(self, nodes: Sequence[int]) -> Schedule:
         """Schedule of some nodes that depend on positions."""
         return Schedule(self.program, nodes, self.functions)
