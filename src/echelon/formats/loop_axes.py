@@ -40,7 +40,7 @@ def with_exact_axes(mechanism: Mechanism, snapping: Snapping) -> Mechanism:
     if mechanism.closed_at or not snapping.options.snap_tolerance or not has_values(mechanism):
         return mechanism
     found = _AtZero(mechanism, snapping)
-    if not (found.is_general and found.meets and found.noise):
+    if not (found.is_general and found.meets and found.noise) or (snapping.literal and found.noise >= PRECISION):
         return mechanism
     mended = found.mended
     if found.kept_by(left := _AtZero(mended, snapping)):
