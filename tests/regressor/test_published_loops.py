@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 import echelon as ec
 from echelon.cli.commands import app
 from echelon.results.saved import to_json
-from support.published_loops import PUBLISHED, Published
+from support.published_loops import LOOPS, PUBLISHED, Published
 
 # a parallelogram within the tolerance of the reading, which the oracle takes as it stands
 INTENDED = {"robotiq_2f85_v4": 3}
@@ -52,6 +52,22 @@ def test_a_set_with_frames_that_follow_is_saved_and_verified(tmp_path: Path) -> 
     saved.write_text(to_json(base), encoding="utf-8")
     done = CliRunner().invoke(app, ["verify", str(saved)])
     assert "valid, 30 base parameters" in done.output
+
+
+@pytest.mark.slow
+def test_a_platform_on_legs_of_six_joints_has_a_set() -> None:
+    """Closed poses modulo primes are rare there, so the numbers come from balls."""
+    model = next(m for m in PUBLISHED if m.name == "wl16_like_links")
+    base = ec.base_parameters(load(model))
+    assert base.rank == model.rank
+    assert base.matrix.numbers is not None
+    assert 0 < base.matrix.numbers.radius < 1e-30
+
+
+@pytest.mark.slow
+def test_relations_that_rounding_breaks_stay_broken_in_the_literal_reading() -> None:
+    reading = ec.base_parameters(ec.load(LOOPS / "reachy_mini.xml"), budget=0).reading
+    assert (reading.literal_rank, len(reading.decisive)) == (115, 0)
 
 
 @pytest.mark.slow

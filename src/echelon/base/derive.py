@@ -36,7 +36,7 @@ from echelon.errors import (
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Work, random_generator
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import StatedValues, stated_values
+from echelon.mechanism.stated import StatedValues, stated_values, symbol_roles
 from echelon.mechanism.substitute import substituted
 from echelon.models import LinearModel
 from echelon.regressor.linear_forms import LinearForms, rows_of, virtual_power_form
@@ -139,8 +139,8 @@ def base_parameters(
     recorded = virtual_power_form(mechanism)
     found = specialised(mechanism, rng, recorded, generic=generic)
     own, structure = found.mechanism, found.structure
-    if own.closed_at:  # frames were moved by rounding
-        columns = firm_first(own, columns, structure.rank, rng)
+    if own.closed_at or (own.closures and not symbol_roles(own).symbols):  # rounding may break what is special
+        columns = firm_first(own, columns, structure.pivots, rng)
     matrix = base_matrix(own, structure, columns, rng, budget, progress)
     progress("certificate")
     forms = structure.on_curves(recorded if own is mechanism else virtual_power_form(own))

@@ -98,7 +98,11 @@ def report_reading(
     if not coarse:
         doubt = _doubt(mechanism, recorded, rank, rank, matrix)
         return ReadingReport(reading.snaps, notes, doubt=doubt, mimics=mimics, assembled=moved)
-    literal_rank = stated_structure(reading.literal(), rng).rank
+    try:
+        literal_rank = stated_structure(reading.literal(), rng).rank
+    except InputError as error:  # rounding has locked loops
+        notes = (*notes, f"taken literally, the numbers of the file have no answer: {error}")
+        return ReadingReport(reading.snaps, notes, mimics=mimics, assembled=moved)
     decisive: list[Snap] = []
     if literal_rank != rank:
         elements = list(dict.fromkeys(snap.element for snap in coarse))
@@ -357,15 +361,17 @@ def ranks_of_matrix(matrix: Floats, tolerances: Sequence[float] = TOLERANCES, *,
     return NumericRanks(columns, rows, tuple(tolerances), _fractions(singular), _fractions(diagonal))
 
 
-def firm_first(mechanism: Mechanism, order: Sequence[int], rank: int, rng: np.random.Generator) -> tuple[int, ...]:
+def firm_first(
+    mechanism: Mechanism, order: Sequence[int], classical: Sequence[int], rng: np.random.Generator
+) -> tuple[int, ...]:
     """An order of columns in which those that depend on earlier ones up to rounding come last.
 
-    Where frames were moved by rounding, a column that is zero in truth may be tiny and yet independent; as a
-    representative it would give others coefficients of the size of 1/rounding.  The order stays where columns that are
-    independent in double precision are not as many as the rank.
+    With rounded numbers or frames, a column that is zero in truth may be tiny and yet independent; as a representative
+    it would give others coefficients of the size of 1/rounding.  The order stays where columns that are independent in
+    double precision are not as many as the classical representatives, or are these.
     """
     firm = [order[k] for k in independent_columns(_sampled(mechanism, order, rng, None, None, None), _FIRM)]
-    if len(firm) != rank:
+    if len(firm) != len(classical) or (firm == list(classical) and sorted(order) == list(order)):
         return tuple(order)
     return (*firm, *(column for column in order if column not in set(firm)))
 

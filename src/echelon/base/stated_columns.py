@@ -185,12 +185,14 @@ class StatedColumns:
     def _exact(self, pairs: Sequence[Pair], needed: Sequence[Relation], meaning: StatedNumbers) -> list[Number] | None:
         """Exact values, or None where the stated values have no residues, or closed poses are hard to find."""
         values = meaning.exact(symbol_roles(self.mechanism).angles)
-        if values is None or any(relation.kernel.is_hard for relation in needed):
+        if values is None:
             return None
 
         def evaluate(field: PrimeField, _: Mapping[str, Residues]) -> Residues:
             geometry = {s: np.array([field.embed(v)], dtype=np.int64) for s, v in values.items()}
             solved = self._modular(field, geometry, needed)
+            if any(relation.kernel.is_hard for relation in needed):
+                raise ClosedFormError("numbers take less time in balls")
             return np.array([[solved[column].get(pivot, 0)] for pivot, column in pairs], dtype=np.int64)
 
         roots = symbol_roles(self.mechanism).irrational

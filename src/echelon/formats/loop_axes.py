@@ -40,7 +40,7 @@ def with_exact_axes(mechanism: Mechanism, snapping: Snapping) -> Mechanism:
     if mechanism.closed_at or not snapping.options.snap_tolerance or not has_values(mechanism):
         return mechanism
     found = _AtZero(mechanism, snapping)
-    if not (found.is_general and found.meets and found.noise) or (snapping.literal and found.noise >= PRECISION):
+    if not (found.is_general and found.meets and found.noise):
         return mechanism
     mended = found.mended
     if found.kept_by(left := _AtZero(mended, snapping)):
@@ -49,7 +49,7 @@ def with_exact_axes(mechanism: Mechanism, snapping: Snapping) -> Mechanism:
             doubt = "different: if they are meant to be equal, fewer parameters may show than are counted"
             snapping.snaps.append(Snap(found.snap.element, "lengths nearly equal", doubt, left.noise))
         return mended
-    if found.noise < PRECISION:  # digits of doubles
+    if found.noise < PRECISION or snapping.literal:  # digits of doubles, or numbers that are taken as they stand
         return mechanism
     raise InputError(
         f"rounding has broken relations between axes of {shown_loops(mechanism)} (nearly parallel, perpendicular or "

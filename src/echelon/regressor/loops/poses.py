@@ -20,7 +20,7 @@ from echelon.regressor.loops.closures import Loops, Wrist
 from echelon.regressor.loops.moving import Pose
 from echelon.regressor.loops.positions import Positions, Recorded
 
-_ROUNDS = 40
+_ROUNDS = 200
 _FIRST_TRIES, _MOST_TRIES = 1 << 10, 1 << 15  # together, in the first round and in one of the last
 _MOST_POINTS = 3**6  # at which the equations of a block are evaluated, for each sample
 _LEAST_KEPT = 64  # variants of poses while loops are closed one after the other
@@ -155,13 +155,14 @@ class PoseFinder:
             ever[owners], tried = True, tried + tries
             if tried > enough and not ever[pending].all():
                 break
+            if np.setdiff1d(pending, owners).size:
+                tries *= 2  # not where poses are found that are in another mode
             owners, pose = self._in_mode(positions, rng, owners, pose)
             _, first = np.unique(owners, return_index=True)
             found.numbers[owners[first]], found.angles[owners[first]] = pose.numbers[first], pose.angles[first]
             pending = np.setdiff1d(pending, owners)
             if not pending.size:
                 return found
-            tries *= 2
         raise DegenerateSampleError("they do not close at random points")
 
     def _spend(self, work: float) -> None:
