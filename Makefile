@@ -50,6 +50,8 @@ lint: $(DEV)
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
 
+# as many processes as cores run tests, and each of them does linear algebra
+test slow faults: export OPENBLAS_NUM_THREADS := 1
 test: lint
 	$(BIN)/pytest -n auto --dist worksteal -m "not slow"
 

@@ -26,6 +26,8 @@ settings.register_profile("unshrunk", settings.get_profile("echelon"), phases=(P
 def folders_of_the_run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """What is kept between commands is kept in folders of this run; the user's own are not used."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ECHELON_CACHE", str(tmp_path_factory.mktemp("machine-code")))
+        base = tmp_path_factory.getbasetemp()
+        shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base  # by all workers
+        patch.setenv("ECHELON_CACHE", str(shared / "machine-code"))
         patch.setenv("ECHELON_STATE", str(tmp_path_factory.mktemp("state")))
         yield

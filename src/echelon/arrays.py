@@ -1,6 +1,12 @@
-"""Types of NumPy arrays that many modules share, and factorisations that NumPy lacks."""
+"""Types of NumPy arrays that many modules share, factorisations that NumPy lacks, and the threads of linear algebra."""
 
 from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -55,3 +61,23 @@ def independent_columns(matrix: Floats, tolerance: float) -> list[int]:
             basis = np.vstack([basis, rest / size])
             chosen.append(k)
     return chosen
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Linear algebra on one thread, so that results are the same on machines with more and with fewer."""
+    # matrices are small here: threads that wait for one another cost more than they bring, most of all where others
+    # use the processor, too
+    if sys.platform == "emscripten":  # has no threads
+        yield
+        return
+    with _libraries("scipy.linalg" in sys.modules).limit(limits=1, user_api="blas"):
+        yield
+
+
+@cache
+def _libraries(scipy: bool) -> Any:  # noqa: ARG001 (looked for anew once SciPy is there)
+    """The libraries of linear algebra in this process; SciPy brings one of its own."""
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()

@@ -14,9 +14,9 @@ from echelon.errors import MissingExtraError
 EXTRAS: dict[str, tuple[str, ...]] = {
     "fast": ("llvmlite",),
     "symbolic": ("sympy",),
-    "identify": ("clarabel", "h5py", "plotly", "pyarrow", "scipy", "threadpoolctl"),
+    "identify": ("clarabel", "h5py", "plotly", "pyarrow", "scipy"),
     "notebook": ("pandas", "plotly"),
-    "excite": ("casadi", "mujoco", "plotly", "pyarrow", "scipy", "threadpoolctl"),
+    "excite": ("casadi", "mujoco", "plotly", "pyarrow", "scipy"),
     "ros": ("mcap", "rosbags"),
     "dask": ("cryptography", "dask", "distributed"),
     "mjcf": ("mujoco",),

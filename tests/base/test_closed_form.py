@@ -172,7 +172,7 @@ def random_symbols(model: BaseModel, seed: int = 5) -> dict[str, float]:
     return {name: float(rng.uniform(0.4, 1.4)) for name in names}
 
 
-@pytest.mark.parametrize("arm", one_in(2, COUNTS), ids=lambda arm: f"{arm().name.replace(' ', '-')}-{COUNTS[arm]}")
+@pytest.mark.parametrize("arm", one_in(3, COUNTS), ids=lambda arm: f"{arm().name.replace(' ', '-')}-{COUNTS[arm]}")
 def test_float_regressor_has_the_rank_and_the_row_space(arm: Callable[[], Mechanism]) -> None:
     """Without exact arithmetic: the singular values give the count, and X = X̄ B, so that X N = 0."""
     model = base_parameters(arm())

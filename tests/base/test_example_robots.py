@@ -52,7 +52,7 @@ def test_all_files_are_there() -> None:
     assert len(robot_files()) == 68
 
 
-@pytest.mark.parametrize("name", slow_unless(lambda name: PUBLISHED[name][0] < 250, PUBLISHED))
+@pytest.mark.parametrize("name", slow_unless(lambda name: PUBLISHED[name][0] < 180, PUBLISHED))
 def test_published_counts(name: str) -> None:
     found = tuple(ec.base_structure(load(robot_file(name), floating)).rank for floating in (False, True))
     assert found == PUBLISHED[name]

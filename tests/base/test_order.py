@@ -20,7 +20,7 @@ from echelon.mechanism.effect import Side, ready_made
 from echelon.mechanism.mechanism import Mechanism, Parameter
 from support import textbook_arms as arms
 from support.descriptions import read_description
-from support.selection import slow_unless
+from support.selection import one_in, slow_unless
 
 ROBOTS = [arms.rx90, arms.panda, arms.helical, arms.coupled, arms.branched, arms.floating_pair, arms.massless]
 
@@ -31,7 +31,7 @@ def rational_b(model: ec.BaseModel, order: tuple[int, ...]) -> sympy.Matrix:
     return sympy.Matrix(model.matrix.sympy(values))[:, list(order)]
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", one_in(2, ROBOTS))
 @pytest.mark.parametrize("choice", [{"order": "tip-to-base"}, {"prefer": ("M",)}, {"prefer": ("MZ", "YY")}])
 def test_reduced_echelon_form_of_the_same_space(robot: Callable[[], Mechanism], choice: dict[str, object]) -> None:
     """sympy's rref of the classical set, columns permuted, is the new set."""

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -15,9 +13,11 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
 import echelon as ec
 from echelon.base.sensors import sensor_report
+from echelon.cli.commands import app
 from echelon.exact.polynomial import Polynomial, as_polynomial
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
@@ -187,12 +187,9 @@ def test_sensor_report_of_xarm7() -> None:
 
 
 def test_sensors_command() -> None:
-    command = [sys.executable, "-c", "from echelon.cli import main; main()", "sensors", "examples/panda.yaml"]
-    root = ROOT
-    text = subprocess.run(command, capture_output=True, text=True, check=True, cwd=root).stdout
-    assert "smallest sufficient set: base" in text
-    data = json.loads(subprocess.run([*command, "--json"], capture_output=True, text=True, check=True, cwd=root).stdout)
-    assert data["rank"] == 48
+    command = ["sensors", str(ROOT / "examples" / "panda.yaml")]
+    assert "smallest sufficient set: base" in CliRunner().invoke(app, command).output
+    assert json.loads(CliRunner().invoke(app, [*command, "--json"]).stdout)["rank"] == 48
 
 
 SERIAL = """<robot name="r">

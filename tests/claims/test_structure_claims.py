@@ -78,7 +78,7 @@ def test_mount_on_a_parent_that_carries_some_parameters(mounts: tuple[str, str],
 
 @pytest.mark.parametrize("some", ["M", "MX MY MZ M", "ZZ", "XX YY ZZ", ""])
 @pytest.mark.parametrize("others", ["*", "MX M"])
-@pytest.mark.parametrize("which", [0, 1])
+@pytest.mark.parametrize("which", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_equal_joints_on_bodies_that_carry_different_parameters(some: str, others: str, which: int) -> None:
     """One parent, or one child, carries something else than its twin."""
     first, second = [others, others], [others, others]

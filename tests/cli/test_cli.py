@@ -40,7 +40,7 @@ def test_json_follows_its_schema_and_repeats() -> None:
     first, second = run("derive", PANDA, "--json"), run("derive", PANDA, "--format", "json")
     assert first.stdout == second.stdout
     data = json.loads(first.stdout)
-    jsonschema.validate(data, json_schema(BaseModelRecord))
+    jsonschema.Draft202012Validator(json_schema(BaseModelRecord)).validate(data)
     term = next(t for row in data["base"] for t in row["terms"] if t["coefficient"] == "a4^2")
     assert term["value"] == pytest.approx(0.0825**2)
 

@@ -93,7 +93,7 @@ def close(found: FloatArray, expected: FloatArray, tolerance: float = 1e-9) -> N
     np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * max(np.abs(expected).max(), 1e-3))
 
 
-@pytest.mark.parametrize("mechanism", one_in(2, ALL))
+@pytest.mark.parametrize("mechanism", one_in(3, ALL))
 def test_equations_of_motion_are_those_of_the_tree_in_independent_coordinates(mechanism: Mechanism | str) -> None:
     mechanism = made(mechanism)
     zeta, (q, qd, qdd) = random_parameters(mechanism), closed_states(mechanism, 4)

@@ -15,9 +15,11 @@ from hypothesis import strategies as st
 from echelon.errors import ClosedFormError, DegenerateSampleError
 from echelon.exact.ansatz import sections
 from echelon.exact.expressions import parse
-from echelon.exact.field import PrimeField, Residues, UnknownFunctions, Work
+from echelon.exact.field import PrimeField, Residues
+from echelon.exact.interpolation import interpolate
 from echelon.exact.polynomial import Polynomial
-from echelon.exact.rational import RationalFunction, interpolate
+from echelon.exact.rational import RationalFunction
+from echelon.exact.unknown_functions import UnknownFunctions, Work
 
 LENGTHS, ANGLES, OTHERS = ("d", "r", "l3"), ("a", "b"), ("g", "k")
 

@@ -132,7 +132,7 @@ def test_what_is_written_as_json_is_read_again(unset: bool) -> None:
 
 
 def test_the_published_schema_accepts_what_is_read() -> None:
-    jsonschema.validate(yaml.safe_load(ARM + FULL), json_schema())
+    jsonschema.Draft202012Validator(json_schema()).validate(yaml.safe_load(ARM + FULL))
 
 
 @pytest.mark.parametrize(
@@ -141,7 +141,7 @@ def test_the_published_schema_accepts_what_is_read() -> None:
 def test_the_published_schema_refuses_other_shapes(section: dict[str, Any]) -> None:
     document = {**yaml.safe_load(ARM), "excitation": section}
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(document, json_schema())
+        jsonschema.Draft202012Validator(json_schema()).validate(document)
     with pytest.raises(ec.InputError):
         check_document(read_text(json.dumps(document), "arm.json"))
 

@@ -219,7 +219,7 @@ def test_a_document_says_what_the_motion_is(trajectory: Trajectory) -> None:
 
 def test_a_document_reads_back(trajectory: Trajectory) -> None:
     document = json.loads(text_of(trajectory_to_json(trajectory)))
-    jsonschema.validate(document, trajectory_schema())
+    jsonschema.Draft202012Validator(trajectory_schema()).validate(document)
     found = trajectory_from_json(document, "run.json")
     assert (found.coordinates, found.units, found.duration) == (NAMES, UNITS, 2.5)
     t = np.linspace(0, 2.5, 101)
@@ -268,7 +268,7 @@ def test_every_float_of_a_spline_reads_back(breaks: list[float], degree: int, se
 def test_extra_data_travel_along() -> None:
     document = trajectory_to_json(smooth(), robot="panda", margins={"j1": 0.5})
     assert (document["robot"], document["margins"]) == ("panda", {"j1": 0.5})
-    jsonschema.validate(document, trajectory_schema())
+    jsonschema.Draft202012Validator(trajectory_schema()).validate(document)
     assert trajectory_from_json(document, "run.json").coordinates == NAMES
     with pytest.raises(InputError, match="key 'units': is a key of the format itself"):
         trajectory_to_json(smooth(), units=["deg"])

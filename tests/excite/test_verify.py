@@ -35,6 +35,7 @@ from echelon.program.function import Argument, Function
 from echelon.program.tape import Program, Scalar
 from support.excitation_cases import Floats, all_limits, families, random_motion
 from support.excitation_loops import limited, motion_of
+from support.selection import one_in
 from support.shaped_robots import motion, planar, random_arm, spheres
 
 RATE = 10_000
@@ -273,7 +274,7 @@ def test_margins_of_loops_are_extremes_of_dense_samples(name: str) -> None:
         assert margin.largest == pytest.approx(samples.max(), abs=near)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", one_in(2, range(8)))
 def test_no_sample_is_below_the_bound(seed: int) -> None:
     mechanism, shapes = random_arm(seed)
     clearance = clearance_of(mechanism, shapes, 0.03)

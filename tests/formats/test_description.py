@@ -55,7 +55,9 @@ def read(text: str, name: str = "robot.yaml", **options: Any) -> Mechanism:
 def test_examples(name: str) -> None:
     mechanism = ec.load(ROOT / f"examples/{name}.yaml")
     assert ec.base_structure(mechanism).rank == EXAMPLES[name]
-    jsonschema.validate(yaml.safe_load((ROOT / f"examples/{name}.yaml").read_text()), json_schema())
+    jsonschema.Draft202012Validator(json_schema()).validate(
+        yaml.safe_load((ROOT / f"examples/{name}.yaml").read_text())
+    )
 
 
 def test_no_example_is_forgotten() -> None:
@@ -164,7 +166,7 @@ def test_round_trip(robot: Callable[[], Mechanism]) -> None:
         mechanism.bodies, mechanism.couplings, mechanism.gravity,
     )  # fmt: skip
     assert json.dumps(write_description(again)) == text
-    jsonschema.validate(json.loads(text), json_schema())
+    jsonschema.Draft202012Validator(json_schema()).validate(json.loads(text))
 
 
 @pytest.mark.parametrize("file", ["robot", "base_model", "identified", "trajectory"])
@@ -181,7 +183,9 @@ def test_published_schemas_are_up_to_date(file: str) -> None:
 
 def test_a_saved_model_follows_its_schema(tmp_path: Path) -> None:
     ec.save_base(ec.base_parameters(arms.double_pendulum()), tmp_path / "base.json")
-    jsonschema.validate(json.loads((tmp_path / "base.json").read_text()), result_schema(BaseModelRecord))
+    jsonschema.Draft202012Validator(result_schema(BaseModelRecord)).validate(
+        json.loads((tmp_path / "base.json").read_text())
+    )
 
 
 # -- mistakes --------------------------------------------------------------------------------------------------

@@ -23,8 +23,8 @@ def vector(numbers: str | Sequence[str]) -> np.ndarray:
     return AXES[numbers] if isinstance(numbers, str) else np.array([float(Fraction(x)) for x in numbers])
 
 
-def mjcf(text: str, digits: int, seed: int) -> str:
-    """A drawn mechanism; a revolute joint closes as two points on its axis."""
+def mjcf(text: str, digits: int, seed: int, ref: float = 0.0) -> str:
+    """A drawn mechanism; a revolute joint closes as two points on its axis.  Hinges stand at an angle there."""
     robot, rng = yaml.load(text, yaml.BaseLoader), np.random.default_rng(seed)
     turns = {
         b["name"]: q / np.linalg.norm(q) for b in [{"name": "all"}, *robot["bodies"]] for q in [rng.normal(size=4)]
@@ -43,7 +43,8 @@ def mjcf(text: str, digits: int, seed: int) -> str:
         place = frames[parent].T @ (at[name] - at[parent])
         axes = [shown(frames[name].T @ whole @ vector(joint[k])) for k in ("axis", "axis2") if k in joint]
         kind = "slide" if joint["type"] == "prismatic" else "hinge"
-        joints = "".join(f'<joint name="{name}{k}" type="{kind}" axis="{axis}"/>' for k, axis in enumerate(axes))
+        at_ref = f' ref="{ref}"' if ref and kind == "hinge" else ""
+        joints = "".join(f'<joint name="{name}{k}" type="{kind}" axis="{a}"{at_ref}/>' for k, a in enumerate(axes))
         joints = joints or f'<joint name="{name}" type="ball"/>'
         inner = "".join(body(other) for other in robot["bodies"] if other["parent"] == name)
         return f'<body name="{name}" pos="{shown(place)}" quat="{shown(product)}">{joints}{INERTIA}{inner}</body>'
@@ -57,7 +58,8 @@ def mjcf(text: str, digits: int, seed: int) -> str:
         nested |= {f'<connect body1="{first}" body2="{second}" anchor="{anchor}"/>': None for anchor in anchors}
     gravity = shown(whole @ vector(robot["gravity"]))
     world, equality = f"<worldbody>{bodies}</worldbody>", f"<equality>{''.join(nested)}</equality>"
-    return f'<mujoco><option gravity="{gravity}"/>{world}{equality}</mujoco>'
+    radians = '<compiler angle="radian"/>'
+    return f'<mujoco>{radians}<option gravity="{gravity}"/>{world}{equality}</mujoco>'
 
 
 CASES = [
@@ -89,3 +91,50 @@ def test_an_axis_in_a_coordinate_plane_has_one_symbol() -> None:
     loop = '<equality><connect body1="rod" body2="b" anchor="0.3 0 0.1"/></equality>'
     robot = ec.load(f"<mujoco><worldbody>{turning}{rod}</worldbody>{loop}</mujoco>")
     assert [symbol.value for symbol in robot.symbols.values()] == [pytest.approx(np.arctan(0.2))]
+
+
+def found(text: str) -> tuple[int, int]:
+    mechanism = ec.load(text)
+    return mechanism.degrees_of_freedom, ec.base_structure(mechanism).rank
+
+
+def test_zero_of_the_coordinates_does_not_matter() -> None:
+    assert found(mjcf(ZOO["Peaucellier"].text, 6, 1, ref=0.4)) == (1, 14)
+
+
+def test_points_of_a_symmetric_platform_may_be_rounded() -> None:
+    """Rods are equally long to six decimals; all frames are turned by multiples of 15 degrees."""
+    sites, legs, equality = "", "", ""
+    for k in range(3):
+        c, s = np.cos(2 * np.pi * k / 3), np.sin(2 * np.pi * k / 3)
+        rods = ""
+        for side, y in (("l", 0.03), ("r", -0.03)):
+            sites += f'<site name="on{k}{side}" pos="{0.04 * c - y * s:.6f} {0.04 * s + y * c:.6f} 0"/>'
+            rods += f"""<body name="rod{k}{side}" pos="-0.02 {y} 0"><joint name="rod{k}{side}" type="ball"/>{INERTIA}
+              <site name="end{k}{side}" pos="-0.14 0 -0.2"/></body>"""
+            equality += f'<connect site1="end{k}{side}" site2="on{k}{side}"/>'
+        legs += f"""<frame euler="0 0 {120 * k}"><body name="car{k}" pos="0.2 0 0.3">
+          <joint name="car{k}" type="slide" axis="0 0 1"/>{INERTIA}{rods}</body></frame>"""
+    platform = f'<body name="platform" pos="0 0 0.1"><freejoint name="platform"/>{INERTIA}{sites}</body>'
+    world, equality = f"<worldbody>{platform}{legs}</worldbody>", f"<equality>{equality}</equality>"
+    assert found(f"<mujoco>{world}{equality}</mujoco>") == (9, 49)
+
+
+CARDAN = """
+echelon: 1
+bodies:
+  - {name: in, joint: {type: revolute, axis: x}}
+  - {name: yoke, parent: in, joint: {type: universal, axis: x, axis2: y, origin: {xyz: [0.1, 0, 0], rpy: [1.316428,
+      1.176005, 1.570796]}}}
+  - {name: spline, parent: yoke, joint: {type: prismatic, axis: [0.967823, 0.232277, 0.096782], origin: {xyz: [0, 0,
+      0.516624], rpy: [1.176005, -1.316428, -1.570796]}}}
+  - {name: out, joint: {type: revolute, axis: x, origin: {xyz: [0.7, 0.12, 0.05]}}}
+loops:
+  - {joint: universal, connects: [spline, out], at: {rpy: [-0.254368, 1.176005, 1.570796]}, on_second: {xyz: [
+      -0.1, 0, 0], rpy: [-0.254368, 1.176005, 1.570796]}}
+"""
+
+
+def test_numbers_of_descriptions_may_be_rounded() -> None:
+    """A shaft with two universal joints between parallel shafts; with names, lengths and angles are as they are."""
+    assert found(CARDAN) == (1, 6)

@@ -122,7 +122,7 @@ COUPLED = {
 }
 
 
-@pytest.mark.parametrize("name", COUPLED)
+@pytest.mark.parametrize("name", slow_unless(["a ratio of nine digits", "a tendon"], COUPLED))
 def test_couplings_act_away_from_the_reference_pose(name: str, tmp_path: Path) -> None:
     head = '<compiler angle="radian"/><default><joint axis="0 0 1"/></default>'
     home = f'<keyframe><key name="home" qpos="{" ".join(map(str, HOME))}"/></keyframe>'

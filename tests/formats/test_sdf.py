@@ -14,6 +14,7 @@ from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.joint import GROUND
 from echelon.mechanism.mechanism import Mechanism
 from support.loop_frames import residual
+from support.selection import one_in
 from support.textbook_poses import Array, along, moved, pose_of, turned
 
 LITERAL = ReadingOptions(snap_tolerance=0)
@@ -117,7 +118,7 @@ def check_kinematics(robot: Mechanism, at: Callable[[Mapping[str, float]], dict[
         np.testing.assert_allclose(found[k], expected[body.name], atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", one_in(2, range(10)))
 def test_links_are_where_their_poses_say(seed: int) -> None:
     known = RandomModel(seed)
     check_kinematics(read(known.text, ReadingOptions(snap_tolerance=0, keep_fixed_links=True)), known.at, seed)

@@ -92,10 +92,11 @@ CASES = [
 ]
 
 
+QUICK = ("Peaucellier", "sliding coupler", "agile eye")
 NESTED = [("Delta, crosses", 1), ("Delta, crosses", 2), ("Delta, crosses", 3), ("Jansen", 1), ("Peaucellier", 2)]
 
 
-@pytest.mark.parametrize(("name", "angles"), slow_unless(lambda case: case[1] is ROUNDED, CASES))
+@pytest.mark.parametrize(("name", "angles"), slow_unless(lambda case: case[1] is ROUNDED and case[0] in QUICK, CASES))
 def test_ranks_do_not_depend_on_the_frames_of_links(name: str, angles: Sequence[float], tmp_path: Path) -> None:
     mechanism = load(name, angles, 3, tmp_path)
     assert (mechanism.degrees_of_freedom, ec.base_structure(mechanism).rank) == (ZOO[name].freedom, ZOO[name].rank)

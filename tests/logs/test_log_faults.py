@@ -78,12 +78,29 @@ def test_samples_without_time_and_channels_without_numbers() -> None:
     findings, usable = examine(replace(recorded, time=time), ARM)
     assert "row 7" in one(findings, "not finite").where
     assert np.flatnonzero(~usable).tolist() == [7]
+    everything = {name: np.where(np.isnan(time)[:, None], math.nan, v) for name, v in recorded.signals.items()}
+    one(examine(replace(recorded, time=time, signals=everything), ARM)[0], "not finite")  # not once more per channel
     y = recorded.signals["y"].copy()
     y[:, 1] = math.nan
     with pytest.raises(ec.InputError, match="run: output of 'j2': it holds no numbers"):
         examine(changed(recorded, "y", y), ARM)
     with pytest.raises(ec.InputError, match="no samples"):
         examine(Recording("run", np.zeros(0), {"q": np.zeros((0, 2))}), ARM)
+
+
+@pytest.mark.parametrize("noise", [1e-4, 0.05])
+def test_spikes_are_left_out(noise: float) -> None:
+    """Single samples and pairs, up and down, of forces as of positions, also across a turn of the encoder."""
+    recorded = clean(noise=noise)
+    q, y = (recorded.signals[name].copy() for name in ("q", "y"))
+    planted = [700, 701, 1500, 2222, 4000]
+    q[planted, 0] += [2.0, 2.0, -3.0, 1.5, 2.5]
+    q[:, 0] = (q[:, 0] + np.pi) % (2 * np.pi) - np.pi
+    y[1000, 1] += 3 * np.ptp(y[:, 1])
+    signals = {"q": q, "y": y}
+    findings, usable = examine(replace(recorded, signals=signals), ARM)
+    assert np.flatnonzero(~usable).tolist() == sorted([*planted, 1000])
+    assert [finding.text.split(" lie")[0] for finding in findings] == ["5 samples", "1 sample"]
 
 
 def test_a_position_sensor_that_sticks() -> None:

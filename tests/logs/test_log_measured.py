@@ -79,8 +79,9 @@ def test_real_logs_are_sound(folder: str, robot: ec.Mechanism) -> None:
         table = table_of(file)
         recorded = recording(table, guess_columns(list(table.columns), robot), robot)
         findings, usable = examine(recorded, robot)
-        assert usable.all()
-        assert [finding.kind for finding in findings] == ["smooth"] * (folder == "kuka_lwr4")
+        assert usable.mean() > 0.995, "all but spikes"
+        kinds = [finding.kind for finding in findings if finding.kind != "spikes"]
+        assert kinds == ["smooth"] * (folder == "kuka_lwr4")
         assert not check_plausible(recorded, robot)
         parts, more = segments(recorded, robot, usable)
         assert len(parts) == 1

@@ -131,6 +131,11 @@ def test_a_line_of_units_below_the_names(units: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("parser")
+def test_a_row_of_ones_is_no_line_of_units(tmp_path: Path) -> None:
+    same(read_table(text(tmp_path, "t,q\n1,1\n2,1\n")).columns, {"t": [1, 2], "q": [1, 1]})
+
+
+@pytest.mark.usefixtures("parser")
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "latin-1"])
 def test_encodings_of_windows(encoding: str, tmp_path: Path) -> None:
     path = text(tmp_path, "t,Gelenk °\n0,1\n1,2\n".encode(encoding))

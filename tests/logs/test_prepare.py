@@ -127,6 +127,23 @@ def test_rows_near_rest_are_marked(pendulum: ec.Mechanism) -> None:
         prepare(Segment("run", 0.0, RATE, {"q": q}), FIXED.model_copy(update={"still": {"elbow": 0.5}}), pendulum)
 
 
+def test_a_low_pass_smears_no_motion_into_rests(pendulum: ec.Mechanism) -> None:
+    """Moves of 1.2 s between rests of 0.6 s on a fine encoder: in the rests friction is not that of the motion."""
+    t = np.arange(9000) / RATE
+    s = np.clip((t % 1.8) / 1.2, 0, 1)
+    there = np.where(t // 1.8 % 2 == 0, 10 * s**3 - 15 * s**4 + 6 * s**5, 1 - 10 * s**3 + 15 * s**4 - 6 * s**5)
+    q = np.round(there[:, None] * [0.7, -0.4] / 1e-5) * 1e-5
+    found = prepare(
+        Segment("run", 0.0, RATE, {"q": q}), FIXED.model_copy(update={"band": 2.5, "still": 1e-4}), pendulum
+    )
+    assert found.moving is not None
+    first = round(found.start * RATE)
+    resting = (t % 1.8 > 1.2)[first : first + len(found.q)]
+    assert (np.abs(found.qd[resting]) > 1e-4).mean() > 0.4
+    assert found.moving[resting].mean() < 0.2
+    assert found.moving[~resting].mean() > 0.99
+
+
 def test_speeds_of_actuators_follow_the_transmission() -> None:
     arm = ec.load(ROOT / "examples" / "coupled_arm.yaml")  # m2 = j2 + j3, m3 = j2 - j3
     by_name = {output.name: speed_rows(arm, output, arm.velocities) for output in arm.outputs}

@@ -143,18 +143,18 @@ FAULTS = (
         SERIES, "(high * 65536 + middle) % p", "(high * 65536 - middle) % p", "products of matrices of series", LOOPS
     ),
     Fault(
-        "exact/rational.py",
+        "exact/interpolation.py",
         "(residue - value) * pow",
         "(value - residue) * pow",
         "Chinese remainders",
-        "exact/test_reconstruction.py::test_chinese_remainders_agree_with_sympy",
+        "exact/test_interpolation.py::test_chinese_remainders_agree_with_sympy",
     ),
     Fault(
-        "exact/rational.py",
+        "exact/interpolation.py",
         "height << _MARGIN_BITS > modulus",
         "height > modulus",
         "any fraction is believed",
-        "exact/test_reconstruction.py::test_noise_is_hardly_ever_believed",
+        "exact/test_interpolation.py::test_noise_is_hardly_ever_believed",
     ),
     Fault(
         EXPRESSIONS,

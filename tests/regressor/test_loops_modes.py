@@ -11,6 +11,7 @@ from echelon.regressor.linear_forms import virtual_power_form
 from echelon.regressor.loops.assembly import Assembly
 from support.many_cranks import CRANKS, cranks, read
 from support.selection import slow_unless
+from support.zoo.mjcf_text import mjcf
 
 
 @pytest.mark.parametrize(("second", "sign"), slow_unless([("-0.7", -1)], [("0.7", 1), ("-0.7", -1)]))
@@ -64,3 +65,25 @@ def test_where_the_mode_cannot_be_told_it_is_said(change: tuple[str, str]) -> No
     assert change[0] in text
     with pytest.raises(ec.InputError, match="assembled in several ways"):
         ec.base_parameters(read(text.replace(*change)))
+
+
+@pytest.mark.slow
+def test_much_may_change_along_one_way() -> None:
+    """A wheel carrier on five rods, as in cars: the one motion of the rods' ends shows most of 56 parameters."""
+    ends = (
+        ("-0.1 0.35 0.2", "-0.08 0.65 0.19"),
+        ("0.15 0.36 0.21", "0.09 0.66 0.2"),
+        ("-0.12 0.4 0.45", "-0.05 0.62 0.46"),
+        ("0.1 0.41 0.47", "0.06 0.63 0.45"),
+        ("0.2 0.3 0.3", "0.16 0.67 0.31"),
+    )
+    rods, closing = "", ""
+    for k, (start, end) in enumerate(ends):
+        rods += f'<body name="rod{k}" pos="{start}"><joint name="rod{k}" type="ball"/>INERTIA</body>'
+        x, y, z = np.subtract(*(np.array(p.split(), float) for p in (end, start))).round(3)
+        closing += f'<connect body1="rod{k}" body2="carrier" anchor="{x} {y} {z}"/>'
+    wheel = '<body name="wheel" pos="0 0.02 0"><joint name="wheel" axis="0 1 0"/>INERTIA</body>'
+    carrier = f"""<body name="carrier" pos="0 0.7 0.3" quat="0.833391 0.203109 0.304663 -0.413793">
+      <freejoint name="carrier"/>INERTIA{wheel}</body>"""
+    mechanism = ec.load(mjcf(rods + carrier, closing, "wheel"))
+    assert (mechanism.degrees_of_freedom, ec.base_structure(mechanism).rank) == (7, 56)

@@ -34,12 +34,15 @@ def written(folder: Path, log: pd.DataFrame, robot: str = ARM, **options: bool) 
     return skeleton(path, [folder / "log.csv"], folder).text
 
 
-def test_two_commands_lead_from_strange_columns_to_a_model(motion: Motion, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("angle", "moment"), [("Winkel {}", "Moment {}"), ("a_{}", "b_{}")])
+def test_two_commands_lead_from_strange_columns_to_a_model(
+    angle: str, moment: str, motion: Motion, tmp_path: Path
+) -> None:
     (tmp_path / "arm.urdf").write_text(ARM)
-    names = {"Uhr": motion["t"], "Winkel A": motion["q"][:, 0], "Winkel B": motion["q"][:, 1]}
+    names = {"Uhr": motion["t"], angle.format("A"): motion["q"][:, 0], angle.format("B"): motion["q"][:, 1]}
     names |= {
-        "Moment A": motion["tau"][:, 0],
-        "Moment B": motion["tau"][:, 1],
+        moment.format("A"): motion["tau"][:, 0],
+        moment.format("B"): motion["tau"][:, 1],
         "Temperatur": 20 + motion["t"],
         "Modus": "AUTO",
     }

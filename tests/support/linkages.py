@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import cache
 
 from echelon.exact.expressions import parse
 from echelon.mechanism.closure import Closure, ClosureKind
@@ -32,6 +33,7 @@ def closing(bodies: Sequence[Body], kind: ClosureKind, first: int, second: int, 
     return Closure(f"{kind.value} loop", kind, first, second, frame, other)
 
 
+@cache
 def closed_chain(kind: ClosureKind, branched: bool = False, coupled: bool = False) -> Mechanism:
     """A chain of seven freedoms whose end is closed against the ground, or against another body on its first one."""
     bodies = [

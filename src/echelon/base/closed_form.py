@@ -23,19 +23,11 @@ from echelon.base.matrix import BaseMatrix, StatedNumbers
 from echelon.base.structure import Structure, floating_pair, joint_frame, pair_columns, pair_signature
 from echelon.conventions import PER_BODY
 from echelon.errors import ClosedFormError, DegenerateSampleError
-from echelon.exact.field import (
-    Geometry,
-    PrimeField,
-    Residues,
-    T,
-    UnknownFunctions,
-    Work,
-    persistent,
-    solve_batched,
-    substituted,
-)
+from echelon.exact.field import Geometry, PrimeField, Residues, T, solve_batched, substituted
+from echelon.exact.interpolation import interpolate
 from echelon.exact.polynomial import Polynomial, Surd, as_polynomial, parts_of
-from echelon.exact.rational import ONE, RationalFunction, cost_of_products, interpolate, sum_of_products
+from echelon.exact.rational import ONE, RationalFunction, cost_of_products, sum_of_products
+from echelon.exact.unknown_functions import UnknownFunctions, Work, persistent
 from echelon.inertia import move
 from echelon.mechanism.joint import Placement
 from echelon.mechanism.mechanism import Mechanism
@@ -46,10 +38,6 @@ from echelon.regressor.loops.curves import CurveSampler
 
 _MOST_TIMES = 32
 """So many times as many points where regions of signs need them."""
-
-
-_HARD = 5e6
-"""Numbers that are added in some seconds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +51,7 @@ class Kernel:
     zero: frozenset[int]  # sources that vanish in X, so that their coefficients do not matter
     # powers of length of the coefficients, by source and target; None where they are inhomogeneous
     degrees: Sequence[int] | None
+    hard: bool = False  # whether closed poses modulo primes are known to take long to find
 
     @cached_property
     def sampler(self) -> FieldSampler:
@@ -92,7 +81,7 @@ class Kernel:
     @property
     def is_hard(self) -> bool:
         """Whether closed poses modulo primes have taken long to find."""
-        return isinstance(self.sampler, CurveSampler) and self.sampler.searched > _HARD
+        return self.hard or (isinstance(self.sampler, CurveSampler) and self.sampler.is_hard)
 
     def unknown(self, rng: np.random.Generator) -> UnknownFunctions:
         """The coefficients of :attr:`pairs` as functions of the symbols."""
@@ -102,9 +91,9 @@ class Kernel:
         chosen = [k for k, s in enumerate(s for s in self.sources for _ in self.targets) if s not in self.zero]
 
         def evaluate(field: PrimeField, geometry: Geometry) -> Residues:
-            found: Residues = self.coefficients(field, geometry, rng)[chosen]
             if self.is_hard and not self.sampler.symbols:
                 raise ClosedFormError("numbers take less time in balls")
+            found: Residues = self.coefficients(field, geometry, rng)[chosen]
             return found
 
         return UnknownFunctions(
@@ -237,7 +226,7 @@ def _across_robot(mechanism: Mechanism, structure: Structure, together: bool) ->
         sources = sorted({c for t in targets for c in structure.by_robot[t]})
         degrees = _degrees(mechanism, sources, targets)
         every = rows.columns([*sources, *targets])
-        kernel = Kernel(symbol_roles(mechanism), every, sources, targets, frozenset(), degrees)
+        kernel = Kernel(symbol_roles(mechanism), every, sources, targets, frozenset(), degrees, structure.hard)
         yield Relation(kernel, range(structure.parameters))
 
 

@@ -33,8 +33,9 @@ from echelon.errors import (
     OtherModeError,
     SingularPoseError,
 )
-from echelon.exact.field import DEFAULT_SEED, PrimeField, Work, random_generator
+from echelon.exact.field import DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.polynomial import Polynomial
+from echelon.exact.unknown_functions import Work
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import StatedValues, stated_values, symbol_roles
 from echelon.mechanism.substitute import substituted

@@ -3,24 +3,64 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
-from echelon.base.expression import LatexStyle, latex_polynomial, latex_symbol, render
-from echelon.base.matrix import Identifiability
-from echelon.base.reading_report import ROUNDING
+from echelon.base.certificate import Certificate
+from echelon.base.expression import Expression, LatexStyle, latex_polynomial, latex_symbol, render
+from echelon.base.matrix import BaseMatrix, Identifiability, StatedNumbers
+from echelon.base.reading_report import ROUNDING, ReadingReport
+from echelon.base.stated_values import SpecialValues
 from echelon.conventions import PARAMETERS, PER_BODY
 from echelon.errors import one_line
+from echelon.mechanism.joint import Symbol
+from echelon.mechanism.mechanism import Mechanism
+from echelon.models import LinearModel
 
 if TYPE_CHECKING:
     from typing_extensions import TypeIs
 
-    from echelon.base.linear_base import LinearBase
-    from echelon.base.matrix import StatedNumbers
-    from echelon.base.model import BaseModel
-    from echelon.mechanism.joint import Symbol
-
 _LATEX_ROWS_PER_PAGE = 40
+
+
+class _Set(Protocol):
+    """What sets of robots and of linear models have in common; their classes show themselves by this file."""
+
+    @property
+    def rank(self) -> int: ...
+    @property
+    def parameters(self) -> tuple[str, ...]: ...
+    @property
+    def matrix(self) -> BaseMatrix: ...
+    @property
+    def expressions(self) -> tuple[Expression, ...]: ...
+    @property
+    def classification(self) -> dict[str, Identifiability]: ...
+    @property
+    def special(self) -> SpecialValues | None: ...
+    @property
+    def certificate(self) -> Certificate: ...
+
+
+class _RobotSet(_Set, Protocol):
+    """As :class:`echelon.BaseModel`."""
+
+    @property
+    def mechanism(self) -> Mechanism: ...
+    @property
+    def reading(self) -> ReadingReport: ...
+    @property
+    def hidden(self) -> int: ...
+
+
+class _LinearSet(_Set, Protocol):
+    """As :class:`echelon.LinearBase`."""
+
+    @property
+    def model(self) -> LinearModel: ...
+    @property
+    def definitions(self) -> Mapping[str, str]: ...
 
 
 class _PlainLatex(LatexStyle):
@@ -31,12 +71,12 @@ class _PlainLatex(LatexStyle):
         return latex_symbol(name)
 
 
-def _is_linear(model: BaseModel | LinearBase) -> TypeIs[LinearBase]:
-    """Whether a set is that of a linear model, told without importing its class, which imports this file."""
+def _is_linear(model: _RobotSet | _LinearSet) -> TypeIs[_LinearSet]:
+    """Whether a set is that of a linear model, told without its class, which imports this file."""
     return hasattr(model, "model")
 
 
-def headline(model: BaseModel | LinearBase) -> str:
+def headline(model: _RobotSet | _LinearSet) -> str:
     """The count in one line."""
     source = model.model if _is_linear(model) else model.mechanism
     rank, outputs = model.rank, len(source.outputs)
@@ -45,7 +85,7 @@ def headline(model: BaseModel | LinearBase) -> str:
     return f"{one_line(source.name)}: {count}, {outputs} output{'s' * (outputs != 1)}"
 
 
-def to_text(model: BaseModel | LinearBase) -> str:
+def to_text(model: _RobotSet | _LinearSet) -> str:
     """Plain text: count, expressions, classification, reading, symbols, certificate."""
     width = max((len(str(i + 1)) for i in range(model.rank)), default=1)
     lines = [headline(model), ""]
@@ -58,18 +98,18 @@ def to_text(model: BaseModel | LinearBase) -> str:
 _MARKS = {Identifiability.ALONE: "●", Identifiability.COMBINATION: "◐", Identifiability.UNIDENTIFIABLE: "·"}
 
 
-def class_counts(model: BaseModel) -> list[tuple[Identifiability, int]]:
+def class_counts(model: _RobotSet) -> list[tuple[Identifiability, int]]:
     """Number of standard parameters in each class."""
     found = list(model.classification.values())
     return [(kind, found.count(kind)) for kind in _MARKS]
 
 
-def legend(model: BaseModel) -> str:
+def legend(model: _RobotSet) -> str:
     """What the marks of :func:`classification_rows` mean, with counts."""
     return "   ".join(f"{_MARKS[kind]} {kind.value}: {count}" for kind, count in class_counts(model))
 
 
-def classification_rows(model: BaseModel) -> list[tuple[str, list[tuple[str, Identifiability | None]]]]:
+def classification_rows(model: _RobotSet) -> list[tuple[str, list[tuple[str, Identifiability | None]]]]:
     """One row per body: its label and name, and a mark and class for each of XX … M; blank where it is not carried."""
     classes = list(model.classification.values())
     rows: list[tuple[str, list[tuple[str, Identifiability | None]]]] = []
@@ -83,7 +123,7 @@ def classification_rows(model: BaseModel) -> list[tuple[str, list[tuple[str, Ide
     return rows
 
 
-def classification_lines(model: BaseModel | LinearBase) -> list[str]:
+def classification_lines(model: _RobotSet | _LinearSet) -> list[str]:
     """The classification as a plain text table; for a linear model each class with its parameters."""
     if _is_linear(model):
         return [f"{kind}: {names}" for kind, names in _classes(model)]
@@ -98,20 +138,20 @@ def classification_lines(model: BaseModel | LinearBase) -> list[str]:
     return [*lines, legend(model)]
 
 
-def _classes(base: LinearBase) -> list[tuple[str, str]]:
+def _classes(base: _LinearSet) -> list[tuple[str, str]]:
     grouped: dict[str, list[str]] = {}
     for name, kind in base.classification.items():
         grouped.setdefault(kind.value, []).append(one_line(name))
     return [(kind, ", ".join(names)) for kind, names in grouped.items()]
 
 
-def facts(model: BaseModel | LinearBase) -> list[tuple[str, str]]:
+def facts(model: _RobotSet | _LinearSet) -> list[tuple[str, str]]:
     """What else a reader should know: symbols, snapping, notes, certificate."""
     found = _linear_facts(model) if _is_linear(model) else _robot_facts(model)
     return [(label, one_line(text)) for label, text in found]
 
 
-def _linear_facts(base: LinearBase) -> list[tuple[str, str]]:
+def _linear_facts(base: _LinearSet) -> list[tuple[str, str]]:
     found = []
     values = {n: v for n, v in base.model.constants.items() if v is not None and n in base.matrix.symbols}
     if values:
@@ -123,7 +163,7 @@ def _linear_facts(base: LinearBase) -> list[tuple[str, str]]:
     return [*found, ("certificate", str(base.certificate))]
 
 
-def _robot_facts(model: BaseModel) -> list[tuple[str, str]]:
+def _robot_facts(model: _RobotSet) -> list[tuple[str, str]]:
     found = []
     used = [model.mechanism.symbols[s] for s in model.matrix.symbols if s in model.mechanism.symbols]
     if used:
@@ -133,7 +173,7 @@ def _robot_facts(model: BaseModel) -> list[tuple[str, str]]:
     if model.matrix.numbers:
         found.append(("numbers", numbers_text(model, model.matrix.numbers)))
     if model.hidden:
-        found.append(("not shown", f"{model.hidden} coefficients below 1e-12, from frames that were moved by rounding"))
+        found.append(("not shown", f"{model.hidden} coefficients below 1e-11, from frames that were moved by rounding"))
     if model.reading.snaps:
         found.append(("read as exact", snap_summary(model)))
     if model.reading.mimics is not None:
@@ -147,7 +187,7 @@ def _robot_facts(model: BaseModel) -> list[tuple[str, str]]:
     return [*found, ("assumes", f"{'; '.join(model.certificate.assumptions)} (docs/assumptions.md)")]
 
 
-def numbers_text(model: BaseModel, numbers: StatedNumbers) -> str:
+def numbers_text(model: _RobotSet, numbers: StatedNumbers) -> str:
     """Which coefficients are numbers in place of closed forms, how exact they are, and how to ask for more."""
     names = " ".join(model.parameters[column] for column in numbers.columns)
     within = "exact" if not numbers.radius else f"within {numbers.radius:.0e}"
@@ -164,7 +204,7 @@ def value_text(exact: str | None, value: float | None) -> str:
     return "?" if value is None else f"{value:.9g}"
 
 
-def snap_summary(model: BaseModel) -> str:
+def snap_summary(model: _RobotSet) -> str:
     """What was snapped, and whether it made a difference."""
     reading = model.reading
     coarse = [snap for snap in reading.snaps if snap.difference > ROUNDING]
@@ -179,7 +219,7 @@ def snap_summary(model: BaseModel) -> str:
     )
 
 
-def to_markdown(model: BaseModel | LinearBase) -> str:
+def to_markdown(model: _RobotSet | _LinearSet) -> str:
     """A Markdown table with closed forms and classification."""
     name = one_line(model.model.name if _is_linear(model) else model.mechanism.name)
     lines = [f"# Base parameters of {_cell(name)}", "", _cell(headline(model)) + ".", ""]
@@ -201,7 +241,7 @@ def _cell(text: str) -> str:
     return re.sub(r"([\\|<`*\[$])", r"\\\1", text)
 
 
-def to_latex(model: BaseModel | LinearBase) -> str:
+def to_latex(model: _RobotSet | _LinearSet) -> str:
     """A longtable-free LaTeX fragment: aligned equations that need only amsmath, and a comment with the facts."""
     comments = [f"% {line}" for line in (headline(model), *(f"{a}: {b}" for a, b in facts(model)))]
     rows = _latex_rows(model)
@@ -221,17 +261,17 @@ def _latex_value(symbol: Symbol) -> str:
     return latex_polynomial(exact)
 
 
-def aligned_latex(model: BaseModel | LinearBase) -> str:
+def aligned_latex(model: _RobotSet | _LinearSet) -> str:
     """All equations in one ``aligned`` block, for notebooks."""
     return "\\begin{aligned}" + " \\\\ ".join(_latex_rows(model)) + "\\end{aligned}"
 
 
-def _latex_rows(model: BaseModel | LinearBase) -> list[str]:
+def _latex_rows(model: _RobotSet | _LinearSet) -> list[str]:
     style = _PlainLatex() if _is_linear(model) else LatexStyle()
     return [f"\\bar\\zeta_{{{i + 1}}} &= {render(e, style)}" for i, e in enumerate(model.expressions)]
 
 
-def to_html(model: BaseModel) -> str:
+def to_html(model: _RobotSet) -> str:
     """A small HTML table for notebooks."""
     rows = "".join(
         f"<tr><td>{i + 1}</td><td style='text-align:left'>{escape(str(e))}</td><td>{escape(e.unit)}</td></tr>"

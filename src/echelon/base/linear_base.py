@@ -18,8 +18,9 @@ from echelon.base.model import BaseSet
 from echelon.base.stated_values import RelationSearch, SpecialValues
 from echelon.base.structure import linear_structure
 from echelon.errors import ClosedFormError, InputError
-from echelon.exact.field import Work, random_generator
+from echelon.exact.field import random_generator
 from echelon.exact.polynomial import Polynomial
+from echelon.exact.unknown_functions import Work
 from echelon.extras import extra
 from echelon.mechanism.stated import StatedValues
 from echelon.models import LinearModel, definition_values, evaluate_model

@@ -23,9 +23,10 @@ from echelon.choices import Order
 from echelon.conventions import PARAMETERS
 from echelon.errors import EchelonError, InputError, shortened
 from echelon.exact.expressions import BEYOND_DOUBLES, parse
-from echelon.exact.field import PrimeField, Residues, Work, reduced_echelon, residues_at
+from echelon.exact.field import PrimeField, Residues, reduced_echelon, residues_at
 from echelon.exact.polynomial import Number, generator_values
 from echelon.exact.rational import RationalFunction, cost_of_products
+from echelon.exact.unknown_functions import Work
 from echelon.extras import extra
 from echelon.mechanism.mechanism import Parameter
 from echelon.program.sympy_bridge import sympy_number

@@ -100,7 +100,7 @@ class BaseSet(ABC):
         return dict(values)
 
 
-_MOVED = 1e-12  # a coefficient that frames moved by 1e-16 can cause
+_MOVED = 1e-11  # a coefficient that frames and places moved by rounding of doubles can cause
 
 
 @dataclass(frozen=True, repr=False)
@@ -165,7 +165,7 @@ class BaseModel(BaseSet, Evaluation):
 
     @property
     def hidden(self) -> int:
-        """Number of coefficients below 1e-12, from frames that were moved by rounding, that no expression shows."""
+        """Number of coefficients below 1e-11, from frames that were moved by rounding, that no expression shows."""
         return sum(self._is_moved(c) for row in self.matrix.rows for c in row.values())
 
     # -- B in other forms --------------------------------------------------------------------------------------

@@ -18,8 +18,8 @@ import numpy.typing as npt
 
 from echelon.errors import DegenerateSampleError, EchelonError, InputError, SingularPoseError
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, by_pivots, random_generator
+from echelon.exact.interpolation import rational
 from echelon.exact.polynomial import Rational
-from echelon.exact.rational import rational
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.linear_forms import LinearForms, Rows, rows_of
 from echelon.regressor.loops.curves import CurveSampler

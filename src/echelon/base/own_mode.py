@@ -53,7 +53,7 @@ class OwnPose:
 
     def __init__(self, mechanism: Mechanism, rows: Rows, columns: Sequence[int], moved: bool = False) -> None:
         self.mechanism, self._rows, self._columns, self._moved = mechanism, rows, list(columns), moved
-        self._tables = dict[tuple[int, int], npt.NDArray[Any] | None]()  # rows in balls, by number and precision
+        self._tables = dict[tuple[int, int, int], npt.NDArray[Any] | None]()  # rows in balls, as they were asked for
 
     def mode(self, modes: Sequence[Mode]) -> Mode | None:
         """The one of some modes that the pose is in; None if it is in none of them, as far as can be told."""
@@ -101,7 +101,7 @@ class OwnPose:
     def rank(self) -> int | None:
         """Rank of the columns there; None if balls do not tell."""
         for bits in _BITS:
-            table = self._balls(len(self._columns), bits)
+            table = self._balls(len(self._columns), bits, 1)
             if table is None:
                 return None
             with flint.ctx.workprec(bits):
@@ -161,17 +161,16 @@ class OwnPose:
 
     # -- balls -----------------------------------------------------------------------------------------------------
 
-    def _balls(self, wanted: int, bits: int) -> npt.NDArray[Any] | None:
-        """So many rows in ball arithmetic, and some more; auxiliary columns first.
+    def _balls(self, wanted: int, bits: int, motions: int) -> npt.NDArray[Any] | None:
+        """So many rows in ball arithmetic, and some more, of some motions at each pose; auxiliary columns first.
 
         None if the loops are not proved to close; redundant constraints that miss by rounding are not.
         """
         forms = self._rows.forms
         assert forms.loops is not None
-        motions = max(2, len(self.mechanism.independent_velocities))  # energies show at least as much at one pose
         rows = self._rows.auxiliary + wanted + _STATES
         states = int(_SURPLUS * -(-rows // forms.shape[0])) + 2 * motions
-        if (states, bits) not in self._tables:
+        if (states, bits, motions) not in self._tables:
             near = replace(forms, loops=replace(forms.loops, real=self._inputs))
             texts = value_texts(self.mechanism, all_symbols(self.mechanism))
             try:
@@ -179,8 +178,8 @@ class OwnPose:
                     found = ball_rows(near, texts, states, random_generator(DEFAULT_SEED), motions)
             except InputError:
                 found = None
-            self._tables[states, bits] = found
-        return self._tables[states, bits]
+            self._tables[states, bits, motions] = found
+        return self._tables[states, bits, motions]
 
     def _inputs(self, rng: np.random.Generator, count: int) -> dict[str, Floats]:
         """Inputs of closed states near the pose, those of the rows in doubles where these are enough."""
@@ -194,8 +193,11 @@ class OwnPose:
         rank = len(self._columns) - len(mode.dependence)
         # with few more rows than the rank, relations are not told from rounding; as many as there are columns always do
         enough = len(self._columns)
-        for wanted, bits in [(min(2 * rank, enough), _BITS[0]), *((enough, bits) for bits in _BITS)]:
-            table = self._balls(wanted, bits)
+        # several motions at a pose show as much as several poses, unless much changes along few ways
+        several = max(2, len(self.mechanism.independent_velocities))
+        trials = [(min(2 * rank, enough), _BITS[0], several), (enough, _BITS[0], several), (enough, _BITS[0], 1)]
+        for wanted, bits, motions in (*trials, *((enough, bits, several) for bits in _BITS[1:])):
+            table = self._balls(wanted, bits, motions)
             if table is None:  # there is no exact pose of the stated frames
                 return self._moved and not self.shows_less(rank)
             with flint.ctx.workprec(bits):

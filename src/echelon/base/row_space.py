@@ -22,7 +22,7 @@ from echelon.base.model import BaseModel
 from echelon.base.structure import find_structure
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank, reduced_echelon
-from echelon.exact.rational import combine, rational
+from echelon.exact.interpolation import combine, rational
 from echelon.mechanism.mechanism import Mechanism
 from echelon.models import LinearModel
 from echelon.regressor.linear_forms import LinearForms, energy_form, power_form, virtual_power_form

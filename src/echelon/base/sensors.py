@@ -13,7 +13,8 @@ from echelon.base.row_space import row_space
 from echelon.base.stated_values import at_stated_values
 from echelon.base.structure import find_structure
 from echelon.errors import ClosedFormError, DegenerateSampleError, EchelonError, InputError
-from echelon.exact.field import DEFAULT_SEED, SOLVING, PrimeField, Residues, Work, random_generator, rank
+from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank
+from echelon.exact.unknown_functions import SOLVING, Work
 from echelon.mechanism.joint import GROUND, Placement
 from echelon.mechanism.mechanism import Cut, Mechanism, Output, plain
 from echelon.regressor.linear_forms import LinearForms, virtual_power_form

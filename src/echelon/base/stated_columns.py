@@ -20,18 +20,11 @@ from echelon.base.ball_rows import Balls, ball_rows, stated_generators
 from echelon.base.closed_form import Kernel, Relation
 from echelon.base.matrix import StatedNumbers
 from echelon.errors import ClosedFormError
-from echelon.exact.field import (
-    PrimeField,
-    Residues,
-    UnknownFunctions,
-    Work,
-    by_pivots,
-    persistent,
-    residues_at,
-    substituted,
-)
+from echelon.exact.field import PrimeField, Residues, by_pivots, residues_at, substituted
+from echelon.exact.interpolation import interpolate
 from echelon.exact.polynomial import Number, Polynomial
-from echelon.exact.rational import RationalFunction, interpolate
+from echelon.exact.rational import RationalFunction
+from echelon.exact.unknown_functions import UnknownFunctions, Work, persistent
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import symbol_roles, value_texts
 from echelon.program.arithmetics import ball
@@ -41,8 +34,9 @@ _DIGITS = 40
 _LOOSE = 1e-60
 """Coefficients must be known as well as this before they are rounded."""
 _SURPLUS_ROWS = 6
-_MOST_PRIMES = 16
-"""Fractions of up to 75 digits are found exactly; nobody reads longer ones, and balls take less time."""
+_MOTIONS = 2  # through each closed pose, which takes long to enclose; even one freedom without gravity shows as many
+_MOST_PRIMES = 8
+"""Fractions of up to 37 digits are found exactly; nobody reads longer ones, and balls take less time."""
 
 Pair = tuple[int, int]
 """(pivot, column) of a coefficient of B."""
@@ -190,9 +184,9 @@ class StatedColumns:
 
         def evaluate(field: PrimeField, _: Mapping[str, Residues]) -> Residues:
             geometry = {s: np.array([field.embed(v)], dtype=np.int64) for s, v in values.items()}
-            solved = self._modular(field, geometry, needed)
             if any(relation.kernel.is_hard for relation in needed):
                 raise ClosedFormError("numbers take less time in balls")
+            solved = self._modular(field, geometry, needed)
             return np.array([[solved[column].get(pivot, 0)] for pivot, column in pairs], dtype=np.int64)
 
         roots = symbol_roles(self.mechanism).irrational
@@ -259,7 +253,7 @@ def _solved(kernel: Kernel, at: Mapping[str, str], rng: np.random.Generator) -> 
     unknowns, forms = kernel.unknowns, kernel.rows.forms
     states = -(-(unknowns + _SURPLUS_ROWS) // max(1, forms.shape[0]))
     for count in (states, 8 * states):  # regions of signs may need more
-        rows = ball_rows(forms, at, count, rng)
+        rows = ball_rows(forms, at, count, rng, _MOTIONS)
         left, right = flint.arb_mat(rows[:, :unknowns].tolist()), flint.arb_mat(rows[:, unknowns:].tolist())
         across = left.transpose()
         try:

@@ -16,6 +16,7 @@ from operator import matmul
 
 import numpy as np
 
+from echelon.arrays import one_thread
 from echelon.base.modes import Dependence, InMode, Mode, find_modes, in_mode
 from echelon.base.own_mode import OwnPose
 from echelon.errors import BrokenRelationsError, DegenerateSampleError, EchelonError, OtherModeError, SingularPoseError
@@ -54,6 +55,8 @@ class Structure:
         Sorts out poses in other assembly modes, if there are several.
     order : int
         With loops, the number of coefficients along curves that showed the dependences.
+    hard : bool
+        With loops, whether closed poses modulo primes take long to find.
     """
 
     parameters: int
@@ -63,6 +66,7 @@ class Structure:
     modes: tuple[int, ...] = ()
     accepted: InMode | None = None
     order: int = 0
+    hard: bool = False
 
     @property
     def rank(self) -> int:
@@ -98,7 +102,7 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
     whole = rows_of(mechanism)
     settled = _shown_by_blocks(mechanism, whole, remaining, rng)
     remaining = [c for c in remaining if c not in settled]
-    rows, accepted, order = whole.columns(remaining), None, 0
+    rows, accepted, order, hard = whole.columns(remaining), None, 0, False
     modes: list[Mode] = []
     if mechanism.closures:
         try:
@@ -107,12 +111,14 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
             raise SingularPoseError(unsolved(mechanism, str(error))) from None
         supports, order = mode.dependence, mode.order
         accepted = InMode(rows, mode) if len(modes) > 1 or mode.marks is None else None
+        sampler = rows.forms.sampler()
+        hard = isinstance(sampler, CurveSampler) and sampler.is_hard
     else:
         supports = _confirmed_dependence(rows, rng)
     pivots = tuple(sorted((*settled, *(remaining[k] for k in range(len(remaining)) if k not in supports))))
     by_robot = {remaining[k]: tuple(remaining[s] for s in support) for k, support in supports.items()}
     ranks = tuple(len(remaining) - len(mode.dependence) for mode in modes)
-    return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, ranks, accepted, order)
+    return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, ranks, accepted, order, hard)
 
 
 def linear_structure(forms: LinearForms, rng: np.random.Generator) -> Structure:
@@ -122,6 +128,7 @@ def linear_structure(forms: LinearForms, rng: np.random.Generator) -> Structure:
     return Structure(forms.shape[1], pivots, {}, supports)
 
 
+@one_thread()
 def _modes(
     mechanism: Mechanism, rows: Rows, columns: Sequence[int], rng: np.random.Generator
 ) -> tuple[list[Mode], Mode]:

@@ -29,9 +29,10 @@ from echelon.base.model import BaseModel
 from echelon.claims.reading import Precision
 from echelon.claims.result import Agreement, TermDifference
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
-from echelon.exact.field import PrimeField, Work, reduced_echelon, residues_at, substituted
+from echelon.exact.field import PrimeField, reduced_echelon, residues_at, substituted
 from echelon.exact.polynomial import Number, Surd, is_trigonometric, symbol_of
 from echelon.exact.rational import RationalFunction
+from echelon.exact.unknown_functions import Work
 
 Row = Mapping[int, RationalFunction]  # claimed coefficients by column, in the order of the text
 

@@ -381,9 +381,11 @@ NAMES = tuple(naming.name for naming in NAMINGS)
 
 
 def vocabulary(naming: Naming, model: BaseModel) -> dict[str, str]:
-    """All texts that stand for a standard parameter of a model, with the parameter's own name."""
-    # bodies go by label, name or joint; a name that two bodies share stands for none.  Parameters that are not inertial
-    # also go by their own names, whatever the naming
+    """All texts that stand for a standard parameter of a model, with the parameter's own name.
+
+    Bodies go by label, name or joint; a name that two bodies share stands for none.  Parameters that are not inertial
+    also go by their own names, whatever the naming.
+    """
     words: dict[str, str] = {}
     identifiers, sharing = _identifiers(model), model.mechanism.sharing
     for column in model.mechanism.columns:

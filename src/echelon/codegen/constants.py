@@ -120,9 +120,11 @@ def _check_names(base: BaseModel, given: Mapping[str, float]) -> None:
 def specialised(
     function: Function, values: Mapping[str, Number], layout: Mapping[str, Sequence[str]] | None = None
 ) -> Function:
-    """The same function, on a program of its own, with some uniform inputs replaced by numbers, by the input's name."""
-    # `layout` holds labels of the arguments in SHARED, so that several functions take the same vectors. Arguments that
-    # are constant altogether are left out
+    """The same function, on a program of its own, with some uniform inputs replaced by numbers, by the input's name.
+
+    ``layout`` holds labels of the arguments in :data:`SHARED`, so that several functions take the same vectors.
+    Arguments that are constant altogether are left out.
+    """
     copy, program = Program(), function.program
     known = {n: copy.constant(values[i.name]).node for n, i in program.inputs.items() if i.name in values}
     nodes = replayed(program, function.outputs, copy, known, _folded)

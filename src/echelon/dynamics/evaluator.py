@@ -60,9 +60,11 @@ class CompiledAssembly(Assembly):
         return q, done
 
     def independent_state(self, state: Mapping[str, Floats]) -> dict[str, Floats]:
-        """All positions, and independent rates, from those of all or of independent coordinates, shape (N, size)."""
-        # refused are loops that are not or cannot be closed, singular configurations, and motions that do not determine
-        # an output
+        """All positions, and independent rates, from those of all or of independent coordinates, shape (N, size).
+
+        Refused are loops that are not or cannot be closed, singular configurations, and motions that do not determine
+        an output.
+        """
         found = {"q": self._positions(state["q"])}
         pivots = self.run("closure_pivots", **found)
         singular = ~(pivots > _SINGULAR).all(axis=1)
@@ -179,9 +181,11 @@ def function_values(
     inputs: Mapping[str, npt.ArrayLike] | None,
     loops: ClosedStates | None = None,
 ) -> Values:
-    """Values of a function's arguments, by name."""
-    # `state` is passed on (`q`, `qd`, `qdd`, `parameters`); symbols replace or complete those of the mechanism,
-    # `inputs` are measured ones of shape (N,), and `loops` completes the states of a mechanism with loops
+    """Values of a function's arguments, by name.
+
+    ``state`` is passed on (``q``, ``qd``, ``qdd``, ``parameters``); symbols replace or complete those of the mechanism,
+    ``inputs`` are measured ones of shape (N,), and ``loops`` completes the states of a mechanism with loops.
+    """
     values: Values = dict(state)
     arguments = {argument.name: argument for argument in function.arguments}
     for name in arguments.keys() & {*STATE, "parameters", STANDARD}:
@@ -220,10 +224,11 @@ def _measured(argument: Argument, inputs: Mapping[str, npt.ArrayLike]) -> Floats
 
 
 class Evaluator:
-    """Machine code of one function of a mechanism."""
+    """Machine code of one function of a mechanism.
 
-    # sparse results hold the entries that are not structurally zero.  `loops` completes the states of a mechanism with
-    # loops; without it, states are to be as the function takes them
+    Sparse results hold the entries that are not structurally zero.  ``loops`` completes the states of a mechanism with
+    loops; without it, states are to be as the function takes them.
+    """
 
     def __init__(
         self, mechanism: Mechanism, function: Function, *, sparse: bool = False, loops: ClosedStates | None = None
@@ -239,7 +244,9 @@ class Evaluator:
         out: Floats | None = None,
         threads: int | None = None,
     ) -> Floats:
-        """Evaluate at states of shape (N, size) or (size,); returns an array of shape (N, …)."""
-        # with loops, each of `q`, `qd` and `qdd` may be that of the independent coordinates only
+        """Evaluate at states of shape (N, size) or (size,); returns an array of shape (N, …).
+
+        With loops, each of ``q``, ``qd`` and ``qdd`` may be that of the independent coordinates only.
+        """
         values = function_values(self.mechanism, self.function, state, symbols, inputs, self._loops)
         return self.kernel(values, out, threads)

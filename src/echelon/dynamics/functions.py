@@ -60,9 +60,11 @@ def closure_pivots(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
 
 
 def constraint_forces(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
-    """Record the wrenches that closures exert on their second bodies, about the first frame's origin, in its axes."""
-    # components that redundant constraints leave undetermined are left out.  Base parameters do not determine the
-    # others: they are functions of all standard parameters
+    """Record the wrenches that closures exert on their second bodies, about the first frame's origin, in its axes.
+
+    Components that redundant constraints leave undetermined are left out.  Base parameters do not determine the others:
+    they are functions of all standard parameters.
+    """
     _motion(mechanism, "constraint_forces")
     recorded = RecordedOutputs(mechanism, range(len(mechanism.parameters)), dependent=True)
     motion = recorded.dependent_motion
@@ -167,9 +169,11 @@ def mass_matrix(recorded: RecordedOutputs) -> Function:
 
 
 def inverse_dynamics_derivatives(recorded: RecordedOutputs) -> Function:
-    """Record [∂y/∂q, ∂y/∂q̇]."""
-    # a unit quaternion's four columns are the derivatives of the quaternion of the same direction: they vanish along
-    # it, so that they hold for changes along the unit sphere and for normalised ones
+    """Record [∂y/∂q, ∂y/∂q̇].
+
+    A unit quaternion's four columns are the derivatives of the quaternion of the same direction: they vanish along it,
+    so that they hold for changes along the unit sphere and for normalised ones.
+    """
     entries = recorded.inertial_derivatives()
     for index, slope in recorded.effect_derivatives().items():
         entries[index] = entries[index] + slope
@@ -234,10 +238,12 @@ ALL_FUNCTIONS: Mapping[str, Builder] = {**FUNCTIONS, **LOOP_FUNCTIONS}
 
 
 def robot_function(name: str, mechanism: Mechanism, pivots: Sequence[int]) -> Function:
-    """Record one function of a mechanism, by its name in :data:`ALL_FUNCTIONS`."""
-    # `pivots` are the columns of the regressor whose parameters are arguments: the pivots of the base matrix for base
-    # parameters, all columns for standard parameters.  Forces of closures depend on all standard parameters.  With
-    # loops, `q` holds all positions, which must be closed, and `qd` and `qdd` are independent
+    """Record one function of a mechanism, by its name in :data:`ALL_FUNCTIONS`.
+
+    ``pivots`` are the columns of the regressor whose parameters are arguments: the pivots of the base matrix for base
+    parameters, all columns for standard parameters.  Forces of closures depend on all standard parameters.  With loops,
+    ``q`` holds all positions, which must be closed, and ``qd`` and ``qdd`` are independent.
+    """
     if name not in ALL_FUNCTIONS:
         raise InputError(f"there is no function '{name}' (valid: {', '.join(ALL_FUNCTIONS)})")
     return ALL_FUNCTIONS[name](mechanism, pivots)

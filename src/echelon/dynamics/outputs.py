@@ -43,11 +43,12 @@ Index = tuple[int, ...]  # row, or row and column
 
 
 class RecordedOutputs:
-    """Records outputs on a program of its own."""
+    """Records outputs on a program of its own.
 
-    # `pivots` are the columns of the regressor that belong to parameters; all other columns' parameters are zero.
-    # `sums` allows sums of angles (echelon.dynamics.recursion).  With loops, `dependent` records the forces of the tree
-    # at the dependent coordinates instead of outputs, in terms of standard parameters
+    ``pivots`` are the columns of the regressor that belong to parameters; all other columns' parameters are zero.
+    ``sums`` allows sums of angles (:mod:`echelon.dynamics.recursion`).  With loops, ``dependent`` records the forces of
+    the tree at the dependent coordinates instead of outputs, in terms of standard parameters.
+    """
 
     def __init__(self, mechanism: Mechanism, pivots: Sequence[int], sums: bool = True, dependent: bool = False) -> None:
         columns = mechanism.columns
@@ -78,8 +79,10 @@ class RecordedOutputs:
     # -- parts -------------------------------------------------------------------------------------------------
 
     def inertial(self, gravity: bool, *still: str) -> list[Scalar]:
-        """Forces of the bodies' inertia, one for each row, with or without gravity."""
-        # `still` names rates that are zero, `"qd"` or `"qdd"`; with loops the independent ones
+        """Forces of the bodies' inertia, one for each row, with or without gravity.
+
+        ``still`` names rates that are zero, ``"qd"`` or ``"qdd"``; with loops the independent ones.
+        """
         return self._rows(efforts(self._inertias, self._motion(*still, gravity=gravity)))
 
     def weight(self) -> list[Scalar]:
@@ -323,8 +326,10 @@ def _offset(joint: Joint, steps: tuple[Step, ...]) -> Vector:
 
 
 def grouped_inertias(reframed: Reframed, recorder: Recorder, parameters: Mapping[int, Scalar]) -> dict[int, Array]:
-    """Pseudo-inertias [[Σ, h], [hᵀ, m]] about the new frames, of the bodies that have some."""
-    # `parameters` belong to some columns of the regressor, about the original frames; all others are zero
+    """Pseudo-inertias [[Σ, h], [hᵀ, m]] about the new frames, of the bodies that have some.
+
+    ``parameters`` belong to some columns of the regressor, about the original frames; all others are zero.
+    """
     zero, mechanism = recorder.program.zero, reframed.mechanism
     found = {index: np.full((4, 4), zero, dtype=object) for index in range(GROUND, len(mechanism.bodies))}
     for index, first in mechanism.first_column.items():

@@ -119,9 +119,10 @@ class _Frame:
 
 
 class ForwardPass:
-    """The motion of all frames, those of sensors included."""
+    """The motion of all frames, those of sensors included.
 
-    # rotations about parallel axes are taken together if `sums` says so; gravity is that of the base frame, m/s²
+    Rotations about parallel axes are taken together if ``sums`` says so; gravity is that of the base frame, m/s².
+    """
 
     def __init__(self, recorder: Recorder, probes: Probes, gravity: Vec, *, sums: bool = False) -> None:
         self.recorder, self.mechanism, self._probes = recorder, recorder.mechanism, probes

@@ -167,7 +167,7 @@ def _along_symbol(top: Any, bottom: Any) -> Section:
 
 def _along_angle(top: Any, bottom: Any) -> Section:
     """Numerator and denominator as trigonometric polynomials."""
-    # Let (1 + t²)^v divide the function, v perhaps negative, and let R be the rest of the denominator.  R / (1 + t²)^m
+    # let (1 + t²)^v divide the function, v perhaps negative, and let R be the rest of the denominator.  R / (1 + t²)^m
     # is a trigonometric polynomial for 2 m ≥ deg R, and vanishes at t = ∞ to the order 2 m − deg R, which has to be
     # that of the function's pole there
     if not top:
@@ -183,7 +183,7 @@ def _along_angle(top: Any, bottom: Any) -> Section:
     return Section(degree - power, degree, _coefficients(bottom))
 
 
-Residual = dict[Monomial, int]  # A polynomial over GF(p)
+Residual = dict[Monomial, int]  # a polynomial over GF(p), by its coefficients
 
 
 def symbol_basis(name: str, degree: int, *, angle: bool) -> list[Monomial]:

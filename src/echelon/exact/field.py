@@ -12,14 +12,11 @@ Matrices come in two shapes.  One large matrix, whose pivots are wanted: FLINT's
 multiplication).  Very many small systems, one per random geometry: Gauss–Jordan in NumPy, vectorised over the batch.
 In matrices of balls, what is surely not zero is a pivot and what may be zero is bounded.  The pivots are proved.
 Columns without one are dependent up to a bound that shrinks with the precision.
-
-Functions of geometry symbols may be known only by their values in such fields.  What it takes to find them is counted
-in operations, so that no result depends on the clock.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import gcd
 from typing import Any, Protocol, TypeVar
@@ -28,7 +25,7 @@ import flint
 import numpy as np
 import numpy.typing as npt
 
-from echelon.errors import ClosedFormError, DegenerateSampleError, InputError
+from echelon.errors import DegenerateSampleError, InputError
 from echelon.exact.polynomial import Number, Surd, generator_values, repeated
 
 Residues = npt.NDArray[Any]  # array of residues in [0, p): int64 for primes below 2^31, Python integers above
@@ -235,7 +232,7 @@ def solve_batched(left: Residues, right: Residues, field: PrimeField) -> Residue
     return table[:, :unknowns, unknowns:]
 
 
-_DECIDED = 3  # A ball that may be zero is taken as zero when it is below 2^-(precision / 3)
+_DECIDED = 3  # a ball that may be zero is taken as zero when it is below 2^-(precision / 3)
 
 
 def ball_rank(matrix: list[list[Any]], bits: int) -> int | None:
@@ -300,92 +297,3 @@ def residues_of_generators(
 def residues_at(generators: Iterable[str], symbols: Mapping[str, Residues], field: PrimeField) -> dict[str, int]:
     """The same at one geometry.  Shapes: symbols (1,)."""
     return {g: int(value[0]) for g, value in residues_of_generators(generators, symbols, field).items()}
-
-
-_OPERATIONS = 5e8  # a few seconds
-_TERMS = 500
-SOLVING = 0.05  # what an operation of FLINT's linear algebra costs beside one of an evaluation in NumPy
-
-
-@dataclass
-class Work:
-    """What is left of a budget."""
-
-    operations: float  # operations on residues that are left
-    terms: float  # the most terms that one coefficient may have
-
-    @staticmethod
-    def of(budget: float) -> Work:
-        """The work of a budget: 1 for a few seconds, 0 for none."""
-        return Work(budget * _OPERATIONS, budget * _TERMS)
-
-    def take(self, operations: float) -> bool:
-        """Take some operations if as many are left."""
-        if operations > self.operations:
-            return False
-        self.operations -= operations
-        return True
-
-    def spend(self, operations: float) -> None:
-        """Take some operations."""
-        if not self.take(operations):
-            raise ClosedFormError("the budget for closed forms is used up")
-
-    def share(self, part: float) -> Work:
-        """A part of it, taken out; what is not used is given back by :meth:`give_back`."""
-        taken = self.operations * part
-        self.operations -= taken
-        return Work(taken, self.terms)
-
-    def give_back(self, rest: Work) -> None:
-        """Take back what is left of a share."""
-        self.operations += rest.operations
-
-
-Found = TypeVar("Found")
-_ATTEMPTS = 8
-_CHUNK = 512  # geometries that are evaluated at once
-
-
-@dataclass(frozen=True)
-class UnknownFunctions:
-    """Functions of geometry symbols that can be evaluated modulo primes."""
-
-    # geometry maps every symbol to an array of values (for an angle: of the tangent of its half); without symbols there
-    # is one geometry
-    evaluate: Callable[[PrimeField, Geometry], Residues]
-    symbols: Sequence[str]  # all symbols that may matter
-    angles: frozenset[str]  # those of them that are angles
-    lengths: frozenset[str]  # symbols with the dimension of a length
-    degrees: Sequence[int]  # homogeneous degree of each function in the symbols that are lengths
-    irrational: tuple[bool, bool]  # whether √2 and √3 can occur in coefficients
-    cost: float = 1.0  # operations of one evaluation
-
-    def values(self, field: PrimeField, geometry: Geometry, count: int) -> Residues:
-        """Values at some geometries: array of shape (functions, count)."""
-        if not self.symbols:  # there is one geometry only
-            return np.repeat(self.evaluate(field, geometry), count, axis=1)
-        parts = [
-            self.evaluate(field, {s: value[first : first + _CHUNK] for s, value in geometry.items()})
-            for first in range(0, count, _CHUNK)
-        ]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
-
-    def sample(self, field: PrimeField, rng: np.random.Generator, count: int) -> tuple[Geometry, Residues]:
-        """Random geometries and the values there."""
-
-        def attempt() -> tuple[Geometry, Residues]:
-            geometry = {s: field.draw(rng, (count,)) for s in self.symbols}
-            return geometry, self.values(field, geometry, count)
-
-        return persistent(attempt)
-
-
-def persistent(attempt: Callable[[], Found]) -> Found:
-    """The result of an attempt that depends on random points, several times if they are singular."""
-    for _ in range(_ATTEMPTS):
-        try:
-            return attempt()
-        except DegenerateSampleError:
-            continue
-    raise ClosedFormError(f"{_ATTEMPTS} random geometries in a row were singular")

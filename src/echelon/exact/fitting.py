@@ -36,8 +36,9 @@ from echelon.exact.ansatz import (
     sections,
     symbol_basis,
 )
-from echelon.exact.field import SOLVING, Geometry, PrimeField, Residues, UnknownFunctions, Work, as_flint, persistent
+from echelon.exact.field import Geometry, PrimeField, Residues, as_flint
 from echelon.exact.polynomial import Monomial
+from echelon.exact.unknown_functions import SOLVING, UnknownFunctions, Work, persistent
 
 _NODES = (6, 16, 40, 100)  # values along a line, more where they are too few
 _LARGEST_JOINT_FIT = 1500

@@ -35,9 +35,10 @@ _PRODUCT = (
 
 
 class Surd:
-    """An irrational element a + b√2 + c√3 + d√6 with rational a, b, c, d."""
+    """An irrational element a + b√2 + c√3 + d√6 with rational a, b, c, d.
 
-    # Use surd to build one: it returns a plain rational when b = c = d = 0
+    Use :func:`surd` to build one: it returns a plain rational when b = c = d = 0.
+    """
 
     __slots__ = ("parts",)
 

@@ -97,7 +97,7 @@ def commute(matrices: Residues, field: PrimeField) -> Flags:
 
 def quotient_points(matrices: Residues, field: PrimeField) -> tuple[Integers, Residues]:
     """Points with coordinates in GF(p)."""
-    # Let m be the characteristic polynomial of a combination M of the multiplications that tells the points apart, and
+    # let m be the characteristic polynomial of a combination M of the multiplications that tells the points apart, and
     # q what is left of m without one of its roots.  Then q(M) acts on the subspace of that root only, and if the point
     # has the coordinate x there, then the multiplication X has the trace tr(X q(M)) = x tr(q(M))
     # shapes: matrices (variables, size, size, samples)

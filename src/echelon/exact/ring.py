@@ -49,9 +49,10 @@ def _coprime(top: Any, bottom: Any) -> tuple[Any, Any]:
 
 
 class Ring:
-    """FLINT's ring for some polynomials, with √2 and √3 as extra generators; sorted, or in a given order."""
+    """FLINT's ring for some polynomials, with √2 and √3 as extra generators; sorted, or in a given order.
 
-    # FLINT does not know that sines and roots are algebraic, so its gcd may miss a factor that needs their squares
+    FLINT does not know that sines and roots are algebraic, so its gcd may miss a factor that needs their squares.
+    """
 
     def __init__(self, *polynomials: Polynomial, order: Sequence[str] = ()) -> None:
         generators = {g for polynomial in polynomials for g in polynomial.generators()}

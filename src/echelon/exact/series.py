@@ -99,7 +99,7 @@ Inverses = dict[tuple[tuple[int, ...], tuple[int, ...]], Residues]
 
 def solve(a: Residues, right: Residues, field: PrimeField, known: Inverses | None = None) -> tuple[Residues, Inverses]:
     """x with a x = b, and the inverses of the blocks on the diagonal, continued from those known to fewer terms."""
-    # Loops in series make matrices that are triangular but for small blocks, so their equations are solved one after
+    # loops in series make matrices that are triangular but for small blocks, so their equations are solved one after
     # the other.  Shapes: a (batch, n, n, order), b (batch, n, k, order) of the same order or a lower one
     samples, order = range(len(a)), right.shape[-1]
     result, inverses, pattern = np.zeros_like(right), Inverses(), np.asarray(a.any(axis=(0, -1)))
@@ -119,7 +119,7 @@ def solve(a: Residues, right: Residues, field: PrimeField, known: Inverses | Non
 
 def _triangular(a: Residues, pattern: Flags, field: PrimeField) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
     """Rows and columns of blocks, in an order in which those above the diagonal vanish."""
-    # What determines an unknown is read from the inverse of random combinations of the coefficients
+    # what determines an unknown is read from the inverse of random combinations of the coefficients
     size, rng = len(pattern), np.random.default_rng(0)
     mixed = (a[0] * field.draw(rng, (a.shape[-1],)) % field.p).sum(axis=-1) % field.p
     determines = solve_batched(mixed[None], np.eye(size, dtype=np.int64)[None], field)[0] != 0

@@ -180,9 +180,11 @@ SAMPLES_PER_PERIOD = 200
 
 
 def loop_margins(trajectory: Trajectory, limits: LoopLimits) -> list[Margin]:
-    """How far a trajectory stays from the limits at samples, in their order."""
-    # where the loops cannot be closed, or another way of assembly turns up, no margin is left to singular poses, and
-    # all others count as broken
+    """How far a trajectory stays from the limits at samples, in their order.
+
+    Where the loops cannot be closed, or another way of assembly turns up, no margin is left to singular poses, and all
+    others count as broken.
+    """
     count = max(int(np.ceil(SAMPLES_PER_PERIOD * trajectory.basis.frequency * trajectory.duration)), 2)
     times = np.linspace(0.0, trajectory.duration, count + 1)
     states = trajectory.states(times)

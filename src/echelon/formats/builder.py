@@ -88,7 +88,10 @@ class _Builder:
         if closures:
             from echelon.formats.loop_axes import with_exact_axes  # robots without loops load without it
 
-            mechanism = with_exact_axes(replace(mechanism, symbols=self.snapping.symbols), self.snapping)
+            mechanism = replace(mechanism, symbols=self.snapping.symbols)
+            assembly, note = chosen_pose(mechanism, self.tree.poses)
+            self.notes += [note] if note else []
+            mechanism = with_exact_axes(replace(mechanism, assembly=assembly), self.snapping)
         used = {s for b in mechanism.bodies for s in b.joint.symbols()}
         used.update(s for placement in setup_placements(mechanism) for s in placement.symbols())
         symbols = {name: symbol for name, symbol in self.snapping.symbols.items() if name in used}
@@ -99,9 +102,6 @@ class _Builder:
         if closures:
             from echelon.regressor.loops.closing import close  # robots without loops load without it
 
-            assembly, note = chosen_pose(mechanism, self.tree.poses)
-            mechanism = replace(mechanism, assembly=assembly)
-            self.notes += [note] if note else []
             driven = [name for name in self.tree.driven if name in mechanism.velocities]
             mechanism = close(mechanism, None, prefer=driven)
         return Built(mechanism, snaps, tuple(self.notes), riders)

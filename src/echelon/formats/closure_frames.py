@@ -39,9 +39,11 @@ def second_frame(
     place: Callable[[int], Placement],
     symbols: Mapping[str, Symbol],
 ) -> Placement:
-    """A frame of the first member of a tree in the frame of the second one."""
-    # `place` says where a member is in its parent's frame at the pose in question.  Where the kind of closure fixes no
-    # directions, the axes are those of the second member.  Between many angles it is rounded to doubles
+    """A frame of the first member of a tree in the frame of the second one.
+
+    ``place`` says where a member is in its parent's frame at the pose in question.  Where the kind of closure fixes no
+    directions, the axes are those of the second member.  Between many angles it is rounded to doubles.
+    """
     inward, outward = parted(first, second, parent)
     places = {member: place(member) for member in (*inward, *outward)}
     chain = [*(places[m].inverse() for m in outward), *(places[m] for m in reversed(inward)), frame]

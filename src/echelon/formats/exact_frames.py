@@ -26,6 +26,7 @@ _STEP = pi / STEPS_PER_HALF_TURN
 NOISE = 1e-13  # what is left of exact relations in doubles
 _MORE = 16  # times the largest miss that is seen, others may miss
 _FEW = 12  # places between which directions are tried
+_TENS = 10.0 ** np.arange(DIGITS)[:, None]
 _QUARTER = Fraction(1, 2)
 _FROM_AXIS = (turn(1, Angle(-_QUARTER)), turn(0, Angle(_QUARTER)), Placement())
 """Rotations that bring the x, y and z axis to z."""
@@ -245,20 +246,21 @@ class ExactFrames:
 
     def _simplest(self, places: Sequence[Floats]) -> tuple[Floats, Placement]:
         """The origin and the frame in which places have the shortest decimals."""
-        frames = [*self._frames]
+        turns = [(frame, 0.0) for frame in self._frames]
         for plane in dict.fromkeys(self._planes()):
             for a, b in combinations(places[:: -(-len(places) // _FEW)], 2):
                 x, y, _ = _floats(plane).T @ (b - a)
-                if hypot(x, y) > NEAR:
-                    frames.append(plane @ _about_z(atan2(y, x), self._fine))
+                turns += [(plane, atan2(y, x))] * (hypot(x, y) > NEAR)
         starts, all_places = [np.zeros(3), *places[:1]], np.array(places)
 
-        def digits(choice: tuple[Floats, Placement]) -> int:
-            own = (np.array([*all_places - choice[0], choice[0]]) @ _floats(choice[1])).ravel()
-            short = [np.abs(np.round(own, d) - own) <= self._length for d in range(DIGITS)]
-            return int((~np.logical_or.accumulate(short)).sum()) + DIGITS * bool(choice[0].any())
+        def digits(choice: tuple[Floats, tuple[Placement, float]]) -> int:
+            start, (frame, angle) = choice
+            own = (np.array([*all_places - start, start]) @ _floats(frame) @ _floats_about_z(angle)).ravel()
+            short = np.abs(np.round(own * _TENS) - own * _TENS) <= self._length * _TENS
+            return int((~np.logical_or.accumulate(short)).sum()) + DIGITS * bool(start.any())
 
-        return min(((start, frame) for frame in frames for start in starts), key=digits)
+        start, (frame, angle) = min(((start, turn) for turn in turns for start in starts), key=digits)
+        return start, frame @ _about_z(angle, self._fine) if angle else frame
 
     def _shortest(self, value: float) -> Polynomial:
         digits = next((d for d in range(DIGITS) if abs(round(value, d) - value) <= self._length), DIGITS)
@@ -283,6 +285,11 @@ def _shifted(placement: Placement) -> Placement:
 def _about_z(angle: float, tolerance: float) -> Placement:
     """A rational turn."""
     return rational_rotation((cos(angle / 2), 0, 0, sin(angle / 2)), tolerance)
+
+
+def _floats_about_z(angle: float) -> Floats:
+    c, s = cos(angle), sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _size(frames: Sequence[Placement]) -> int:

@@ -223,9 +223,11 @@ class StatedJoint:
 
 
 def with_joints(tree: LiteralTree, joints: Sequence[StatedJoint]) -> LiteralTree:
-    """A tree some of whose joints are of other types."""
-    # the frame in which the file states a joint stays; a ball, or the axes of a universal joint, take the place of its
-    # axis
+    """A tree some of whose joints are of other types.
+
+    The frame in which the file states a joint stays; a ball, or the axes of a universal joint, take the place of its
+    axis.
+    """
     coupled = {name: c.element for c in tree.couplings for name in (c.coordinate, *c.terms)}
     for joint in joints:
         moving = [step.name for link in tree.links for step in link.steps if isinstance(step, LiteralMotion)]

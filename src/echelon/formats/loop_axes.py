@@ -2,9 +2,10 @@
 
 Frames of links are arbitrary: how a loop moves depends on its axes and points alone.  Where links are turned by general
 angles, each rounded on its own, no single number says that two axes are parallel, and none can be mended.  So all axes
-of a loop are looked at where all coordinates are zero, in one frame.  If rounding has broken a relation there, each
-direction gets a rational frame next to it, built on those of other directions that it is parallel or perpendicular to;
-each point gets the shortest decimals within the rounding.  Links stay where they are, to fifteen digits.
+of a loop are looked at in one frame, where all coordinates are zero, or else where the loops are closed: coordinates
+count from that pose meanwhile.  If rounding has broken a relation on a link, each direction gets a rational frame next
+to it, built on those of other directions that it is parallel or perpendicular to; each point gets the shortest decimals
+within the rounding.  Links stay where they are, to fifteen digits.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ from echelon.exact.polynomial import multiple_of, symbol_of
 from echelon.formats.closure_frames import rational_frame
 from echelon.formats.exact_frames import NEAR, NOISE, ExactFrames, Station, is_number
 from echelon.formats.snapping import LENGTH_TOLERANCE, PRECISION, Snapping
-from echelon.mechanism.closed_pose import parted, shown_loops
+from echelon.mechanism.closed_pose import counted_from, parted, shown_loops
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import GROUND, Body, MotionKind, Placement, Step, merge
-from echelon.mechanism.mechanism import Mechanism, Snap
+from echelon.mechanism.mechanism import ClosedAt, Mechanism, Snap
 from echelon.mechanism.stated import has_values, known_values, placement_matrix, stated_values
 
 _MOVED = 40  # times the largest miss that is seen, axes and points may move
@@ -35,12 +36,52 @@ _LINES = (ClosureKind.REVOLUTE, ClosureKind.CYLINDRICAL, ClosureKind.POINT_ON_AX
 _POINTS = (ClosureKind.WELD, ClosureKind.SPHERICAL, ClosureKind.UNIVERSAL, *_LINES[2:], ClosureKind.POINT_ON_PLANE)
 
 
-def with_exact_axes(mechanism: Mechanism, snapping: Snapping) -> Mechanism:
-    """A mechanism whose loops keep the relations between axes that rounding of their numbers has broken."""
+def with_exact_axes(mechanism: Mechanism, snapping: Snapping, *, needed: bool = True) -> Mechanism:
+    """A mechanism whose loops keep the relations between axes that rounding of their numbers has broken.
+
+    Where they cannot all be restored at zero, it is refused if that is needed, as in robot files.
+    """
     if mechanism.closed_at or not snapping.options.snap_tolerance or not has_values(mechanism):
         return mechanism
     found = _AtZero(mechanism, snapping)
-    if not (found.is_general and found.meets and found.noise):
+    if found.meets:
+        if (mended := _mended(found)) is None and needed:
+            raise InputError(_broken(found))
+        return mended or mechanism
+    if (pose := _closed_pose(mechanism)) is None:
+        return mechanism
+    from_pose = counted_from(mechanism, pose)
+    known = len(snapping.snaps)
+    there = _AtZero(from_pose, snapping)
+    mended = _mended(there)
+    # the pose adds digits of doubles, which are no reason to restore some relations and not others
+    if mended is None or mended is from_pose or (there.noise < PRECISION and _AtZero(mended, snapping).noise):
+        del snapping.snaps[known:]
+        return mechanism
+    return replace(counted_from(mended, pose, back=True), closed_at=pose, stated_closures=mended.closures)
+
+
+def _closed_pose(mechanism: Mechanism) -> ClosedAt | None:
+    """Where loops that are open at zero are closed, to rounding; None if nowhere near the assembly pose."""
+    from echelon.regressor.loops.assembly import Assembly, OpenLoopsError
+    from echelon.regressor.loops.exact_pose import rational_pose
+
+    try:
+        pose = Assembly(mechanism).pose
+    except OpenLoopsError as error:
+        if error.size > NEAR:
+            return None
+        pose = error.pose
+    try:
+        return rational_pose(mechanism, pose)
+    except ValueError:  # ratios of couplings that are no numbers
+        return None
+
+
+def _mended(found: _AtZero) -> Mechanism | None:
+    """The mechanism as it is where it needs no mending; None where it cannot be mended."""
+    mechanism, snapping = found.mechanism, found.snapping
+    if not (found.meets and found.noise > (0.0 if found.is_general else PRECISION)):
         return mechanism
     mended = found.mended
     if found.kept_by(left := _AtZero(mended, snapping)):
@@ -49,11 +90,15 @@ def with_exact_axes(mechanism: Mechanism, snapping: Snapping) -> Mechanism:
             doubt = "different: if they are meant to be equal, fewer parameters may show than are counted"
             snapping.snaps.append(Snap(found.snap.element, "lengths nearly equal", doubt, left.noise))
         return mended
-    if found.noise < PRECISION or snapping.literal:  # digits of doubles, or numbers that are taken as they stand
-        return mechanism
-    raise InputError(
-        f"rounding has broken relations between axes of {shown_loops(mechanism)} (nearly parallel, perpendicular or "
-        f"meeting, to {found.noise:.1g}), which cannot all be restored: state them with more digits, or in frames "
+    # digits of doubles, equal lengths alone, or numbers that are taken as they stand
+    as_it_is = found.noise < PRECISION or not found.is_general or snapping.literal
+    return mechanism if as_it_is else None
+
+
+def _broken(found: _AtZero) -> str:
+    return (
+        f"rounding has broken relations between axes of {shown_loops(found.mechanism)} (nearly parallel, perpendicular "
+        f"or meeting, to {found.noise:.1g}), which cannot all be restored: state them with more digits, or in frames "
         "that are turned by multiples of 15 degrees"
     )
 
@@ -77,8 +122,10 @@ class _AtZero:
         self._known, self._values = known_values(mechanism), stated_values(mechanism)
         self.poses: dict[int, _Pose] = {GROUND: _Pose(exact=Placement())}
         self.motions: dict[str, Station] = {}
+        self._links = dict[Station, tuple[object, ...]]()  # between which axes of motions are; some are in one joint
         for body in range(len(mechanism.bodies)):
             self._follow(body)
+        self._open = set[str]()  # closures
         self.ends = {closure.name: tuple(self._ends(closure)) for closure in mechanism.closures}
 
     @cached_property
@@ -89,7 +136,7 @@ class _AtZero:
     @property
     def meets(self) -> bool:
         """Whether the loops are closed there."""
-        return all(len(self.ends[c.name]) == 1 or c.kind is ClosureKind.UNIVERSAL for c in self.mechanism.closures)
+        return not self._open
 
     @cached_property
     def stations(self) -> list[Station]:
@@ -119,9 +166,8 @@ class _AtZero:
     @cached_property
     def misses(self) -> tuple[float, float]:
         """By how much relations between axes are missed at most, without those between two points and with them."""
-        axes = [s for s in self._looped if s.axis is not None]
         found = [0.0, 0.0]
-        for a, b in combinations(axes, 2):
+        for a, b in self._pairs:
             for k in range(a.is_between or b.is_between, 2):
                 found[k] = max((found[k], *self._missed(a, b)))
         return found[0], found[1]
@@ -137,10 +183,8 @@ class _AtZero:
                 apart = np.cross(apart, one.direction)
             if (one.is_line or one.is_point) and np.linalg.norm(apart) > near * self.extent:
                 return False
-        axes = [s for s in other._looped if s.axis is not None]
         most = {False: near, True: NEAR}
-        pairs = combinations(axes, 2)
-        return not any(m <= most[a.is_between or b.is_between] for a, b in pairs for m in other._missed(a, b))
+        return not any(m <= most[a.is_between or b.is_between] for a, b in other._pairs for m in other._missed(a, b))
 
     @property
     def extent(self) -> float:
@@ -172,6 +216,12 @@ class _AtZero:
         bodies = {body for way in ways for chain in way for body in chain}
         return [s for s in self.stations if not bodies.isdisjoint(s.bodies)]
 
+    @property
+    def _pairs(self) -> Iterator[tuple[Station, Station]]:
+        """Axes on one link; what others are to one another changes with the pose."""
+        axes = [(s, set(self._links.get(s, s.bodies))) for s in self._looped if s.axis is not None]
+        return ((a, b) for (a, on), (b, other) in combinations(axes, 2) if not on.isdisjoint(other))
+
     @cached_property
     def _field(self) -> PrimeField:
         return PrimeField.random(random_generator(DEFAULT_SEED), CERTIFICATE_BITS)
@@ -199,13 +249,16 @@ class _AtZero:
     def _follow(self, body: int) -> None:
         """The stations of a joint, and where it leads to."""
         pose, held = self.poses[self.mechanism.bodies[body].parent], (self.mechanism.bodies[body].parent, body)
-        for step in self.mechanism.bodies[body].joint.steps:
+        joint = self.mechanism.bodies[body].joint
+        links = pairwise((held[0], *((body, motion.name) for motion in joint.motions[1:]), body))
+        for step in joint.steps:
             if isinstance(step, Placement):
                 pose = self._moved(pose, step)
                 continue
             is_ball = step.kind is MotionKind.BALL
             axis = None if is_ball else step.axis
-            self.motions[step.name] = self._station(pose, axis, step.kind in _TURNS, is_ball, held)
+            station = self._station(pose, axis, step.kind in _TURNS, is_ball, held)
+            self.motions[step.name], self._links[station] = station, next(links)
         self.poses[body] = pose if pose.exact is None or is_number(pose.exact) else replace(pose, exact=None)
 
     def _station(self, pose: _Pose, axis: int | None, is_line: bool, is_point: bool, held: tuple[int, int]) -> Station:
@@ -222,7 +275,9 @@ class _AtZero:
         missed += [apart[i, j] - value for i, j, value in kind.directions]
         meets = max(map(abs, missed)) < NEAR
         axes = (0, 1) if kind is ClosureKind.UNIVERSAL else (axis,) if meets else (axis, axis)
-        if meets:
+        if not meets:
+            self._open.add(closure.name)
+        else:
             one = _with_place(one, two)  # along what is free the first frame may be moved
         for pose, which in zip((one, two), axes, strict=False):
             yield self._station(pose, which, kind in _LINES, kind in _POINTS, (closure.first, closure.second))

@@ -32,7 +32,7 @@ from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.rows.plan import SAMPLED
-from echelon.identification.rows.rows import ModelRows
+from echelon.identification.rows.rows import ModelRows, rows_taken
 from echelon.logs.finding import Finding, note, warning
 from echelon.logs.preparation.choices import NARROWEST, ROWS, Signals, reasoned, with_lowpass, with_still
 from echelon.logs.preparation.prepare import Preparation, prepare
@@ -47,6 +47,7 @@ _BIASED = 1 / 3  # largest bias of a base parameter, by its standard deviation
 _TOLD = 0.5  # bias from which on it is said: intervals of 95 % then hold 92 % or less
 _KNOWN = 0.3
 """Largest share that noise takes of any combination of parameters, for which a correction of first order is enough."""
+_RESTS = 0.9  # share of the squares of residuals, as with delays, that none predicted at rest has to leave at most
 _REWEIGHTED = 4
 _LEAST = 1e-9  # residual of an output at least, by its largest value: rounding of exact data is no knowledge
 _OPEN = 1e-12  # share of the largest eigenvalue of the scaled normal matrix below which nothing is known
@@ -114,8 +115,8 @@ def with_band(preparation: Preparation, log: Signals, base: BaseModel) -> tuple[
     elif place < len(bands) - 1:
         reason = f"{bands[place]:.3g} Hz: above it the model explains less than half of what is measured"
         preparation = reasoned(preparation, "band", bands[place], reason)
-    preparation = with_still(log, preparation)
     fit = fits[place]
+    preparation = _with_rest(with_still(log, preparation), trials, fit.values)
     if fit.bias <= _TOLD:
         return preparation, None
     return preparation, Noisy(log.source, trials.name(fit), fit.bias, fit.lost)
@@ -137,6 +138,20 @@ def _better_velocities(preparation: Preparation, trials: Trials) -> tuple[Prepar
     same = best == preparation.measured
     preparation = with_lowpass(trials.log, reasoned(preparation, "measured", best, text))
     return preparation, trials if same else Trials.of(trials.log, preparation, trials.base)
+
+
+def _with_rest(preparation: Preparation, trials: Trials, values: Floats) -> Preparation:
+    """Outputs that hold no dry friction near standstill, as residuals say: their joints count as at rest there."""
+    outputs = [output.name for output in trials.base.mechanism.outputs]
+    if preparation.rest is not None or not preparation.still:
+        return preparation
+    left = []
+    for rest in ((), tuple(outputs)):
+        made = preparation.model_copy(update={"rest": rest, "delays": preparation.delays or {}})
+        left.append(sum((trials.squares(made, slow, values) for slow, _ in trials.pairs), np.zeros(len(outputs))))
+    found = [name for name, as_sign, as_none in zip(outputs, *left, strict=True) if as_none < _RESTS * as_sign]
+    text = f"{', '.join(found) or 'none'}: of these it would leave larger residuals to predict friction near standstill"
+    return reasoned(preparation, "rest", tuple(found), text)
 
 
 def _explained(trials: Trials) -> int:
@@ -238,6 +253,15 @@ class Trials:
         told = (measured > 0) & (rest > 0)
         ratios = np.log(np.where(told, rest, 1.0) / np.where(told, measured, 1.0))
         return np.asarray(1 - np.exp(ratios.sum(axis=1) / np.maximum(told.sum(axis=1), 1)))
+
+    def squares(self, preparation: Preparation, slow: Segment, values: Floats) -> Floats:
+        """Squares of what a model leaves of each output, at rest as well."""
+        with suppress(InputError):  # too short
+            samples = prepare(slow, preparation, self.base.mechanism)
+            assert samples.y is not None
+            rest = rows_taken(samples, samples.y - ModelRows.of(self.base, ()).predict(samples, values))[1]
+            return np.asarray(np.sum(rest**2, axis=0))
+        return np.zeros(len(self.base.mechanism.outputs))
 
     def _in(self, band: float) -> Preparation:
         return with_still(self.log, self.preparation.model_copy(update={"band": band}))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from echelon.arrays import Floats
+from echelon.arrays import Floats, one_thread
 from echelon.base.derive import base_parameters
 from echelon.base.matrix import Identifiability
 from echelon.base.model import BaseModel
@@ -46,7 +46,6 @@ from echelon.identification.scores import GOOD, USABLE, Validation, by_role, ove
 from echelon.identification.survey import survey
 from echelon.identification.validation import Models
 from echelon.logs.finding import Finding, counted, enumerated, note, warning
-from echelon.machine.target import one_thread
 from echelon.observe.observation import Observation
 from echelon.setup.logs import with_logs
 from echelon.setup.setup import Setup

@@ -56,8 +56,7 @@ def read_log(
     """Read a log in the robot's terms, piece by piece.
 
     Of several column maps the first one whose columns are all there is used.  Segments are resampled to ``rate``, Hz.
-    Faults that spoil no sample are looked for only if they
-    are to be ``named``.
+    Faults that spoil no sample are looked for only if they are to be ``named``.
     """
     log = opened(path)
     if not outputs:  # a map that has all it names comes before the same without outputs

@@ -111,10 +111,10 @@ def factor(unit: str, quantity: str | Sequence[str] | None) -> float:
     return float(found.factor)
 
 
-def is_unit(text: str) -> bool:
-    """Whether a text is a unit of any quantity."""
+def fits(unit: str, quantity: str | Sequence[str] | None) -> bool:
+    """Whether a text, if there is any, is a unit of a quantity, or of one of several; None stands for any quantity."""
     try:
-        return bool(text) and factor(text, None) > 0
+        return factor(unit, quantity) > 0
     except InputError:
         return False
 

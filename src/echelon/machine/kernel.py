@@ -198,9 +198,10 @@ _SHARES = 4  # pieces per thread, so that a thread that is held up does not hold
 
 
 class Kernel:
-    """Machine code of a function: compiled when it is first called, or taken from the cache on disk."""
+    """Machine code of a function: compiled when it is first called, or taken from the cache on disk.
 
-    # results of a sparse kernel hold the function's entries in their order, and no structural zeros
+    Results of a sparse kernel hold the function's entries in their order, and no structural zeros.
+    """
 
     def __init__(self, function: Function, *, sparse: bool = False, target: Target | None = None) -> None:
         self.function, self.sparse = function, sparse
@@ -221,10 +222,12 @@ class Kernel:
     def __call__(
         self, values: Mapping[str, npt.ArrayLike], out: Floats | None = None, threads: int | None = None
     ) -> Floats:
-        r"""Evaluate the function; returns an array of shape (samples, \*shape)."""
-        # Arguments are of shape (samples, size), or (size,) for uniform ones.  `out` is where to write; to reuse an
-        # array is several times faster than a new one for results beyond the caches, because the system clears new
-        # memory page by page.  Results do not depend on the number of threads, by default that of the processors
+        r"""Evaluate the function; returns an array of shape (samples, \*shape).
+
+        Arguments are of shape (samples, size), or (size,) for uniform ones.  ``out`` is where to write; to reuse an
+        array is several times faster than a new one for results beyond the caches, because the system clears new memory
+        page by page.  Results do not depend on the number of threads, by default that of the processors.
+        """
         given = batch(self.function.arguments, values)
         result = result_array((given.samples, *self.shape), out, given.columns)
         if not compiles():

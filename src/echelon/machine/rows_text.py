@@ -79,7 +79,7 @@ def rows_of(lowered: Lowered, vector: Vector, places: tuple[int, ...], *, big: b
 
 def rows_text(rows: Rows) -> str:
     """Definitions of ``@run`` and what it calls; to be put beside the block's ``@compute``."""
-    laid = [laying(rows, "lay", Way.IMAGED)]
+    laid = [] if rows.way is Way.CACHED else [laying(rows, "lay", Way.IMAGED)]
     if rows.way is not Way.IMAGED:
         laid.append(laying(rows, "lay_rows", rows.way))
     return "\n".join([tables(rows), *laid, _run(rows)])
@@ -114,7 +114,7 @@ whole:
   call void @lay_rows(ptr %buffer, ptr %to, i64 %head)
   br label %laid
 part:
-  call void @lay(ptr %buffer, ptr %image, i64 0)
+  call void @{part}(ptr %buffer, ptr %image, i64 0)
   %bytes.part = mul i64 %count, {row}
   call void @llvm.memcpy.p0.p0.i64(ptr %to, ptr %image, i64 %bytes.part, i1 false)
   br label %laid
@@ -201,7 +201,8 @@ def _run(rows: Rows) -> str:
     }
     if rows.way is not Way.IMAGED:
         # lines matter only where they are written past the caches; a row shorter than its head has none
-        return _RUN.format(**values, mask=63 if rows.way is Way.STREAMED else 0)
+        mask, part = (63, "lay") if rows.way is Way.STREAMED else (0, "lay_rows")
+        return _RUN.format(**values, mask=mask, part=part)
     lanes, ahead = block.vector.lanes, Code()
     prefetched(ahead, "%to", width * _DOUBLE, lanes, _PAGE, str(width * _DOUBLE))
     run = _RUN_IMAGED.format(
@@ -232,6 +233,11 @@ def tables(rows: Rows) -> str:
 def laying(rows: Rows, name: str, towards: Way) -> str:
     """A function that writes the rows of a block: single columns up to ``%head``, tiles, and the columns left over."""
     v, width, code = rows.block.vector, len(rows.places), Code()
+    head = f"define internal void @{name}(ptr noalias %buffer, ptr noalias %target, i64 %head) noinline {{\nentry:\n"
+    if width < LINE:
+        code.do("br label %all")
+        _single_columns(code, rows, "all", "0", str(width), "done")
+        return f"{head}{code.text()}\ndone:\n  ret void\n}}\n"
     rest = code.let(f"sub i64 {width}, %head")
     end = code.let(f"add i64 %head, {code.let(f'and i64 {rest}, -{LINE}')}")
     code.do("br label %left")
@@ -262,7 +268,6 @@ def laying(rows: Rows, name: str, towards: Way) -> str:
     _single_columns(code, rows, "right", end, str(width), "done", before="right.begin")
     code.label("done")
     code.do("ret void")
-    head = f"define internal void @{name}(ptr noalias %buffer, ptr noalias %target, i64 %head) noinline {{\nentry:\n"
     return f"{head}{code.text()}\n}}\n"
 
 

@@ -4,8 +4,6 @@ Object code is kept on disk between processes.  An entry holds the key it was ma
 file that is damaged, that was made for another key, or that others could write to, itself or its folder, is not used:
 the code is then made again.  The key covers the source text and everything else the code depends on, so nothing is ever
 stale.
-
-The number of threads of linear algebra is set here, too: the order of additions depends on it, and so the last digits.
 """
 
 from __future__ import annotations
@@ -18,7 +16,7 @@ import stat
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -151,16 +149,6 @@ VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VEC
 """Environment variables that libraries of linear algebra read when they are loaded."""
 
 
-def one_thread() -> AbstractContextManager[object]:
-    """Linear algebra on one thread, so that results are the same on machines with more and with fewer."""
-    # matrices are small here: threads that wait for one another cost more than they bring
-    with extra("identify"):
-        from threadpoolctl import threadpool_limits
-
-    limits: AbstractContextManager[object] = threadpool_limits(1, user_api="blas")
-    return limits
-
-
 _MAGIC = b"echelon object code 1\n"
 _MOST_ENTRIES = 1000
 _VARIABLE = "ECHELON_CACHE"
@@ -182,7 +170,7 @@ def cached_object(identity: str, text: str, make: Callable[[], bytes]) -> bytes:
 
 
 def cache_folder() -> Path | None:
-    """Where object code is kept: ``ECHELON_CACHE``, or the user's cache folder; None if it is empty or not safe."""
+    """Where object code is kept: ``ECHELON_CACHE`` (empty: nowhere) or the user's cache folder; None if not safe."""
     chosen = os.environ.get(_VARIABLE)
     if chosen == "":
         return None
@@ -238,6 +226,7 @@ def _store(path: Path, key: str, code: bytes) -> None:
         warnings.warn(f"compiled code is not kept: {error}", RuntimeWarning, stacklevel=2)
         return
     with suppress(OSError):  # another process may remove entries at the same time
-        entries = sorted(path.parent.glob("*.bin"), key=lambda entry: entry.stat().st_mtime)
-        for old in entries[:-_MOST_ENTRIES]:
-            old.unlink(missing_ok=True)
+        if len(os.listdir(path.parent)) > _MOST_ENTRIES:
+            entries = sorted(path.parent.glob("*.bin"), key=lambda entry: entry.stat().st_mtime)
+            for old in entries[:-_MOST_ENTRIES]:
+                old.unlink(missing_ok=True)

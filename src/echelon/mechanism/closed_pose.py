@@ -12,11 +12,12 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import reduce
 from math import lcm
+from operator import matmul
 
 from echelon.exact.expressions import Point, added, multiple_of_point
 from echelon.exact.polynomial import Polynomial, Rational, as_polynomial, simple_fraction
 from echelon.mechanism.closure import Closure
-from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement, shift, turn_by
+from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement, Step, merge, shift, turn_by
 from echelon.mechanism.mechanism import ClosedAt, Mechanism
 
 _SHOWN = 4  # closures that a message names
@@ -65,6 +66,13 @@ def follow(mechanism: Mechanism, pose: ClosedAt) -> Mechanism:
     return replace(mechanism, closures=closures, closed_at=pose, stated_closures=mechanism.closures)
 
 
+def counted_from(mechanism: Mechanism, pose: ClosedAt, *, back: bool = False) -> Mechanism:
+    """The mechanism with coordinates of loops that are zero at a pose; with ``back`` as before."""
+    placed = _Placed(mechanism, pose)
+    bodies = (replace(b, joint=replace(b.joint, steps=placed.counted(b.joint.steps, back))) for b in mechanism.bodies)
+    return replace(mechanism, bodies=tuple(bodies))
+
+
 def as_stated(mechanism: Mechanism) -> Mechanism:
     """The mechanism with the frames of its loops as they were before some were made to follow."""
     return replace(mechanism, closures=mechanism.stated_closures, closed_at={}, stated_closures=())
@@ -83,7 +91,20 @@ class _Placed:
         back = [step.inverse() for body in outward for step in reversed(self._steps(body))]
         there = [step for body in reversed(inward) for step in self._steps(body)]
         mount = tuple(step for step in (*back, *there) if not step.is_identity)
+        numbers = not any(x.generators() for step in (*mount, closure.first_frame) for x in step.entries())
+        if numbers and reduce(matmul, mount, Placement()) @ closure.first_frame == closure.second_frame:
+            return closure  # it is there already
         return replace(closure, second_mount=mount, second_frame=closure.first_frame)
+
+    def counted(self, steps: Sequence[Step], back: bool) -> tuple[Step, ...]:
+        """Steps with the pose before their motions, or taken out of them."""
+        found = list[Step]()
+        for step in steps:
+            if isinstance(step, Motion) and all(name in self.pose for name, _ in self._leaders(step.name)):
+                moved = self._moved(step)
+                found.append(moved.inverse() if back else moved)
+            found.append(step)
+        return merge(tuple(found))
 
     def _steps(self, body: int) -> list[Placement]:
         steps = self.mechanism.bodies[body].joint.steps

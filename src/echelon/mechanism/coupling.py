@@ -22,10 +22,11 @@ _CELLS = 500
 
 @dataclass(frozen=True)
 class Spline:
-    """f(x) = Σ aᵢ xⁱ + Σ cₖ |x − xₖ|³ over the knots that lie between 0 and x, so that f(0) = 0."""
+    """f(x) = Σ aᵢ xⁱ + Σ cₖ |x − xₖ|³ over the knots that lie between 0 and x, so that f(0) = 0.
 
-    # Without knots it is a polynomial, and with one coefficient a linear function.  A cubic spline is the polynomial of
-    # its piece at zero, and from each knot on, seen from zero, what the third derivative's jump there adds
+    Without knots it is a polynomial, and with one coefficient a linear function.  A cubic spline is the polynomial of
+    its piece at zero, and from each knot on, seen from zero, what the third derivative's jump there adds.
+    """
 
     coefficients: tuple[Polynomial, ...]  # a₁, a₂, …; trailing zeros are dropped
     knots: tuple[tuple[Rational, Polynomial], ...] = ()  # pairs xₖ, cₖ, sorted; those with cₖ = 0 are dropped
@@ -179,9 +180,10 @@ def _product(a: Sequence[Polynomial], b: Sequence[Polynomial]) -> list[Polynomia
 
 @dataclass(frozen=True)
 class Coupling:
-    """A dependent coordinate as a sum of functions of independent ones: q = Σ f_k(q_k), with f_k(0) = 0."""
+    """A dependent coordinate as a sum of functions of independent ones: q = Σ f_k(q_k), with f_k(0) = 0.
 
-    # a constant offset belongs into the geometry (a placement), not here
+    A constant offset belongs into the geometry (a placement), not here.
+    """
 
     coordinate: str
     terms: tuple[tuple[str, Spline], ...]

@@ -117,7 +117,7 @@ class _Substitution:
 
 def with_numeric_ratios(mechanism: Mechanism) -> Mechanism:
     """A mechanism with loops in which the ratios between turning coordinates are rational numbers."""
-    # Symbols in such ratios are replaced by their values, wherever they occur
+    # symbols in such ratios are replaced by their values, wherever they occur
     symbols = {symbol for _, ratio in _turning(mechanism) for symbol in ratio.symbols()}
     if symbols:
         numbers = {name: s.number for name, s in mechanism.symbols.items() if name in symbols}

@@ -16,10 +16,10 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
+from echelon.arrays import Floats, one_thread
 from echelon.errors import InputError
 from echelon.machine.kernel import Batch, Columns, batch, processors
-from echelon.machine.target import Target, one_thread
+from echelon.machine.target import Target
 from echelon.observe.observation import NormalEquations, Observation, layout_of, measured
 from echelon.observe.triangle import ROWS, update_triangle, upper_triangle
 from echelon.program.function import Argument, Function
@@ -30,7 +30,7 @@ BLOCK = 32 * ROWS
 _AHEAD = 4  # blocks for each thread whose factors wait to be merged
 
 Data = Mapping[str, npt.ArrayLike]
-Factors = list[Floats]  # A matrix for each output: its R, or its Gram matrix
+Factors = list[Floats]  # a matrix for each output: its R, or its Gram matrix
 
 
 @dataclass(frozen=True)
@@ -65,9 +65,11 @@ class Observer:
     def __call__(
         self, data: Data | Iterable[Data], *, block: int | None = None, threads: int | None = None
     ) -> Observation:
-        """R-factors of [W y]."""
-        # `data` holds the regressor's arguments and the measured outputs by name, of shape (samples, size), or (size,)
-        # where they are the same for all samples; pieces of an iterable follow one another
+        """R-factors of [W y].
+
+        ``data`` holds the regressor's arguments and the measured outputs by name, of shape (samples, size), or (size,)
+        where they are the same for all samples; pieces of an iterable follow one another.
+        """
         factors, samples = self._reduced(data, _Method(update_triangle, upper_triangle), block, threads)
         return Observation.of(self.layout, factors, samples)
 

@@ -22,10 +22,11 @@ from echelon.program.function import Argument, Function
 
 @dataclass(frozen=True)
 class Layout:
-    """Rows and columns of [W y], output by output."""
+    """Rows and columns of [W y], output by output.
 
-    # columns in which an output is structurally zero never enter that output's R-factor: joints of a serial arm do not
-    # see the bodies before them
+    Columns in which an output is structurally zero never enter that output's R-factor: joints of a serial arm do not
+    see the bodies before them.
+    """
 
     outputs: tuple[str, ...]
     parameters: tuple[str, ...]

@@ -137,8 +137,10 @@ def upper_triangle(*parts: Floats, start: Floats | None = None) -> Floats:
 
 
 def update_triangle(R: Floats, columns: Floats) -> None:
-    """R of [R; block] in place, from the columns of the block, shape (n, rows); R is in Fortran's order."""
-    # the columns are overwritten, and signs on the diagonal are any
+    """R of [R; block] in place, from the columns of the block, shape (n, rows); R is in Fortran's order.
+
+    The columns are overwritten, and signs on the diagonal are any.
+    """
     n, rows = columns.shape
     if not columns.size:
         return

@@ -56,11 +56,12 @@ _UNARY |= {Op.NEG: neg, Op.ABS: abs, Op.SIGN: methodcaller("sgn")}
 
 
 class BallArithmetic:
-    """Arrays of balls, or of power series with balls as coefficients, at the precision of FLINT's context."""
+    """Arrays of balls, or of power series with balls as coefficients, at the precision of FLINT's context.
 
-    # that is the precision at the first use, for constants are kept.  A ball surely holds the true number, and knows
-    # every function, also those whose algebraic relations are not known.  Balls prove that something is not zero; that
-    # something is zero they can only bound
+    That is the precision at the first use, for constants are kept.  A ball surely holds the true number, and knows
+    every function, also those whose algebraic relations are not known.  Balls prove that something is not zero; that
+    something is zero they can only bound.
+    """
 
     dtype: npt.DTypeLike = object
     shape: tuple[int, ...] = ()

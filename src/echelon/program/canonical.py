@@ -230,7 +230,7 @@ class CanonicalForms:
 
     def forms(self, requests: Sequence[tuple[int, Signs]]) -> list[Form]:
         """Forms of function nodes, each for some signs."""
-        # Units and denominators are shared, so all is formed anew until no request asks for larger ones
+        # units and denominators are shared, so all is formed anew until no request asks for larger ones
         for _ in range(_MOST_PASSES):
             self._changed = False
             found = [self.form(node, signs) for node, signs in requests]

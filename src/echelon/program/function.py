@@ -114,8 +114,11 @@ def operands(program: Program, node: int) -> tuple[int, ...]:
 def depth_first(
     outputs: Iterable[int], inner: Callable[[int], Sequence[int]], done: set[int] | None = None
 ) -> Iterator[int]:
-    """Nodes in the order in which a walk from the outputs completes them, but those that are done, which it adds to."""
-    # `inner` tells the nodes that have to be completed before a node
+    """Nodes in the order in which a walk from the outputs completes them.
+
+    ``inner`` tells the nodes that have to be completed before a node.  Those that are ``done`` are left out, and what
+    the walk completes is added to them.
+    """
     done = set() if done is None else done
     for output in outputs:
         pending = [(output, False)]

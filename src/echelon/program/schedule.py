@@ -181,9 +181,10 @@ class Size:
 
 
 class FieldSampler:
-    """Evaluates outputs of a program at random points of a prime field; functions are sines and cosines of inputs."""
+    """Evaluates outputs of a program at random points of a prime field; functions are sines and cosines of inputs.
 
-    # For other functions see echelon.program.sampling
+    For other functions see :mod:`echelon.program.sampling`.
+    """
 
     def __init__(self, program: Program, outputs: Sequence[int]) -> None:
         self.program, self.outputs = program, outputs

@@ -26,7 +26,7 @@ from echelon.program.tape import Program
 
 Row = dict[int, int]  # monomials and the numbers by which they are multiplied
 
-Product = tuple[int, int]  # A variable and a known monomial
+Product = tuple[int, int]  # a variable and a known monomial
 
 
 class Residue:
@@ -56,10 +56,11 @@ class Residue:
 
 
 class Recorder:
-    """Computes with the residues of one sample, and records how on a program; numbers are its nodes."""
+    """Computes with the residues of one sample, and records how on a program; numbers are its nodes.
 
-    # What is zero at the recorded sample is left out of all further computation.  Other samples *follow* if the same
-    # numbers vanish there and none that is inverted does
+    What is zero at the recorded sample is left out of all further computation.  Other samples *follow* if the same
+    numbers vanish there and none that is inverted does.
+    """
 
     def __init__(self, field: PrimeField, inputs: Iterable[int]) -> None:
         self.program = record = Program()
@@ -139,12 +140,12 @@ class _Noting(ModularArithmetic):
 
 
 class NormalForms:
-    """Normal forms of all monomials up to a degree modulo the ideal of some polynomials, without zeros."""
+    """Normal forms of all monomials up to a degree modulo the ideal of some polynomials, without zeros.
 
-    # Modulo the polynomials known so far every monomial is a combination of a few *free* ones.  The table of these
-    # combinations grows by degree (a multiple of a monomial that is not free follows from lower degrees) and shrinks
-    # the set of free monomials by elimination (a polynomial of the ideal expresses its leading monomial by smaller
-    # ones)
+    Modulo the polynomials known so far every monomial is a combination of a few *free* ones.  The table of these
+    combinations grows by degree (a multiple of a monomial that is not free follows from lower degrees) and shrinks the
+    set of free monomials by elimination (a polynomial of the ideal expresses its leading monomial by smaller ones).
+    """
 
     def __init__(
         self, monomials: Monomials, numbers: Residue | Recorder, polynomials: Sequence[Mapping[Exponents, int]]
@@ -260,8 +261,10 @@ class Solver:
         field: PrimeField,
         spend: Callable[[float], None] = lambda _: None,
     ) -> Solutions:
-        """Solve polynomials by the exponents of their terms, with coefficients of shape (samples,)."""
-        # `spend` is told of the work that is done, in numbers that are added, and may raise an exception to end it
+        """Solve polynomials by the exponents of their terms, with coefficients of shape (samples,).
+
+        ``spend`` is told of the work that is done, in numbers that are added, and may raise an exception to end it.
+        """
         system = [Equation.of(terms, field) for terms in equations if terms]
         if not system:
             return Solutions(np.zeros(0, dtype=np.int64), [])

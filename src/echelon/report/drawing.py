@@ -245,8 +245,10 @@ class Pose:
 
 
 def drawable_pose(mechanism: Mechanism) -> Pose | None:
-    """A pose in which a robot can be recognised: assembled where there are loops, else zero, bent if that is a line."""
-    # None where lengths have no values or loops do not close
+    """A pose in which a robot can be recognised: assembled where there are loops, else zero, bent if that is a line.
+
+    None where lengths have no values or loops do not close.
+    """
     try:
         if mechanism.closures:
             return pose_at(mechanism, Assembly(mechanism).pose)

@@ -52,6 +52,7 @@ _SETTINGS = {
     "lowpass": ("low-pass over single positions", "Hz"),
     "measured": ("derivatives from the log", ""),
     "still": ("left out below the speed", ""),
+    "rest": ("at rest below that speed", ""),
     "delays": ("delays undone", "s"),
     "trim": ("left out at both ends", "s"),
     "rate": ("resampled to", "Hz"),

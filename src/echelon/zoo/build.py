@@ -33,9 +33,11 @@ def build_zoo(
     progress: Progress = lambda *_: None,
     site: str = "",
 ) -> list[Row]:
-    """Build or complete a zoo, and return the rows of the robots that were asked for, also of those that failed."""
-    # `only` is a pattern of names or paths; a robot gets `seconds` at most.  The index also has what was there. `site`
-    # leads from the folder to documentation and explorer, such as "../"; without it no page leads there
+    """Build or complete a zoo, and return the rows of the robots that were asked for, also of those that failed.
+
+    ``only`` is a pattern of names or paths; a robot gets ``seconds`` at most.  The index also has what was there.
+    ``site`` leads from the folder to documentation and explorer, such as "../"; without it no page leads there.
+    """
     searched = list(sources) or usual_folders()
     if not searched:
         raise InputError("no robots are installed: pip install example-robot-data, or name folders with --from")

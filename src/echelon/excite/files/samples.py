@@ -87,8 +87,10 @@ def places(names: Sequence[str], coordinates: Sequence[str], element: str) -> li
 
 
 def sampled(trajectory: Trajectory, rate: float, repeats: int = 1) -> Samples:
-    """A trajectory at equal steps from its beginning to its end, both included."""
-    # where the end is not a multiple of the step, the last step is shorter
+    """A trajectory at equal steps from its beginning to its end, both included.
+
+    Where the end is not a multiple of the step, the last step is shorter.
+    """
     check_repeats(trajectory, repeats)
     if not (math.isfinite(rate) and rate > 0):
         raise InputError(f"{rate!r} Hz is not a sampling rate; it is a positive number", element="rate")
@@ -150,8 +152,10 @@ def parquet_bytes(samples: Samples, units: Sequence[str]) -> bytes:
 
 
 def read_samples(path: str | os.PathLike[str], coordinates: Sequence[str], units: Sequence[str]) -> Samples:
-    """Samples from a table with the columns ``t`` and, for each coordinate, ``q_<name>`` or its name alone."""
-    # columns `qd_<name>` and `qdd_<name>` need not be there
+    """Samples from a table with the columns ``t`` and, for each coordinate, ``q_<name>`` or its name alone.
+
+    Columns ``qd_<name>`` and ``qdd_<name>`` need not be there.
+    """
     log = open_log(path)
     positions = _positions(log.names, coordinates, log.source)
     wanted = dict(zip(coordinates, positions, strict=True))

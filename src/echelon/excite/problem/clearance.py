@@ -123,8 +123,10 @@ def _behind(frames: Floats, placements: Floats) -> Floats:
 
 
 def checked_pairs(mechanism: Mechanism, shapes: Sequence[Shape], exclude: Sequence[tuple[str, str]] = ()) -> Integers:
-    """Pairs of shapes, shape (P, 2), on bodies that are neither rigidly connected nor neighbours."""
-    # planes come first, and pairs of the same owners are next to each other.  Exclusions name bodies, links or shapes
+    """Pairs of shapes, shape (P, 2), on bodies that are neither rigidly connected nor neighbours.
+
+    Planes come first, and pairs of the same owners are next to each other.  Exclusions name bodies, links or shapes.
+    """
     excluded = [_excluded(mechanism, shapes, pair) for pair in exclude]
     found = []
     for pair in combinations(range(len(shapes)), 2):

@@ -154,8 +154,10 @@ class LoopMotion(CompiledAssembly):
     def pulled(
         self, closed: Closed, by_q: Floats | None, by_qd: Floats | None = None, by_qdd: Floats | None = None
     ) -> Triple:
-        """Derivatives by the independent q, q̇ and q̈, each of shape (N, k), from those by the whole state."""
-        # zero for samples whose loops are not closed
+        """Derivatives by the independent q, q̇ and q̈, each of shape (N, k), from those by the whole state.
+
+        Zero for samples whose loops are not closed.
+        """
         places, count = closed.q.shape[1], len(self._independent)
         total = np.zeros((len(closed.q), places + 2 * count))
         if by_q is not None:
@@ -228,9 +230,10 @@ def check_loops(mechanism: Mechanism, move: Sequence[str] | None, hold: Collecti
 
 
 class LoopRegressor(StateRegressor):
-    """The entries of a reduced regressor at independent states of a mechanism with loops, and their pullback."""
+    """The entries of a reduced regressor at independent states of a mechanism with loops, and their pullback.
 
-    # its states q, q̇ and q̈ are those of the independent coordinates, each of shape (N, k)
+    Its states q, q̇ and q̈ are those of the independent coordinates, each of shape (N, k).
+    """
 
     def __init__(self, mechanism: Mechanism, pivots: Sequence[int], smooth: float | None = None) -> None:
         super().__init__(mechanism, pivots, smooth)
@@ -302,10 +305,11 @@ OPEN = 0.15  # least openness that a solver has to keep, as a share of LoopMotio
 
 @dataclass(frozen=True, eq=False)
 class LoopLimits(StateConstraint):
-    """Limits of a motion of the independent coordinates; made by :func:`loop_limits`."""
+    """Limits of a motion of the independent coordinates; made by :func:`loop_limits`.
 
-    # the first function is the openness of the loops as a share of the usual one; where they cannot be closed, it is
-    # negative, by how far it is back to where they can.  All others count as kept there
+    The first function is the openness of the loops as a share of the usual one; where they cannot be closed, it is
+    negative, by how far it is back to where they can.  All others count as kept there.
+    """
 
     leading: ClassVar[int] = 1
     motion: LoopMotion

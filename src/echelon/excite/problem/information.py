@@ -43,10 +43,11 @@ class Rows:
 
 
 class StateRegressor:
-    """The entries of a reduced regressor at states, and their pullback, in machine code."""
+    """The entries of a reduced regressor at states, and their pullback, in machine code.
 
-    # with `smooth`, a velocity in rad/s or m/s within which dry friction changes sign gradually, the entries have
-    # derivatives everywhere.  With loops, states are all positions, independent velocities and accelerations
+    With ``smooth``, a velocity in rad/s or m/s within which dry friction changes sign gradually, the entries have
+    derivatives everywhere.  With loops, states are all positions, independent velocities and accelerations.
+    """
 
     def __init__(self, mechanism: Mechanism, pivots: Sequence[int], smooth: float | None = None) -> None:
         function = robot_function("regressor", mechanism, pivots)
@@ -107,10 +108,11 @@ def sample_times(duration: float, rate: float) -> Floats:
 
 
 class Information:
-    """F(C) = F₀ + Σ X̄ᵀ diag(weights) X̄ over the samples of a motion with coefficients C."""
+    """F(C) = F₀ + Σ X̄ᵀ diag(weights) X̄ over the samples of a motion with coefficients C.
 
-    # X̄ of some thousand samples stays in the caches, where forming F and the derivatives by X̄ from it is cheaper than
-    # making it twice.  Only entries that are not structurally zero are made
+    X̄ of some thousand samples stays in the caches, where forming F and the derivatives by X̄ from it is cheaper than
+    making it twice.  Only entries that are not structurally zero are made.
+    """
 
     def __init__(self, regressor: StateRegressor, basis: Basis, times: Floats, weights: Floats, prior: Floats) -> None:
         self.regressor, self.weights, self.prior = regressor, weights, prior  # F₀ has shape (r, r)

@@ -48,7 +48,7 @@ SIZES = {
 
 WORLD = ("world", "base", "ground")  # names of the fixed world, unless a body has one of them
 
-CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # of a box with half lengths of 1
+CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # corners of a box with half lengths of 1
 
 Owner = tuple[int, str]
 """A body, −1 for the world, and the name of an obstacle; no name for all that belongs to the robot."""
@@ -176,8 +176,10 @@ class BoundingSpheres:
 
 
 def plane_gaps(first: Shape, second: Shape, places: tuple[Floats, Floats], points: Floats) -> Floats:
-    """Lower bounds of signed distances, shape (N,), m, by pairs of parallel planes between two shapes."""
-    # the second shape is not a plane.  Points of shape (N, 2, 3) that are nearest, or deepest, give the normals
+    """Lower bounds of signed distances, shape (N,), m, by pairs of parallel planes between two shapes.
+
+    The second shape is not a plane.  Points of shape (N, 2, 3) that are nearest, or deepest, give the normals.
+    """
     if first.kind is Kind.PLANE:
         return _between(first, second, places, places[0][:, :, 2])
     apart = points[:, 1] - points[:, 0]

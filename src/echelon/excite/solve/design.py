@@ -36,8 +36,10 @@ _STEPS, _SWEEPS = 9, 3  # places that are tried for a coordinate, and how often
 
 
 def start_pose(wanted: Floats, limits: ResolvedLimits, constraints: Sequence[StateConstraint], seed: int) -> Floats:
-    """A pose at rest that keeps all limits: the middle of the ranges if that is one with room to move about it."""
-    # wanted coordinates of shape (n,) are NaN where the set-up leaves them open
+    """A pose at rest that keeps all limits: the middle of the ranges if that is one with room to move about it.
+
+    Wanted coordinates of shape (n,) are NaN where the set-up leaves them open.
+    """
     low, high = limits.low, limits.high
     pose: Floats = np.where(np.isnan(wanted), limits.middle, wanted)
     outside = np.flatnonzero((pose < low) | (pose > high))

@@ -25,11 +25,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from echelon.arrays import Floats
+from echelon.arrays import Floats, one_thread
 from echelon.errors import EchelonError
 from echelon.excite.problem.optimisation import BROKEN, Problem, beyond
 from echelon.extras import extra
-from echelon.machine.target import one_thread
 
 if TYPE_CHECKING:  # processes of the solver need no schemas
     from echelon.formats.schema.schema_excite import ExcitationEntry
@@ -93,8 +92,10 @@ class _LastEvaluation:
 
 
 def solve(problem: Problem, start: Floats, iterations: int, best: Best) -> tuple[Floats, str, int]:
-    """Minimise from one starting point: the last iterate, which keeps the limits of the problem if it converged."""
-    # beside it stand `"converged"`, `"iterations"`, `"infeasible"` or the solver's own word, and the iterations
+    """Minimise from one starting point: the last iterate, which keeps the limits of the problem if it converged.
+
+    Beside it stand ``"converged"``, ``"iterations"``, ``"infeasible"`` or the solver's own word, and the iterations.
+    """
     casadi = _casadi()
     evaluate = _LastEvaluation(problem.value_and_gradient)
     A, low, high = problem.linear

@@ -348,10 +348,11 @@ def _sorted(parts: list[Part], expressions: Expressions) -> list[Part]:
 
 
 class Joints:
-    """Reads joints with the expressions of one description."""
+    """Reads joints with the expressions of one description.
 
-    # every method takes the element's path, for messages, and a stem: the ending of symbols that stand for angles
-    # without an exact sine (`roll3` for the stem 3)
+    Every method takes the element's path, for messages, and a stem: the ending of symbols that stand for angles without
+    an exact sine (``roll3`` for the stem 3).
+    """
 
     def __init__(self, expressions: Expressions) -> None:
         self.expressions = expressions

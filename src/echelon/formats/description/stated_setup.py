@@ -258,10 +258,10 @@ class Additions:
         opened = replace(self.mechanism, closures=closures, independent=(), assembly=assembly, symbols=symbols)
         if self.robot.closed_at:
             opened = self._followed(opened)
-        elif self.robot.robot is not None:
+        elif self.robot.robot is not None or not self.robot.symbols:  # what has a name is as it is stated
             from echelon.formats.loop_axes import with_exact_axes
 
-            opened = with_exact_axes(opened, self.expressions.snapping)
+            opened = with_exact_axes(opened, self.expressions.snapping, needed=self.robot.robot is not None)
         from echelon.regressor.loops.closing import close  # robots without loops load without it
 
         return close(opened, self._independent(), prefer=prefer)

@@ -111,10 +111,12 @@ def resolve(
     source: str,
     sliding: Collection[str] = (),
 ) -> tuple[dict[str, Rational], tuple[StatedCoupling, ...], list[str]]:
-    """Sort relations into joints that cannot move and joints that follow others."""
-    # where a joint equality's own joint follows already, or of the joints of a tendon, the last one that no actuator
-    # drives follows the others, if none follows it by a nonlinear function.  With loops, those that slide come first,
-    # as what turns must not follow them
+    """Sort relations into joints that cannot move and joints that follow others.
+
+    Where a joint equality's own joint follows already, or of the joints of a tendon, the last one that no actuator
+    drives follows the others, if none follows it by a nonlinear function.  With loops, those that slide come first, as
+    what turns must not follow them.
+    """
 
     def error(element: str, problem: str) -> InputError:
         return InputError(problem, source=source, element=element)

@@ -75,10 +75,12 @@ _SOME_MASS = 2 * NO_MASS
 
 
 def read_mjcf(document: MjcfDocument, *, mimics: bool = True) -> LiteralTree:
-    """The tree of an MJCF document."""
-    # the coordinates are MuJoCo's: q counts from the joint's `ref`, a ball joint has a unit quaternion w, x, y, z and
-    # its angular velocity in the moved frame, a free joint the position and velocity of the body's origin in the
-    # world's axes and then the same as a ball joint
+    """The tree of an MJCF document.
+
+    The coordinates are MuJoCo's: q counts from the joint's ``ref``, a ball joint has a unit quaternion w, x, y, z and
+    its angular velocity in the moved frame, a free joint the position and velocity of the body's origin in the world's
+    axes and then the same as a ball joint.
+    """
     if not document.missing:
         return _read(document, mimics)
     names = ", ".join(f"'{name}'" for name in document.missing)

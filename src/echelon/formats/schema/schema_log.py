@@ -127,6 +127,9 @@ class PreparationEntry(Model):
         ]
         | None
     ) = optional(None, "Speed below which rows are left out, for all outputs or by output.", 0.01)
+    rest: Annotated[tuple[str, ...] | None, BeforeValidator(_listed)] = optional(
+        None, "Outputs whose joints count as at rest below 'still', where their dry friction is unknown.", ["j1"]
+    )
     delays: dict[str, Real] | None = optional(None, "Delay of outputs behind positions, s.", {"j1": 0.002})
     trim: Annotated[Real, Field(ge=0)] = optional(0.0, "Left out at both ends, s.", 0.5)
     rate: Positive | None = optional(None, "Resample to this rate, Hz.", 500)

@@ -161,9 +161,11 @@ EffectEntry = Annotated[
 
 
 def effect_list(value: object) -> object:
-    """The list of effects that a shorter way of writing stands for."""
-    # `[viscous, coulomb]` is at all places; `{elbow: [viscous, {type: stribeck, velocity: 0.1}]}` and `{elbow:
-    # {viscous: null, stribeck: {velocity: 0.1}}}` go by place, `{viscous: all}` by type; `none` is none
+    """The list of effects that a shorter way of writing stands for.
+
+    ``[viscous, coulomb]`` is at all places; ``{elbow: [viscous, {type: stribeck, velocity: 0.1}]}`` and
+    ``{elbow: {viscous: null, stribeck: {velocity: 0.1}}}`` go by place, ``{viscous: all}`` by type; ``none`` is none.
+    """
     if isinstance(value, str):
         value = [] if value == "none" else [value]
     if isinstance(value, dict):

@@ -157,7 +157,7 @@ def _whole(value: object) -> int:
 
 SCALAR: dict[str, Any] = {"type": ["number", "string"]}
 Number = Annotated[float, BeforeValidator(number), WithJsonSchema(SCALAR)]
-Real = Annotated[float, BeforeValidator(_real), WithJsonSchema(SCALAR)]  # A number or ``inf``
+Real = Annotated[float, BeforeValidator(_real), WithJsonSchema(SCALAR)]  # a number or ``inf``
 Whole = Annotated[int, BeforeValidator(_whole), WithJsonSchema({"type": ["integer", "string"]})]
 
 

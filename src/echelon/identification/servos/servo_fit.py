@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from echelon.arrays import Floats
+from echelon.arrays import Floats, one_thread
 from echelon.base.derive import base_parameters, base_structure
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
@@ -43,7 +43,6 @@ from echelon.logs.faults.examine import resolution
 from echelon.logs.finding import Finding, note
 from echelon.logs.read_log import read_log
 from echelon.logs.recording import Segment
-from echelon.machine.target import one_thread
 from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.logs import with_logs
 from echelon.setup.setup import Setup

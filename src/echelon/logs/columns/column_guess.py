@@ -26,7 +26,7 @@ from echelon.logs.columns.column_names import (
 )
 from echelon.logs.files.log_file import Table
 from echelon.logs.finding import counted, listed
-from echelon.logs.units import factor
+from echelon.logs.units import factor, fits
 from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism
 
@@ -134,7 +134,10 @@ def _of_all(
     needed = _NEEDED[: 1 + outputs]
     absent = [kind for kind in needed if not groups[kind]]
     if absent and look is not None and (by_values or (headerless and not problems)):
-        clear = [name for name, said in meanings.items() if said.kind not in absent and not headerless]
+        if len(absent) == len(needed):  # A1 beside M1 is no acceleration
+            groups = {kind: {} for kind in groups}
+        known = [kind for kind, some in groups.items() if some]
+        clear = [name for name, said in meanings.items() if said.kind in ("time", *known) and not headerless]
         notes += _filled(groups, _by_values(names, clear, mechanism, look().columns, groups), mechanism)
         absent = [kind for kind in needed if not groups[kind]]
         problems = problems if absent else []
@@ -211,7 +214,7 @@ def _time(meanings: Meanings, unnamed: Sequence[str], look: Look | None) -> tupl
     # columns of messages have stamps of their own, which the file assigns to them
     if look is None or look().clocks:
         found = [name for name in found if not name.startswith("/")]
-    found = [name for name in found if _fits(meanings[name].unit, "s")]
+    found = [name for name in found if fits(meanings[name].unit, "s")]
     if look is not None and (len(found) > 1 or (unnamed and not found)):
         table = look()
         chosen = "" if table.clocks and not found else clock(table.columns, found or unnamed, named=bool(found))
@@ -219,14 +222,6 @@ def _time(meanings: Meanings, unnamed: Sequence[str], look: Look | None) -> tupl
     if len(found) > 1:
         return None, [f"{listed(found)} could all be the time; name one as time under log"]
     return (Channel(found[0], meanings[found[0]].unit if found[0] in meanings else "") if found else None), []
-
-
-def _fits(unit: str, quantity: str | Sequence[str] | None) -> bool:
-    try:
-        factor(unit, quantity)
-    except InputError:
-        return False
-    return True
 
 
 def _channels(meanings: Meanings, mechanism: Mechanism, kind: str) -> dict[str, Channel]:
@@ -267,11 +262,11 @@ def _channels(meanings: Meanings, mechanism: Mechanism, kind: str) -> dict[str, 
 def _channel(column: str, unit: str, mechanism: Mechanism, kind: str, name: str) -> Channel | None:
     """A column with its unit; None where the unit is not one of the quantity."""
     if kind == "current":  # as if it were a torque: one unit of force per ampere
-        return Channel(column, scale=factor(unit, "A")) if _fits(unit, "A") else None
+        return Channel(column, scale=factor(unit, "A")) if fits(unit, "A") else None
     expected = units(mechanism, "position" if kind == "joint" else kind, name)
     if kind == "output" and unit in SHARES:
         return Channel(column)
-    return Channel(column, unit) if _fits(unit, expected) else None
+    return Channel(column, unit) if fits(unit, expected) else None
 
 
 def _numbers(meanings: Iterable[Meaning]) -> set[int]:

@@ -21,7 +21,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from echelon.logs.units import is_unit
+from echelon.logs.units import fits
 from echelon.mechanism.joint import GROUND, MotionKind
 from echelon.mechanism.mechanism import Mechanism
 
@@ -84,6 +84,7 @@ _COLUMN_UNITS |= dict.fromkeys(("per mille", "permille", "promille", "per mil", 
 SHARES = ("%", "‰")  # what torques are in that are shares of a rated one
 _GREEK = str.maketrans({"θ": "theta", "ϑ": "theta", "τ": "tau", "ω": "omega"})
 _RATES = {"position": "velocity", "velocity": "acceleration"}
+_BY_UNIT = {"output": ("N·m", "N"), "velocity": ("rad/s", "m/s"), "current": ("A",)}  # joint 1 (Nm)
 _HUMPS = (re.compile(r"(?<=[a-z])(?=[A-Z][a-z])"), re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])"))
 _AFFIX = re.compile(r"^(?:joint|jnt|motor|axis)[_-]|[_-](?:joint|jnt|motor|axis)$", re.IGNORECASE)
 _BARE = frozenset({"joint", "state", "neutral"})
@@ -140,7 +141,7 @@ def stated_unit(column: str) -> str:
     bracket = _BRACKETS.search(column)
     text = bracket.group(1) if bracket else re.split(r"[\s_]", column)[-1]
     text = _COLUMN_UNITS.get(text.lower(), text)
-    return text if text in SHARES or (len(text) > 1 and is_unit(text)) else ""
+    return text if text in SHARES or (len(text) > 1 and fits(text, None)) else ""
 
 
 def _by_words(text: str, name: str, unit: str) -> Meaning | None:
@@ -197,6 +198,8 @@ def _joined(
     contradicting = len(set(kinds)) > 1 or len(numbers) > 1 or len(stated) > 1 or (name and numbers)
     if not kind or contradicting or (reference and kind != "position") or (kind == "time" and numbers):
         return None
+    if kind == "joint" and stated:
+        kind = next((k for k, units in _BY_UNIT.items() if fits(stated[0], units)), kind)
     index = next(iter(numbers), None)
     return Meaning("reference" if reference else kind, name, index, "motor" in roles, stated[0] if stated else "")
 

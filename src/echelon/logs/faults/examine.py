@@ -1,7 +1,8 @@
 """Faults of a log: what sensors, drives and loggers do wrong, found channel by channel and named.
 
-Only what is certainly no measurement is taken out: values that are not finite, quaternions of length zero, sensors that
-stand still while the robot moves.  Everything else is reported, because only the user knows whether it is a fault.
+Only what is certainly no measurement is taken out: values that are not finite, quaternions of length zero, spikes of
+one or two samples, sensors that stand still while the robot moves.  Everything else is reported, because only the user
+knows whether it is a fault.
 
 A joint that rests and a sensor that is stuck look alike for as long as they stand.  What tells them apart is how they
 get there: joints slow down and start again smoothly, sensors stop at full speed or jump when they wake up, or
@@ -15,6 +16,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from echelon.arrays import Flags, Floats, Integers
 from echelon.errors import InputError
@@ -57,6 +59,7 @@ def examine(
         problem = "all measured outputs are zero, so there is nothing to identify: are these the right columns?"
         raise InputError(problem, source=recording.source)
     moving = _constant(recording, channels, usable, whole, findings)
+    _spikes(recording, moving, mechanism, usable, findings)
     _jumps(recording, moving, mechanism, usable, findings)
     asleep: Found = []
     awake = _stuck(recording, moving, usable, asleep)
@@ -79,11 +82,12 @@ def _not_finite(recording: Recording, channels: Sequence[Series], whole: bool, f
         count = int(np.sum(~usable))
         where = f"{recording.source}, time, row {int(np.argmin(usable))}"
         findings.append(warning("not finite", where, f"{counted(count, 'sample')} without a time; left out"))
+    timeless = ~usable
     for channel in channels:
-        good = np.isfinite(channel.values)
+        good = np.isfinite(channel.values) | timeless
         if good.all():
             continue
-        if whole and not good.any():
+        if whole and not np.isfinite(channel.values).any():
             raise InputError("it holds no numbers, only NaN", source=recording.source, element=channel.label)
         starts, stops = runs(~good)
         text = (
@@ -202,6 +206,39 @@ def _stuck(recording: Recording, channels: Sequence[Series], usable: Flags, find
     return kept
 
 
+def _spikes(
+    recording: Recording, channels: Sequence[Series], mechanism: Mechanism, usable: Flags, findings: Found
+) -> None:
+    """Samples that leave the course of a channel and return at once, as damaged messages do; taken out."""
+    for channel in (channel for channel in channels if channel.signal in _TALL):
+        motion = motion_of(mechanism, channel.name) if channel.signal == "q" else None
+        turns = motion is not None and motion.kind is MotionKind.ROTATION
+        places = spikes(channel.values[_rows(usable)], _TALL[channel.signal], turns)
+        if len(places):
+            places = np.flatnonzero(usable)[places]
+            usable[places] = False
+            text = f"{counted(len(places), 'sample lies', 'samples lie')} far off the course before and after; left out"
+            findings.append(_at(recording, channel, "spikes", int(places[0]), text))
+
+
+def spikes(values: Floats, tall: float, turns: bool) -> Integers:
+    """Samples, one or two in a row, that lie off the others by more than a share of their range."""
+    steps = np.abs(np.diff(values))
+    if len(values) < 10 * _FEWEST or not steps.max() > 0.5 * tall / (1 + tall) * np.ptp(values):
+        return np.zeros(0, dtype=np.intp)
+    values = np.unwrap(values, discont=WRAP) if turns else values
+    course = _medians(values, 5)
+    off = np.abs(values - course)
+    usual = max(float(np.percentile(off, _MOSTLY)), float(np.median(steps[steps > 0])))
+    around = _medians(off, 9)  # what rings or trembles for a while is no spike
+    return np.flatnonzero((off > _LEAP * np.maximum(around, usual)) & (off > tall * np.ptp(course)))
+
+
+def _medians(values: Floats, width: int) -> Floats:
+    """Medians of so many neighbouring values, an odd number."""
+    return np.median(sliding_window_view(np.pad(values, width // 2, mode="edge"), width), axis=1)
+
+
 def _jumps(
     recording: Recording, channels: Sequence[Series], mechanism: Mechanism, usable: Flags, findings: Found
 ) -> None:
@@ -309,6 +346,8 @@ _STEPS = 2.0
 _FEW_LEVELS = 30
 _LEAP = 5.0
 _LEAST_JUMP = 5e-3
+_TALL = {"q": 0.02, "qd": 0.5, "y": 0.5}  # share of its range by which a spike of a signal is off; forces may be rough
+_MOSTLY = 98.0  # per cent of the samples that are no spikes at least
 _CUT = 6  # samples on both sides, so that stretches end there
 
 _PINNED_RUN = 5

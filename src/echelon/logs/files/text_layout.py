@@ -16,7 +16,7 @@ from itertools import groupby
 
 from echelon.errors import InputError, one_line
 from echelon.inputs import COLUMNS
-from echelon.logs.units import is_unit
+from echelon.logs.units import fits
 
 _DELIMITERS = ("\t", ";", ",", "|", None)
 _MISSING = frozenset({"", "-", "nan", "na", "n/a", "#n/a", "null", "none"})
@@ -175,8 +175,9 @@ def _under(upper: Sequence[str], lower: Sequence[str]) -> list[str]:
 
 
 def _are_units(row: Sequence[str]) -> bool:
-    """Whether all cells of a row are units, one of them at least."""
-    return any(_bare(cell) for cell in row) and all(not _bare(cell) or is_unit(_bare(cell)) for cell in row)
+    """Whether all cells of a row are units, and one of them more than the number 1."""
+    told = [unit for cell in row if (unit := _bare(cell))]
+    return all(fits(unit, None) for unit in told) and any(number(unit) is None for unit in told)
 
 
 def _bare(cell: str) -> str:

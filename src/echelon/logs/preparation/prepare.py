@@ -24,6 +24,7 @@ from pydantic import Field
 
 from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
+from echelon.extras import extra
 from echelon.formats.schema.schema_log import PreparationEntry
 from echelon.logs.columns.column_map import motion_of, quaternion_columns, signal_names
 from echelon.logs.recording import Samples, Segment
@@ -274,18 +275,19 @@ class PreparationPlan:
     def samples(self, piece: Segment) -> Samples:
         """A usable piece as samples, without what its ends spoil."""
         rows = slice(self.spoilt, len(piece) - self.spoilt)
-        q, qd, qdd = (some[rows] for some in states(piece, self.preparation, self.mechanism))
+        q, qd, qdd = states(piece, self.preparation, self.mechanism)
+        qd, moving = self._moving(qd, q.shape[1])
         return Samples(
             piece.source,
             piece.start + rows.start / piece.rate,
             piece.rate,
-            q,
-            qd,
-            qdd,
+            q[rows],
+            qd[rows],
+            qdd[rows],
             y=self._on_time(piece.signals["y"])[rows] if "y" in piece.signals else None,
             inputs={name: values[rows] for name, values in piece.inputs.items()},
             reduction=self.reduction,
-            moving=self._moving(qd, q.shape[1]),
+            moving=None if moving is None else moving[rows],
         )
 
     def _on_time(self, y: Floats) -> Floats:
@@ -297,19 +299,37 @@ class PreparationPlan:
                 found[:, column] = shifted(y[:, column], self.delays[output.name])
         return found
 
-    def _moving(self, qd: Floats, positions: int) -> Flags | None:
+    def _moving(self, qd: Floats, positions: int) -> tuple[Floats, Flags | None]:
+        """Velocities, and where outputs move: faster than noise and than what the low-pass smears of starts and stops.
+
+        Velocities of joints that count as at rest below that are zero, so that no dry friction is predicted there.
+        """
         still = self._still()
         if not any(still.values()):
-            return None
+            return qd, None
         names = velocity_names(self.mechanism, positions)
+        smeared = self._smeared(qd, names)
         flags = np.ones((len(qd), len(self.mechanism.outputs)), dtype=bool)
+        slowest = np.full(len(names), inf)
         for column, output in enumerate(self.mechanism.outputs):
             rows = speed_rows(self.mechanism, output, names) if still.get(output.name) else None
-            if rows is not None:
-                speeds = (sum(row[k] * qd[:, k] for k in np.flatnonzero(row)) for row in rows)
-                for speed in speeds:
-                    flags[:, column] &= np.abs(speed) > still[output.name]
-        return flags
+            for row in () if rows is None else rows:
+                some, least = np.flatnonzero(row), still[output.name]
+                speed, error = np.abs(qd[:, some] @ row[some]), smeared[:, some] @ np.abs(row[some])
+                flags[:, column] &= speed > least + error
+                rests = output.name in (self.preparation.rest or ())
+                slowest[some] = np.minimum(slowest[some], least / np.abs(row[some]) if rests else 0.0)
+        slowest[np.isinf(slowest)] = 0.0
+        return np.where((slowest > 0) & (np.abs(qd) <= slowest + smeared), 0.0, qd), flags
+
+    def _smeared(self, qd: Floats, names: Sequence[str]) -> Floats:
+        """What the low-pass would take off velocities once more, at most within half a period of its cut-off."""
+        with extra("identify"):
+            from scipy.ndimage import maximum_filter1d
+        cutoff = min(cutoffs(self.preparation, self.rate, names))
+        taken = np.abs(qd - _smoothed(qd, self.preparation, self.rate, names))
+        reach = ceil(0.5 * self.rate / cutoff) if isfinite(cutoff) else 0
+        return maximum_filter1d(taken, 2 * reach + 1, axis=0)
 
     def _still(self) -> Mapping[str, float]:
         given = self.preparation.still

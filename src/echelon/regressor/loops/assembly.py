@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from echelon.arrays import Flags, Floats
+from echelon.arrays import Flags, Floats, one_thread
 from echelon.errors import AssemblyWarning, InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.mechanism.closed_pose import loop_motions
@@ -144,7 +144,7 @@ class Assembly(ClosedMotion):
         if not done.any():
             return None
         q, rng = q[done], random_generator(DEFAULT_SEED)
-        ahead, done = self.closed(self._moved(q, _random_motion(rng, self._jacobian(q), 2 * STRIDE)))
+        ahead, done = self.closed(self._moved(q, _random_motion(rng, _singular(self._jacobian(q))[1], 2 * STRIDE)))
         gone = largest((ahead - q) / self.position_units) > STRIDE / 10  # not so where links are folded onto each other
         q = q[done & gone & (self.mobility(ahead) > 0)]
         if not len(q):
@@ -288,6 +288,7 @@ class Assembly(ClosedMotion):
 
     # -- states ----------------------------------------------------------------------------------------------------
 
+    @one_thread()
     def random_closed_states(
         self, rng: np.random.Generator, count: int, reach: float = 1.0
     ) -> tuple[Floats, Floats, Floats]:
@@ -297,18 +298,20 @@ class Assembly(ClosedMotion):
         they cannot change over to another way of assembly there.
         """
         q = np.repeat(self.pose[None], count, axis=0)
-        jacobian, strides = self._jacobian(q), max(_FEWEST, round(_WALK * reach**2))
+        (sizes, across), strides = _singular(self._jacobian(q)), max(_FEWEST, round(_WALK * reach**2))
         size = 2 * STRIDE * reach * np.sqrt(_WALK / strides)  # as far on average, however many there are
         rank = len(self.mechanism.velocities) - int(self.mobility(self.pose[None])[0])
-        near = _KEPT_AWAY * _singular(jacobian[:1], rank)
+        smallest = max(rank - 1, 0)  # of the singular values that do not vanish at the assembly pose
+        near = _KEPT_AWAY * sizes[0, smallest]
         for _ in range(strides):
-            found, done = self.closed(self._moved(q, _random_motion(rng, jacobian, size)), iterations=_FEW)
-            ahead = self._jacobian(found)
-            done &= _singular(ahead, rank) > near
-            q[done], jacobian[done] = found[done], ahead[done]
+            found, done = self.closed(self._moved(q, _random_motion(rng, across, size)), iterations=_FEW)
+            sizes, ahead = _singular(self._jacobian(found))
+            done &= sizes[:, smallest] > near
+            q[done], across[done] = found[done], ahead[done]
         units = self.closures.units[: len(self.mechanism.velocities)]
-        qd = _random_motion(rng, jacobian, _RATE) * units
-        return q, qd, _random_motion(rng, jacobian, _RATE, self.closures.bias(q, qd)) * units
+        qd = _random_motion(rng, across, _RATE) * units
+        back = np.linalg.pinv(self._jacobian(q), rcond=RANK_TOLERANCE) @ self.closures.bias(q, qd)[:, :, None]
+        return q, qd, (_random_motion(rng, across, _RATE) - back[:, :, 0]) * units
 
     def _jacobian(self, q: Floats) -> Floats:
         """Derivatives of the closure equations by velocities."""
@@ -344,18 +347,18 @@ class Assembly(ClosedMotion):
         raise InputError(f"the loops cannot be closed at the independent positions of sample {sample}: {problem}")
 
 
-def _random_motion(rng: np.random.Generator, jacobian: Floats, size: float, bias: Floats | float = 0.0) -> Floats:
-    """Random x with J x + bias = 0."""
-    any_ = rng.uniform(-size, size, jacobian.shape[::2])
-    opening = (jacobian @ any_[:, :, None])[:, :, 0] + bias
-    back = np.linalg.pinv(jacobian, rcond=RANK_TOLERANCE) @ opening[:, :, None]
-    result: Floats = any_ - back[:, :, 0]
+def _random_motion(rng: np.random.Generator, across: Floats, size: float) -> Floats:
+    """Random x with J x = 0, from what :func:`_singular` tells of J."""
+    any_ = rng.uniform(-size, size, across.shape[::2])
+    result: Floats = any_ - (across.swapaxes(1, 2) @ (across @ any_[:, :, None]))[:, :, 0]
     return result
 
 
-def _singular(jacobian: Floats, rank: int) -> Floats:
-    """The smallest singular value that does not vanish at the assembly pose: how far singular configurations are."""
-    return np.asarray(np.linalg.svd(jacobian, compute_uv=False)[:, max(rank - 1, 0)], dtype=np.float64)
+def _singular(jacobian: Floats) -> tuple[Floats, Floats]:
+    """Singular values, and orthonormal rows that span those of J, with zeros below them."""
+    _, sizes, across = np.linalg.svd(jacobian, full_matrices=False)
+    independent = sizes > RANK_TOLERANCE * sizes[:, :1]
+    return sizes, across * independent[:, :, None]
 
 
 def _damped_steps(values: Floats, jacobian: Floats) -> Floats:

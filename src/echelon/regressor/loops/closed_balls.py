@@ -140,9 +140,10 @@ class ClosedBalls:
         q: Values = {n: np.array([flint.arb(x) for x in real[f"q[{n}]"].tolist()], dtype=object) for n in names}
         none = _zeros((len(self._names), len(q[names[0]])))
         q = self._moved(q, none)
-        chosen, size = self._closure(q, self._names)[1].chosen(), flint.arb(0)
+        chosen, size = _Choice(), flint.arb(0)
         for _ in range(_ITERATIONS):
             values, jacobian = self._closure(q, self._names)
+            chosen = chosen or jacobian.chosen()
             step = _middle(jacobian.completed(chosen, none, values))
             q = {name: _middle(x) for name, x in self._moved(q, step).items()}
             size = max((abs(x).upper() for x in step.flat), default=flint.arb(0))

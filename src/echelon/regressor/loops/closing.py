@@ -10,7 +10,7 @@ from math import inf
 
 import numpy as np
 
-from echelon.arrays import Floats
+from echelon.arrays import Floats, one_thread
 from echelon.errors import DegenerateSampleError, InputError, ShakyPoseError, SingularPoseError
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, null_vectors, random_generator, rank
 from echelon.mechanism.closed_pose import as_stated, shown_loops
@@ -87,7 +87,7 @@ def assembled(mechanism: Mechanism) -> Assembled | None:
 
 def closable_as_stated(mechanism: Mechanism) -> Mechanism:
     """The mechanism with the frames that were stated, if the loops close with them in doubles; otherwise as it is."""
-    if not mechanism.closed_at:
+    if mechanism.closures == (mechanism.stated_closures or mechanism.closures):  # all frames are where they were
         return mechanism
     stated = as_stated(mechanism)
     with suppress(OpenLoopsError):
@@ -154,6 +154,7 @@ def _rank(velocities: Floats, threshold: float, columns: Sequence[int]) -> int:
     return int((np.linalg.svd(velocities[list(columns)], compute_uv=False) > threshold).sum()) if columns else 0
 
 
+@one_thread()
 def _real(mechanism: Mechanism) -> tuple[Mechanism, _Real | None]:
     """The mechanism in double precision, None if symbols have no values; frames that nearly meet are made to follow."""
     if not has_values(mechanism):
@@ -167,6 +168,7 @@ def _real(mechanism: Mechanism) -> tuple[Mechanism, _Real | None]:
     return followed, _Real(followed)
 
 
+@one_thread()
 def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
     """The mechanism as it is if its loops close exactly and move as in doubles, else with frames that follow."""
     reasons, locked = [], ""

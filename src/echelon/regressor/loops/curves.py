@@ -17,7 +17,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
+from echelon.arrays import Floats, one_thread
 from echelon.errors import ShakyPoseError, SingularPoseError, UnknownRelationsError
 from echelon.exact import series
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank
@@ -38,6 +38,7 @@ from echelon.regressor.loops.positions import Positions, Recorded
 
 _LOST = 2  # coefficients that are not known of accelerations
 _PRODUCT, _LIFTS = 0.25, 3  # what a product of series costs, of order², and how often closures are evaluated
+_HARD = 5e6  # numbers that are added in some seconds
 _VARIANTS = 6  # closed poses that are looked at for the one with the most freedom
 _SURPLUS = 3  # halves: that many more coefficients are taken than states, because some are not independent
 
@@ -110,6 +111,7 @@ class CurveSampler(FunctionSampler):
         """
         return self.from_pose(field, rng, geometry, lambda pose: self.evaluate_at(field, rng, states, geometry, pose))
 
+    @one_thread()
     def from_pose(
         self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues], found: Callable[[Pose], T]
     ) -> T:
@@ -128,9 +130,9 @@ class CurveSampler(FunctionSampler):
         return self._poses.takes_stated
 
     @property
-    def searched(self) -> float:
-        """How many numbers were added while closed poses were looked for."""
-        return self._poses.searched
+    def is_hard(self) -> bool:
+        """Whether closed poses have taken long to find."""
+        return self._poses.searched > _HARD
 
     def variants(
         self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues], pose: Pose, count: int

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import combinations
-from math import pi
+from math import cos, pi, sin
 
 from echelon.arrays import Floats
 from echelon.exact.expressions import LARGEST_EXPANSION, STEPS_PER_HALF_TURN, Angle
@@ -33,6 +33,17 @@ def closed_exactly(mechanism: Mechanism, pose: Floats) -> Mechanism:
     """A mechanism whose loops are closed at a pose."""
     exact, symbols = _positions(mechanism, dict(zip(mechanism.positions, map(float, pose), strict=True)))
     return follow(replace(mechanism, symbols={**mechanism.symbols, **symbols}), exact)
+
+
+def rational_pose(mechanism: Mechanism, pose: Floats) -> ClosedAt:
+    """Positions of what moves in loops next to a pose, of angles rational points of the circle."""
+    values, parts = dict(zip(mechanism.positions, map(float, pose), strict=True)), angle_parts(mechanism)
+    involved, travels = loop_motions(mechanism), travelling(mechanism)
+    return {
+        m.name: _exact(m, values, parts.get(m.name, 1), None, m.name in travels)
+        for m in mechanism.motions
+        if m.name in involved
+    }
 
 
 def stated_exactly(mechanism: Mechanism) -> ClosedAt:
@@ -78,13 +89,16 @@ def check_pose(mechanism: Mechanism, pose: ClosedAt) -> None:
 
 
 def _exact(
-    motion: Motion, values: Mapping[str, float], parts: int, angles: _Angles, travels: bool
+    motion: Motion, values: Mapping[str, float], parts: int, angles: _Angles | None, travels: bool
 ) -> tuple[Polynomial, ...]:
     if motion.kind is MotionKind.BALL:
         return tuple(map(as_polynomial, unit_quaternion([values[name] for name in motion.positions])))
     value = values[motion.name]
     if motion.kind is MotionKind.TRANSLATION:
         return (as_polynomial(Fraction(f"{value:.{_DIGITS}f}")),)
+    if angles is None:
+        cosine, sine, *_ = unit_quaternion([cos(value / parts), sin(value / parts), 0.0, 0.0])
+        return tuple(map(as_polynomial, (cosine, sine, Fraction(value))[: 2 + travels]))
     angle = angles.exact(value, motion.name, parts)
     point = angle.cos(), angle.sin()
     return (*point, as_polynomial(parts * angles.decimal(angle))) if travels else point

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from sympy.ntheory.modular import crt
 
 from echelon.exact.field import random_prime
-from echelon.exact.rational import combine, rational
+from echelon.exact.interpolation import combine, rational
 
 _RNG = np.random.default_rng(5)
 PRIMES = [random_prime(_RNG, 31) for _ in range(6)]
