@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,14 @@ import pytest
 import yaml
 
 import echelon as ec
+from echelon.exact.expressions import Angle
+from echelon.exact.polynomial import as_polynomial
 from echelon.inertia import rotation_of
+from echelon.mechanism.closed_pose import follow
+from echelon.mechanism.joint import shift, turn
+from echelon.mechanism.stated import known_values, placement_matrix
+from echelon.regressor.loops import exact_pose
+from echelon.results.saved import from_json, to_json
 from support.selection import slow_unless
 from support.zoo import ZOO
 from support.zoo.mjcf_text import INERTIA
@@ -138,3 +147,25 @@ loops:
 def test_numbers_of_descriptions_may_be_rounded() -> None:
     """A shaft with two universal joints between parallel shafts; with names, lengths and angles are as they are."""
     assert found(CARDAN) == (1, 6)
+
+
+def test_restored_loops_that_are_open_at_zero_are_read_again() -> None:
+    turned = CARDAN.replace("[0.7, 0.12, 0.05]}", "[0.7, 0.12, 0.05], rpy: [0.400037, 0, 0]}")
+    base = ec.base_parameters(ec.load(turned))
+    assert (base.rank, ec.verify(from_json(to_json(base))).rank) == (6, 6)
+
+
+@pytest.mark.parametrize("apart", [0, Fraction(1, 10**7)])
+def test_second_axes_of_universal_joints_stay_when_frames_follow(apart: Fraction) -> None:
+    """The first frame may be turned about the first axis; the second one follows with its place only."""
+    mechanism = ec.load(CARDAN)
+    (closure,) = mechanism.closures
+    first = closure.first_frame @ turn(0, Angle(Fraction(1, 6)))
+    second = closure.second_frame @ shift(as_polynomial(apart), 0, 0)
+    stated = replace(mechanism, closures=(replace(closure, first_frame=first, second_frame=second),))
+    (followed,) = follow(stated, exact_pose.rational_pose(stated, np.zeros(len(stated.positions)))).closures
+    placed, wanted = (
+        reduce(np.matmul, (placement_matrix(step, known_values(mechanism)) for step in c.placements[1:]))
+        for c in (followed, closure)
+    )
+    np.testing.assert_allclose(placed[:3, [1, 3]], wanted[:3, [1, 3]], atol=1e-9)

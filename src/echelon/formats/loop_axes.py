@@ -74,7 +74,7 @@ def _closed_pose(mechanism: Mechanism) -> ClosedAt | None:
         pose = error.pose
     try:
         return rational_pose(mechanism, pose)
-    except ValueError:  # ratios of couplings that are no numbers
+    except ValueError:  # ratios of couplings that are no numbers, or long ones
         return None
 
 

@@ -14,13 +14,17 @@ from functools import reduce
 from math import lcm
 from operator import matmul
 
+import numpy as np
+
 from echelon.exact.expressions import Point, added, multiple_of_point
 from echelon.exact.polynomial import Polynomial, Rational, as_polynomial, simple_fraction
-from echelon.mechanism.closure import Closure
+from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement, Step, merge, shift, turn_by
 from echelon.mechanism.mechanism import ClosedAt, Mechanism
+from echelon.mechanism.stated import known_values, placement_matrix
 
 _SHOWN = 4  # closures that a message names
+_ROUNDING = 1e-15
 
 
 def angle_parts(mechanism: Mechanism) -> dict[str, int]:
@@ -30,6 +34,13 @@ def angle_parts(mechanism: Mechanism) -> dict[str, int]:
         for name, function in coupling.terms:
             parts[name] = lcm(parts.get(name, 1), _rational(function.ratio, coupling.coordinate).denominator)
     return parts
+
+
+def largest_multiple(mechanism: Mechanism) -> int:
+    """The most parts of an angle that couplings take."""
+    parts, terms = angle_parts(mechanism), ((c, *term) for c in mechanism.couplings for term in c.terms)
+    multiples = [_rational(function.ratio, c.coordinate) * parts[name] for c, name, function in terms]
+    return int(max(map(abs, multiples), default=1))
 
 
 def travelling(mechanism: Mechanism) -> set[str]:
@@ -91,10 +102,24 @@ class _Placed:
         back = [step.inverse() for body in outward for step in reversed(self._steps(body))]
         there = [step for body in reversed(inward) for step in self._steps(body)]
         mount = tuple(step for step in (*back, *there) if not step.is_identity)
-        numbers = not any(x.generators() for step in (*mount, closure.first_frame) for x in step.entries())
-        if numbers and reduce(matmul, mount, Placement()) @ closure.first_frame == closure.second_frame:
-            return closure  # it is there already
-        return replace(closure, second_mount=mount, second_frame=closure.first_frame)
+        if not any(x.generators() for step in (*mount, *closure.placements) for x in step.entries()):
+            met = reduce(matmul, mount, Placement()) @ closure.first_frame
+            if closure.is_closed(met.inverse() @ reduce(matmul, closure.placements[1:])):
+                return closure  # there already, with a second axis or a place along the first of its own
+        frame = closure.first_frame
+        if closure.kind is ClosureKind.UNIVERSAL:
+            frame @= self._second_axis(closure, mount)
+        return replace(closure, second_mount=mount, second_frame=frame)
+
+    def _second_axis(self, closure: Closure, mount: Sequence[Placement]) -> Placement:
+        """The turn about x, the first axis, that brings y to the second axis, next to where it is stated."""
+        known = known_values(self.mechanism)
+        met, stated = (
+            reduce(np.matmul, (placement_matrix(step, known) for step in steps))
+            for steps in ((*mount, closure.first_frame), closure.placements[1:])
+        )
+        y = (met.T @ stated)[:3, 1]
+        return rational_rotation((1 + y[1], y[2], 0.0, 0.0) if y[1] > 0 else (y[2], 1 - y[1], 0.0, 0.0), _ROUNDING)
 
     def counted(self, steps: Sequence[Step], back: bool) -> tuple[Step, ...]:
         """Steps with the pose before their motions, or taken out of them."""

@@ -19,7 +19,7 @@ from echelon.arrays import Floats
 from echelon.exact.expressions import LARGEST_EXPANSION, STEPS_PER_HALF_TURN, Angle
 from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.polynomial import Polynomial, as_polynomial
-from echelon.mechanism.closed_pose import angle_parts, follow, loop_motions, travelling
+from echelon.mechanism.closed_pose import angle_parts, follow, largest_multiple, loop_motions, travelling
 from echelon.mechanism.joint import Motion, MotionKind, Symbol
 from echelon.mechanism.mechanism import ClosedAt, Mechanism
 from echelon.mechanism.stated import stated_values
@@ -27,6 +27,7 @@ from echelon.mechanism.stated import stated_values
 _SAME = 1e-9  # angles that differ by less are the same, rad
 _STEP = pi / STEPS_PER_HALF_TURN
 _DIGITS = 15
+_LARGEST_MULTIPLE = 200  # of a rational point of the circle, whose digits multiply too
 
 
 def closed_exactly(mechanism: Mechanism, pose: Floats) -> Mechanism:
@@ -36,9 +37,14 @@ def closed_exactly(mechanism: Mechanism, pose: Floats) -> Mechanism:
 
 
 def rational_pose(mechanism: Mechanism, pose: Floats) -> ClosedAt:
-    """Positions of what moves in loops next to a pose, of angles rational points of the circle."""
+    """Positions of what moves in loops next to a pose, of angles rational points of the circle.
+
+    Ratios of couplings without a value, or of so many digits that the points would not end, raise ValueError.
+    """
     values, parts = dict(zip(mechanism.positions, map(float, pose), strict=True)), angle_parts(mechanism)
     involved, travels = loop_motions(mechanism), travelling(mechanism)
+    if largest_multiple(mechanism) > _LARGEST_MULTIPLE:
+        raise ValueError(f"angles that are turned by more than {_LARGEST_MULTIPLE} times a common part")
     return {
         m.name: _exact(m, values, parts.get(m.name, 1), None, m.name in travels)
         for m in mechanism.motions
