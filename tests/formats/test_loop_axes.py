@@ -149,6 +149,7 @@ def test_numbers_of_descriptions_may_be_rounded() -> None:
     assert found(CARDAN) == (1, 6)
 
 
+@pytest.mark.slow
 def test_restored_loops_that_are_open_at_zero_are_read_again() -> None:
     turned = CARDAN.replace("[0.7, 0.12, 0.05]}", "[0.7, 0.12, 0.05], rpy: [0.400037, 0, 0]}")
     base = ec.base_parameters(ec.load(turned))
