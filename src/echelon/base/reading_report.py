@@ -99,7 +99,8 @@ def report_reading(
         doubt = _doubt(mechanism, recorded, rank, rank, matrix)
         return ReadingReport(reading.snaps, notes, doubt=doubt, mimics=mimics, assembled=moved)
     try:
-        literal_rank = stated_structure(reading.literal(), rng).rank
+        literal = reading.literal()
+        literal_rank = stated_structure(literal, rng).rank
     except InputError as error:  # rounding has locked loops
         notes = (*notes, f"taken literally, the numbers of the file have no answer: {error}")
         return ReadingReport(reading.snaps, notes, mimics=mimics, assembled=moved)
@@ -108,7 +109,7 @@ def report_reading(
         elements = list(dict.fromkeys(snap.element for snap in coarse))
         chosen = set(_decisive(reading, elements, rank, len(mechanism.bodies), rng))
         decisive = [snap for snap in coarse if snap.element in chosen]
-    doubt = _doubt(mechanism, recorded, literal_rank, rank, matrix if literal_rank == rank else None)
+    doubt = _doubt(mechanism, None, literal_rank, rank, matrix if literal_rank == rank else None, literal)
     doubt = doubt or _faint(mechanism, rank, [snap.difference for snap in coarse])
     return ReadingReport(reading.snaps, notes, literal_rank, tuple(decisive), doubt, mimics, moved)
 
@@ -143,11 +144,17 @@ def doubt_of_loops(mechanism: Mechanism, rank: int) -> str:
 
 
 def _doubt(
-    mechanism: Mechanism, recorded: LinearForms | None, literal: int, intended: int, matrix: BaseMatrix | None
+    mechanism: Mechanism,
+    recorded: LinearForms | None,
+    literal: int,
+    intended: int,
+    matrix: BaseMatrix | None,
+    as_stated: Mechanism | None = None,
 ) -> str:
     """What the float ranks of the literal numbers are, if none of them is what was expected.
 
     Snaps explain all ranks from the intended one to the literal one: what they move by little shows little.
+    ``as_stated`` is the literal reading where it is at hand.
     """
     low, high = sorted((literal, intended))
     columns, where = None, ""
@@ -162,7 +169,9 @@ def _doubt(
     if high > _LARGEST_RANK:
         return f"not compared with float ranks, as {high} is more than {_LARGEST_RANK}"
     try:
-        found = numeric_ranks(mechanism, near=high, recorded=recorded, columns=columns)
+        found = numeric_ranks(
+            as_stated or mechanism, literal=as_stated is None, near=high, recorded=recorded, columns=columns
+        )
     except InputError:  # values are missing, or loops do not close at the stated ones
         return ""
     widest = found.widest_gap()
