@@ -21,7 +21,7 @@ from echelon.regressor.loops.moving import Pose
 from echelon.regressor.loops.positions import Positions, Recorded
 
 _ROUNDS = 200
-_FIRST_TRIES, _MOST_TRIES = 1 << 10, 1 << 15  # together, in the first round and in one of the last
+_FIRST_TRIES, _MOST_TRIES = 1 << 10, 1 << 12  # together, in the first round and in one of the last
 _MOST_POINTS = 3**6  # at which the equations of a block are evaluated, for each sample
 _LEAST_KEPT = 64  # variants of poses while loops are closed one after the other
 _FAILURES = 8  # of the tries that close a loop with one unknown about once in two
