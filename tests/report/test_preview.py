@@ -61,7 +61,7 @@ def test_same_input_same_page(html: str) -> None:
 
 def test_everything_is_there(page: Page) -> None:
     anchors = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
-    assert {*TITLES} | {"top", "preview-data"} <= set(anchors)
+    assert {*TITLES} | {"top", "page-data"} <= set(anchors)
     assert len(anchors) == len(set(anchors))
     assert page.open == []
 

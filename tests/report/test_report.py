@@ -46,7 +46,7 @@ def test_same_input_same_page(full: Identification) -> None:
 
 def test_everything_is_there(page: Page, full: Identification) -> None:
     anchors = {attributes.get("id") for _, attributes in page.elements}
-    assert {*TITLES} | {"top", "plot-data"} <= anchors
+    assert {*TITLES} | {"top", "page-data"} <= anchors
     assert page.open == []
     for said in (
         full.verdict,

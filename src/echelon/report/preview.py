@@ -106,8 +106,7 @@ def preview_html(found: ExcitingTrajectory) -> str:
         TITLES,
         contexts,
         data,
-        data_id="preview-data",
-        styles=["report.css", "preview.css"],
+        styles=["preview.css"],
         scripts=["preview.js", "preview_robot.js", "preview_plots.js"],
         without_script="The moving picture and the plots need JavaScript, which is off.",
     )

@@ -98,8 +98,7 @@ def report_html(identification: Identification) -> str:
         TITLES,
         contexts,
         payload(identification.validations),
-        data_id="plot-data",
-        styles=["report.css"],
+        styles=[],
         scripts=["report.js"],
         without_script="Plots, sorting and searching need JavaScript, which is off.",
     )

@@ -1,26 +1,13 @@
-// Plots of joint motion, conditioning and starts; tables that can be sorted.
+// Plots of joint motion, conditioning and starts.
 (() => {
-  const { data } = preview;
-  const plain = (text) => text.replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
-  const axis = (title, more = {}) => {
-    const c = preview.colours();
-    return { title: { text: title, font: { size: 12 }, standoff: 6 }, gridcolor: c.line, zerolinecolor: c.soft, zerolinewidth: 0.7, linecolor: c.soft, exponentformat: "power", ...more };
-  };
-  const layout = (height, more) => ({
-    height, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: preview.colours().ink, size: 11 },
-    margin: { l: 62, r: 12, t: 8, b: 40 }, showlegend: false, hovermode: "x unified", hoverlabel: { font: { size: 11 } },
-    modebar: { bgcolor: "rgba(0,0,0,0)", color: preview.colours().soft, activecolor: preview.colours().ink }, ...more,
-    ...(preview.printing ? { width: 700 } : {}), // px of a page, which no script can measure
-  });
-  // the buttons are listed one by one, so that none that talks to a server is among them
-  const calm = { responsive: true, displaylogo: false, typesetMath: false };
-  const options = { motion: { ...calm, modeBarButtons: [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]] }, other: { ...calm, displayModeBar: false } };
-  const line = (name, x, y, color, more = {}) => ({ type: "scatter", mode: "lines", name, x, y, line: { color, width: 1.6 }, hovertemplate: "%{y:.4g}", ...more });
+  const { data, plain, axis, line } = page;
+  // px of a page, which no script can measure
+  const layout = (height, more) => page.layout(height, { ...more, ...(page.printing ? { width: 700 } : {}) });
 
   // -- joint motion --------------------------------------------------------------------------------------------
   const { motion } = data;
   const signals = motion.coordinates.map((coordinate) => coordinate.orders.map((order) => ({
-    ...order, time: [...preview.floats(order.time)], values: [...preview.floats(order.values)],
+    ...order, time: page.floats(order.time), values: page.floats(order.values),
   })));
   const choice = document.getElementById("coordinate");
   const domains = [[0.7, 1], [0.36, 0.66], [0.02, 0.32]];
@@ -53,9 +40,8 @@
         axes[key] = axis(motion.titles[row] + " / " + plain(order.unit), { domain, range: [least - room, most + room] });
       }
     });
-    return [lines, layout(preview.printing ? 480 : 620, {
-      ...axes, shapes, showlegend: chosen === "all", legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" },
-      margin: { l: 62, r: 12, t: 34, b: 40 }, hoversubplots: "axis",
+    return [lines, layout(page.printing ? 480 : 620, {
+      ...axes, shapes, showlegend: chosen === "all", hoversubplots: "axis",
     })];
   }
   const head = document.querySelector(".playhead"), motionNode = document.querySelector("[data-plot=motion]");
@@ -80,7 +66,7 @@
   function startsPlot() {
     const lines = data.starts.filter((start) => start.history.length).map((start, k) =>
       line("start " + start.number, start.history.map((_, i) => i + 1), start.history, preview.colour(k), { line: { color: preview.colour(k), width: 1.6, shape: "hv" }, hovertemplate: "%{y:.5g}" }));
-    return [lines, layout(280, { xaxis: axis("number of the improvement"), yaxis: axis("best criterion so far"), showlegend: lines.length > 1, legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" }, margin: { l: 62, r: 12, t: 34, b: 40 } })];
+    return [lines, layout(280, { xaxis: axis("number of the improvement"), yaxis: axis("best criterion so far"), showlegend: lines.length > 1 })];
   }
   const kinds = { motion: motionPlot, conditioning: conditioningPlot, starts: startsPlot };
   function draw(node) {
@@ -92,7 +78,7 @@
     }
     const [lines, shape] = kinds[kind]();
     const fresh = !node.classList.contains("js-plotly-plot");
-    Plotly.react(node, lines, shape, options[kind] || options.other);
+    Plotly.react(node, lines, shape, page.options(kind === "motion"));
     if (kind !== "motion") return;
     if (fresh) {
       node.on("plotly_afterplot", placeHead);
@@ -104,34 +90,6 @@
     }
     placeHead();
   }
-  const plots = [...document.querySelectorAll("[data-plot]")], drawn = new Set();
-  const watcher = new IntersectionObserver((entries) => entries.forEach((entry) => {
-    if (!entry.isIntersecting || drawn.has(entry.target)) return;
-    drawn.add(entry.target);
-    draw(entry.target);
-  }), { rootMargin: "600px" });
-  plots.forEach((node) => watcher.observe(node));
+  page.plots(draw);
   choice.addEventListener("change", () => draw(motionNode));
-  preview.looks.push(() => (preview.printing ? plots : drawn).forEach((node) => { drawn.add(node); draw(node); }));
-
-  // -- tables --------------------------------------------------------------------------------------------------
-  const key = (row, k) => row.cells[k].dataset.key;
-  const number = (row, k) => {
-    const x = parseFloat(key(row, k).replace("inf", "Infinity"));
-    return Number.isNaN(x) ? -Infinity : x;
-  };
-  document.querySelectorAll("table.sortable").forEach((table) => {
-    const rows = [...table.tBodies[0].rows];
-    table.tHead.addEventListener("click", (event) => {
-      const cell = event.target.closest("th"), button = cell && cell.querySelector("button");
-      if (!button) return;
-      const k = cell.cellIndex, rising = cell.getAttribute("aria-sort") !== "ascending";
-      [...table.tHead.rows[0].cells].forEach((other) => other.hasAttribute("aria-sort") && other.setAttribute("aria-sort", "none"));
-      cell.setAttribute("aria-sort", rising ? "ascending" : "descending");
-      const order = button.dataset.sort === "text"
-        ? (a, b) => key(a, k).localeCompare(key(b, k), "en", { numeric: true })
-        : (a, b) => number(a, k) - number(b, k) || 0;
-      table.tBodies[0].append(...[...rows].sort(rising ? order : (a, b) => order(b, a)));
-    });
-  });
 })();

@@ -1,12 +1,12 @@
 // The moving robot: points of every picture are projected here, far ones drawn first.
 (() => {
-  const robot = preview.data.robot, canvas = document.getElementById("robot-view");
+  const robot = page.data.robot, canvas = document.getElementById("robot-view");
   if (!robot || !canvas) return;
   const pen = canvas.getContext("2d");
   const byId = (id) => document.getElementById(id);
   const count = robot.bodies.length, width = robot.coordinates.length;
-  const all = { origins: preview.floats(robot.origins), axes: preview.floats(robot.axes), tips: preview.floats(robot.tips) };
-  const states = { q: preview.floats(robot.q), qd: preview.floats(robot.qd) };
+  const all = { origins: page.floats(robot.origins), axes: page.floats(robot.axes), tips: page.floats(robot.tips) };
+  const states = { q: page.floats(robot.q), qd: page.floats(robot.qd) };
 
   // -- vectors -------------------------------------------------------------------------------------------------
   const add = (a, b, s = 1) => [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]];
@@ -182,7 +182,7 @@
     });
   }
   function draw() {
-    const ratio = preview.printing ? 2 : window.devicePixelRatio || 1;
+    const ratio = page.printing ? 2 : window.devicePixelRatio || 1;
     wide = canvas.clientWidth || 900; tall = canvas.clientHeight || 400;
     if (canvas.width !== Math.round(wide * ratio) || canvas.height !== Math.round(tall * ratio)) {
       canvas.width = Math.round(wide * ratio); canvas.height = Math.round(tall * ratio);
@@ -294,6 +294,6 @@
   });
   ["show-path", "show-names", "show-ghosts"].forEach((id) => byId(id).addEventListener("change", later));
   new ResizeObserver(later).observe(canvas);
-  preview.looks.push(draw);
+  page.looks.push(draw);
   preview.setTime(0);
 })();
