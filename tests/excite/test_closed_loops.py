@@ -12,8 +12,8 @@ import pytest
 import echelon as ec
 from echelon.dynamics.kinematics import Kinematics
 from echelon.excite.excite import conditioning_of
-from echelon.excite.problem.closed_loops import Closed, LoopMotion, LoopPart, LoopRegressor, loop_limits
-from echelon.excite.problem.state_limits import EffortLimit, EffortModel, PointLimit, point_limits
+from echelon.excite.problem.closed_loops import Closed, LoopMotion, LoopRegressor, loop_limits
+from echelon.excite.problem.state_limits import EffortLimit, EffortModel, PointLimit, effort_limits, point_limits
 from echelon.excite.problem.task import changed, task_of
 from echelon.excite.problem.trajectory import Fourier, Trajectory, resting_ends
 from echelon.excite.solve.design import designed
@@ -36,7 +36,6 @@ from support.excitation_loops import (
     certain,
     full,
     identified,
-    loop_efforts,
     mechanism,
     regressor,
     states,
@@ -48,9 +47,10 @@ from support.selection import slow_unless
 def test_states_are_those_of_the_assembly(name: str) -> None:
     motion, reference = LoopMotion(mechanism(name)), Assembly(mechanism(name))
     state = states(motion)
-    closed = motion.at(*state.values())
+    closed = motion.positioned(state["q"])
     assert closed.done.all()
-    for mine, other in zip((closed.q, closed.qd, closed.qdd), completed(reference, *state.values()), strict=True):
+    rates = motion.velocities(closed, state["qd"]), motion.run("closed_accelerations", **{**state, "q": closed.q})
+    for mine, other in zip((closed.q, *rates), completed(reference, *state.values()), strict=True):
         np.testing.assert_allclose(mine, other, atol=1e-8 * max(np.abs(other).max(), 1.0))
 
 
@@ -103,7 +103,7 @@ def test_slopes_of_limits_are_those_of_differences(name: str, made: Callable[...
     points = [PointLimit("p", body.name, (0.1, 0.2, 0.3), (0.6, 0.0, 0.8), -1.0, 1.0) for body in robot.bodies[-2:]]
     limits = loop_limits(
         LoopMotion(robot),
-        [loop_efforts(robot, efforts, made(name, rng), 0.1, 0.02), LoopPart(point_limits(robot, points))],
+        [effort_limits(robot, efforts, made(name, rng), 0.1, 0.02), point_limits(robot, points)],
     )
     state = states(limits.motion)
     found = dict(zip(state, limits.slopes(*state.values()), strict=True))
@@ -117,7 +117,7 @@ def test_slopes_of_limits_are_those_of_differences(name: str, made: Callable[...
 def test_uncertain_efforts_are_those_of_the_base_model() -> None:
     robot, model = mechanism("three_rps"), identified("three_rps", np.random.default_rng(8))
     limited = [EffortLimit(output.name, output.unit, 10.0) for output in robot.outputs]
-    limits = loop_limits(LoopMotion(robot), [loop_efforts(robot, limited, model, 0.1, None)])
+    limits = loop_limits(LoopMotion(robot), [effort_limits(robot, limited, model, 0.1, None)])
     state = states(limits.motion)
     X = base("three_rps").regressor(*state.values())
     std = np.sqrt(np.einsum("nik,kl,nil->ni", X, model.covariance, X))
@@ -130,7 +130,7 @@ def test_efforts_are_those_of_the_base_model() -> None:
     """Inverse dynamics with standard parameters, and X with the base parameters that belong to them."""
     robot = mechanism("three_rps")
     standard = np.random.default_rng(8).uniform(0.5, 1.0, len(robot.parameters))
-    efforts = loop_efforts(
+    efforts = effort_limits(
         robot, [EffortLimit(o.name, o.unit, 10.0) for o in robot.outputs], EffortModel(standard), 0.1, None
     )
     limits = loop_limits(LoopMotion(robot), [efforts])
@@ -157,7 +157,7 @@ def end_of_rocker() -> float:
 
 def test_what_cannot_be_closed_counts_nothing() -> None:
     made, state = beyond()
-    closed = made.motion.at(*state.values())
+    closed = made.motion.positioned(state["q"])
     np.testing.assert_array_equal(closed.done, np.abs(state["q"][:, 0]) < end_of_rocker())
     entries = made.entries(state)
     assert np.isfinite(entries).all()
@@ -173,7 +173,7 @@ def test_samples_fade_out_towards_singular_poses() -> None:
     made, _ = beyond()
     q = np.linspace(end_of_rocker() - 0.05, end_of_rocker() + 0.01, 400)[:, None]
     state = {"q": q, "qd": np.ones_like(q), "qdd": np.ones_like(q)}
-    entries, openness = made.entries(state), made.motion.at(*state.values()).openness / made.motion.reference
+    entries, openness = made.entries(state), made.motion.positioned(q).openness / made.motion.reference
     fading = (openness > 0.055) & (openness < 0.095)
     assert fading.sum() > 2
     assert not entries[openness < 0.05].any()
@@ -199,11 +199,12 @@ def test_the_way_back_is_told() -> None:
 
 def test_what_was_found_does_not_depend_on_what_was_asked_before() -> None:
     made, state = beyond()
-    fresh = made.motion.at(*state.values())
-    made.motion.at(state["q"] - 0.3, state["qd"], state["qdd"])
-    again = made.motion.at(*state.values())
+    fresh = made.motion.positioned(state["q"])
+    made.motion.positioned(state["q"] - 0.3)
+    again = made.motion.positioned(state["q"])
     np.testing.assert_array_equal(fresh.done, again.done)
-    np.testing.assert_allclose(again.qdd[again.done], fresh.qdd[fresh.done], rtol=1e-6)
+    first, second = (made.motion.run("closed_accelerations", **{**state, "q": one.q}) for one in (fresh, again))
+    np.testing.assert_allclose(second[again.done], first[fresh.done], rtol=1e-6)
 
 
 def test_a_motion_through_a_flat_parallelogram_is_not_safe() -> None:
@@ -314,7 +315,7 @@ def test_clearances_hold_with_loops() -> None:
     (margin,) = [margin for margin in found.margins if margin.label == "distance of coupler and post"]
     assert margin.least < 0.021  # it binds
     motion = LoopMotion(setup.mechanism)
-    closed = motion.at(*found.trajectory.states(np.linspace(0, 6, 60_001)))
+    closed = motion.positioned(found.trajectory(np.linspace(0, 6, 60_001)))
     frames = Kinematics(setup.mechanism).frames(closed.q)[:, 1]
     along = np.clip(np.einsum("nij,ni->nj", frames[:, :, :3], post - frames[:, :, 3])[:, 0], 0, length)
     nearest = frames[:, :, 3] + along[:, None] * frames[:, :, 0]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +11,6 @@ import echelon as ec
 from echelon.excite.problem.closed_loops import (
     LoopLimits,
     LoopMotion,
-    LoopPart,
     LoopRegressor,
     loop_limits,
     state_regressor,
@@ -95,11 +93,6 @@ def identified(name: str, rng: np.random.Generator) -> EffortModel:
     return EffortModel(values, found.matrix.pivots, 0.01 * spread @ spread.T, 2.0)
 
 
-def loop_efforts(robot: Mechanism, *given: Any) -> LoopPart:
-    """Limits of efforts as a part of limits with loops."""
-    return LoopPart(effort_limits(robot, *given), of_independent=True)
-
-
 def limited(name: str, rng: np.random.Generator) -> LoopLimits:
     """Torques and a point, by a model that is not certain."""
     robot = mechanism(name)
@@ -107,7 +100,7 @@ def limited(name: str, rng: np.random.Generator) -> LoopLimits:
     points = [PointLimit("p", robot.bodies[-1].name, (0.1, 0.2, 0.3), (0.6, 0.0, 0.8), -3.0, 3.0)]
     return loop_limits(
         LoopMotion(robot),
-        [loop_efforts(robot, efforts, identified(name, rng), 0.1, None), LoopPart(point_limits(robot, points))],
+        [effort_limits(robot, efforts, identified(name, rng), 0.1, None), point_limits(robot, points)],
     )
 
 

@@ -189,7 +189,8 @@ def loop_margins(trajectory: Trajectory, limits: LoopLimits) -> list[Margin]:
     times = np.linspace(0.0, trajectory.duration, count + 1)
     states = trajectory.states(times)
     low = np.array([FULL_WEIGHT, *limits.low[1:]])
-    if not connected(limits.motion, limits.motion.at(*states), times[1]):
+    closed = limits.motion.positioned(states[0])
+    if not connected(limits.motion, closed, states[1], times[1]):
         nothing = np.full(len(low), -np.inf)
         nothing[0] = 0.0
         return margins_between(limits, nothing, np.full(len(low), np.inf), low=low, sampled=True)
@@ -197,12 +198,13 @@ def loop_margins(trajectory: Trajectory, limits: LoopLimits) -> list[Margin]:
     return margins_between(limits, -_peaks(-values), _peaks(values), low=low, sampled=True)
 
 
-def connected(motion: LoopMotion, closed: Closed, step: float) -> bool:
+def connected(motion: LoopMotion, closed: Closed, qd: Floats, step: float) -> bool:
     """Whether loops stay closed in one way of assembly: each sample is where the velocities about it lead."""
     if not closed.done.all():
         return False
-    middle, rates = (closed.q[1:] + closed.q[:-1]) / 2, (closed.qd[1:] + closed.qd[:-1]) / 2
-    moved = position_rates(motion.mechanism, middle, step * rates)
+    rates = motion.velocities(closed, qd)
+    middle, mean = (closed.q[1:] + closed.q[:-1]) / 2, (rates[1:] + rates[:-1]) / 2
+    moved = position_rates(motion.mechanism, middle, step * mean)
     away = largest((np.diff(closed.q, axis=0) - moved) / motion.position_units)
     return bool(np.all(away < LARGEST_CORRECTION))
 

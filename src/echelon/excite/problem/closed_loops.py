@@ -14,7 +14,7 @@ the constraint :class:`LoopLimits` will not let it stay, and its trial points ha
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
@@ -23,7 +23,7 @@ import numpy as np
 from echelon.arrays import Flags, Floats
 from echelon.dynamics.arguments import geometry_values
 from echelon.dynamics.evaluator import CompiledAssembly
-from echelon.dynamics.functions import Builder, closed_accelerations, closed_velocities, motion_function
+from echelon.dynamics.functions import Builder, motion_function
 from echelon.errors import InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.excite.problem.information import ADJOINT, StateRegressor, pullback
@@ -43,17 +43,11 @@ _POSES = 64  # that tell what openness is usual
 _SINGULAR = 1e-9  # openness; beyond this dependent rates are of no use
 
 
-Triple = tuple[Floats, Floats, Floats]
-
-
 @dataclass(frozen=True)
 class Closed:
-    """States of all coordinates."""
+    """Configurations."""
 
-    # of all coordinates, shape (N, ...); where loops are not closed, q is as near as was reached, the others are zero
-    q: Floats
-    qd: Floats
-    qdd: Floats
+    q: Floats  # shape (N, positions); where loops are not closed, as near as was reached
     done: Flags  # shape (N,); where the loops are closed
     # shape (N, k); what is left of the way to the independent positions, rad or characteristic lengths; 0 where
     # they are reached
@@ -118,9 +112,8 @@ class LoopMotion(CompiledAssembly):
         away = (wanted - q[:, self.independent_places]) / self.independent_units
         open_ = self.run("openness", q=q)[:, 0]
         done = (gone >= 1) & (open_ > _SINGULAR)
-        still = np.zeros((len(q), len(self.speed_units)))
         missing = np.where(gone[:, None] < 1, away, 0.0)
-        closed = Closed(q, still, still, done, missing, np.where(done, open_, 0.0))
+        closed = Closed(q, done, missing, np.where(done, open_, 0.0))
         others = [(count, last) for count, last in self._last.items() if count != len(wanted)]
         self._last = dict([*others[1 - _REMEMBERED :], (len(wanted), (wanted.copy(), closed))])
         return closed
@@ -130,68 +123,39 @@ class LoopMotion(CompiledAssembly):
         change = wanted - last.q[:, self.independent_places]
         done = last.done & (largest(change / self.independent_units) < STRIDE)
         change[~done] = 0.0
-        rates = last.counted(self.run("closed_velocities", q=last.q, qd=change))
+        rates = self.velocities(last, change)
         guess = normalised(self.mechanism, last.q + position_rates(self.mechanism, last.q, rates))
         found, closed = self.near(guess)
         return found, done & closed & (largest((found - guess) / self.position_units) < LARGEST_CORRECTION)
 
-    # -- states ----------------------------------------------------------------------------------------------------
-
-    def at(self, q: Floats, qd: Floats, qdd: Floats) -> Closed:
-        """States of all coordinates; at rest where the loops are not closed."""
-        closed = self.positioned(q)
-        state = {"q": closed.q, "qd": qd, "qdd": qdd}
-        rates = [self.run(name, **state) for name in ("closed_velocities", "closed_accelerations")]
-        return replace(closed, qd=closed.counted(rates[0]), qdd=closed.counted(rates[1]))
-
-    def independent(self, closed: Closed) -> dict[str, Floats]:
-        """The arguments q, q̇ and q̈ of recorded functions: all positions, and independent rates."""
-        free = list(self._independent)
-        return {"q": closed.q, "qd": closed.qd[:, free], "qdd": closed.qdd[:, free]}
+    def velocities(self, closed: Closed, qd: Floats) -> Floats:
+        """Velocities of all coordinates from independent ones; zero where the loops are not closed."""
+        return closed.counted(self.run("closed_velocities", q=closed.q, qd=qd))
 
     # -- derivatives -----------------------------------------------------------------------------------------------
 
-    def pulled(
-        self, closed: Closed, by_q: Floats | None, by_qd: Floats | None = None, by_qdd: Floats | None = None
-    ) -> Triple:
-        """Derivatives by the independent q, q̇ and q̈, each of shape (N, k), from those by the whole state.
-
-        Zero for samples whose loops are not closed.
-        """
-        places, count = closed.q.shape[1], len(self._independent)
-        total = np.zeros((len(closed.q), places + 2 * count))
-        if by_q is not None:
-            total[:, :places] += by_q
-        for name, adjoint in (("closed_velocities", by_qd), ("closed_accelerations", by_qdd)):
-            if adjoint is not None:
-                found = self._pulled(name, closed, adjoint)
-                total[:, : found.shape[1]] += found
-        first, rest = self.along(closed, total[:, :places]), closed.counted(total[:, places:])
-        return first, rest[:, :count], rest[:, count:]
-
     def along(self, closed: Closed, by_q: Floats) -> Floats:
         """Derivatives along the motions of the independent coordinates, (N, k), from those by all positions."""
-        return self._pulled("position_rates", closed, by_q)[:, closed.q.shape[1] :]
+        rates = np.zeros((len(by_q), len(self._independent)))
+        return self._pulled("position_rates", closed, by_q, qd=rates)[:, closed.q.shape[1] :]
 
     def openness_slopes(self, closed: Closed, weights: Floats) -> Floats:
         """Derivatives of openness by all positions, times weights of shape (N,); shape (N, positions)."""
         return self._pulled("openness", closed, weights[:, None])
 
-    def _pulled(self, name: str, closed: Closed, adjoint: Floats) -> Floats:
+    def _pulled(self, name: str, closed: Closed, adjoint: Floats, **state: Floats) -> Floats:
         kernel, geometry = self._pullbacks[name]
-        names = {argument.name for argument in kernel.function.arguments}
-        state = {k: v for k, v in self.independent(closed).items() if k in names}
-        return closed.counted(kernel({**state, **geometry, ADJOINT: np.ascontiguousarray(adjoint)}))
+        given = {"q": closed.q, **state, **geometry, ADJOINT: np.ascontiguousarray(adjoint)}
+        return closed.counted(kernel(given))
 
     @cached_property
     def _pullbacks(self) -> dict[str, tuple[Kernel, Mapping[str, Floats]]]:
         """Machine code of the pullbacks, with the geometry that it takes."""
-        builders = (closed_velocities, closed_accelerations, openness, _position_rates)
-        made = {function.name: pullback(function) for function in (build(self.mechanism, ()) for build in builders)}
+        made = {f.name: pullback(f) for f in (openness(self.mechanism, ()), _position_rates(self.mechanism))}
         return {n: (Kernel(f), geometry_values(self.mechanism, f.arguments)) for n, f in made.items()}
 
 
-def _position_rates(mechanism: Mechanism, _pivots: object) -> Function:
+def _position_rates(mechanism: Mechanism) -> Function:
     """Rates of all positions; linear in the independent velocities."""
     motion = DependentMotion(mechanism, Program())
     found = motion.position_rates({name: motion.given()[f"qd[{name}]"] for name in mechanism.velocities})
@@ -268,38 +232,6 @@ class LoopRegressor(StateRegressor):
         return share**2 * (3 - 2 * share), 6 * share * (1 - share) * scale
 
 
-@dataclass(frozen=True, eq=False)
-class LoopPart:
-    """Some functions of all positions, and of all rates or, as efforts, of the independent ones."""
-
-    constraint: StateConstraint
-    of_independent: bool = False
-
-    def values(self, motion: LoopMotion, closed: Closed) -> Floats:
-        """The functions, shape (N, m)."""
-        return self.constraint.values(*self._state(motion, closed))
-
-    def slopes(self, motion: LoopMotion, closed: Closed) -> list[Triple]:
-        """Derivatives of each function by the independent q, q̇ and q̈."""
-        by_q, *by_rates = self.constraint.slopes(*self._state(motion, closed))
-        assert by_q is not None
-        found: list[Triple] = []
-        for row in range(len(self.constraint.labels)):
-            rates = [None if part is None else part[:, row] for part in by_rates]
-            if self.of_independent:
-                by_qd, by_qdd = (closed.counted(part) for part in rates if part is not None)
-                found.append((motion.along(closed, by_q[:, row]), by_qd, by_qdd))
-            else:
-                found.append(motion.pulled(closed, by_q[:, row], *rates))
-        return found
-
-    def _state(self, motion: LoopMotion, closed: Closed) -> Triple:
-        if not self.of_independent:
-            return closed.q, closed.qd, closed.qdd
-        q, qd, qdd = motion.independent(closed).values()
-        return q, qd, qdd
-
-
 OPEN = 0.15  # least openness that a solver has to keep, as a share of LoopMotion.reference
 
 
@@ -313,35 +245,39 @@ class LoopLimits(StateConstraint):
 
     leading: ClassVar[int] = 1
     motion: LoopMotion
-    parts: tuple[LoopPart, ...]
+    parts: tuple[StateConstraint, ...]  # of all positions, and the independent velocities and accelerations
 
     def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """The functions at independent states of shape (N, k), shape (N, m)."""
-        closed = self.motion.at(q, qd, qdd)
+        closed = self.motion.positioned(q)
         away = np.linalg.norm(closed.missing, axis=1)
         share = np.where(closed.done, closed.openness / self.motion.reference, -away)
-        found = np.column_stack([share, *(part.values(self.motion, closed) for part in self.parts)])
+        found = np.column_stack([share, *(part.values(closed.q, qd, qdd) for part in self.parts)])
         kept = np.clip(0.0, self.low, self.high)
         return np.where(closed.done[:, None] | (np.arange(len(kept)) == 0), found, kept)
 
     def slopes(self, q: Floats, qd: Floats, qdd: Floats) -> Slopes:
         """Derivatives of the functions, each of shape (N, m, k)."""
-        closed = self.motion.at(q, qd, qdd)
+        closed = self.motion.positioned(q)
         opening = self.motion.openness_slopes(closed, np.full(len(q), 1 / self.motion.reference))
         away = np.linalg.norm(closed.missing, axis=1, keepdims=True)
         back = -closed.missing / np.maximum(away, 1e-300) / self.motion.independent_units
-        by_q, nothing = self.motion.along(closed, opening), np.zeros_like(qd)
-        first = (np.where(closed.done[:, None], by_q, back), nothing, nothing)
-        rows = [first, *(row for part in self.parts for row in part.slopes(self.motion, closed))]
+        first, nothing = self.motion.along(closed, opening), np.zeros_like(qd)
+        rows = [(np.where(closed.done[:, None], first, back), nothing, nothing)]
+        for part in self.parts:
+            by_q, *by_rates = part.slopes(closed.q, qd, qdd)
+            assert by_q is not None
+            for row in range(len(part.labels)):
+                by_qd, by_qdd = (nothing if s is None else closed.counted(s[:, row]) for s in by_rates)
+                rows.append((self.motion.along(closed, by_q[:, row]), by_qd, by_qdd))
         by_q, by_qd, by_qdd = (np.stack([row[order] for row in rows], axis=1) for order in range(3))
         return by_q, by_qd, by_qdd
 
 
-def loop_limits(motion: LoopMotion, parts: Sequence[LoopPart] = ()) -> LoopLimits:
+def loop_limits(motion: LoopMotion, parts: Sequence[StateConstraint] = ()) -> LoopLimits:
     """Limits of openness and of the whole state."""
-    limits = [part.constraint for part in parts]
-    labels = ("distance of the loops from singular poses", *(label for limit in limits for label in limit.labels))
-    units = ("1", *(unit for limit in limits for unit in limit.units))
-    low, high = ([limit.low for limit in limits], [limit.high for limit in limits])
+    labels = ("distance of the loops from singular poses", *(label for part in parts for label in part.labels))
+    units = ("1", *(unit for part in parts for unit in part.units))
+    low, high = ([part.low for part in parts], [part.high for part in parts])
     ends = np.concatenate([[OPEN], *low]), np.concatenate([[np.inf], *high])
     return LoopLimits(labels, units, *ends, motion, tuple(parts))

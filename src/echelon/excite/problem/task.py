@@ -23,7 +23,7 @@ from echelon.base.model import BaseModel
 from echelon.dynamics.arguments import coordinate_units
 from echelon.errors import InputError, locating
 from echelon.excite.problem.clearance import Clearance, clearance_of
-from echelon.excite.problem.closed_loops import LoopMotion, LoopPart, check_loops, loop_limits, passive_motions
+from echelon.excite.problem.closed_loops import LoopMotion, check_loops, loop_limits, passive_motions
 from echelon.excite.problem.prior_model import identified_efforts, prior_efforts
 from echelon.excite.problem.robot_shapes import entry_shapes, read_geometry
 from echelon.excite.problem.state_limits import (
@@ -300,13 +300,9 @@ def _constraints(
         found.append(point_limits(mechanism, points))
     clearance = _clearance(setup, entry, mechanism, limits, findings)
     found += [] if clearance is None else [clearance]
-    efforts: list[StateConstraint] = []
     if model is not None:
-        efforts.append(effort_limits(mechanism, limits.efforts, model, entry.effort_margin, smooth))
-    if mechanism.closures:
-        parts = [*(LoopPart(some, of_independent=True) for some in efforts), *map(LoopPart, found)]
-        return (loop_limits(LoopMotion(mechanism), parts),)
-    return (*efforts, *found)
+        found.insert(0, effort_limits(mechanism, limits.efforts, model, entry.effort_margin, smooth))
+    return (loop_limits(LoopMotion(mechanism), found),) if mechanism.closures else tuple(found)
 
 
 def _clearance(
