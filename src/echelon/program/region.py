@@ -6,10 +6,9 @@ analytic, so random points of a field stand for any of its points once the signs
 regions that surely exist, and every sample set visits all of them in turn.  Points on the surfaces themselves, where a
 sign is zero, are left out.
 
-Random points of all magnitudes come first, then points beside the roots of surfaces along axes, so that a region's size
-and distance do not matter.  From every region found, each sign is then changed by itself: by solving for one variable,
-and by descent to the wanted signs.  Only regions that add something count, and every one is proved to exist by ball
-arithmetic at its point.
+Random points of all magnitudes come first.  From every region found, each sign is then changed by itself, by descent to
+the wanted signs with steps of all sizes, so that a region's size and distance do not matter.  Only regions that add
+something count, and every one is proved to exist by ball arithmetic at its point.
 
 The search ends when as many regions add something as products of signs occur, less the relations between them that
 parallel surfaces bring (:mod:`echelon.program.surfaces`): then no other region can matter.  Else it ends when no change
@@ -32,7 +31,7 @@ from echelon.errors import InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.exact.polynomial import Rational
 from echelon.program.operations import Op
-from echelon.program.region_moves import along_axes, descended, random_points, solved
+from echelon.program.region_moves import descended, random_points
 from echelon.program.surfaces import (
     IndependentRegions,
     RealValues,
@@ -46,7 +45,7 @@ from echelon.program.tape import Program
 
 COMPLETE, EXHAUSTED, BUDGET = "complete", "exhausted", "budget"
 
-_RANDOM, _LINES, _CHUNK = 512, 6, 4096
+_RANDOM, _CHUNK = 512, 4096
 _MOST_PRODUCTS, _MOST_REGIONS, _MOST_TRIES, _POOL = 512, 2048, 3000, 24
 _POINTS_TRIED, _TINY = 4, 1e-30
 _AROUND = (1e-4, 1e-7, 1e-10)
@@ -90,20 +89,8 @@ class RegionSearch:
 
     def run(self) -> None:
         """Search until nothing can be added, nothing more is found, or the budget is spent."""
-        if not self.regions or self._settled():
-            return
-        spread_out = self.regions[:: max(1, len(self.regions) // _LINES)][:_LINES]
-        anchors = [region.points[0] for region in spread_out]
-        for points in along_axes(self.values, np.stack(anchors, axis=1)):
-            self._visit(points)
-        expanded = 0
-        while not self._settled():
-            if expanded < len(self.regions):
-                fresh = self.regions[expanded : expanded + _BATCH]
-                self._cross(fresh)
-                expanded += len(fresh)
-            elif not self._change_signs():
-                return
+        while self.regions and not self._settled() and self._change_signs():
+            pass
 
     def _settled(self) -> bool:
         if self._independent.complete:
@@ -203,9 +190,9 @@ class RegionSearch:
 
     # -- moves -------------------------------------------------------------------------------------------------------
 
-    def _targets(self, regions: list[Region]) -> list[tuple[Region, int, SignArray]]:
+    def _targets(self) -> list[tuple[Region, int, SignArray]]:
         """Regions with one sign changed, where that would add something."""
-        pairs = [(r, k) for r in regions for k in self._open]
+        pairs = [(r, k) for r in self.regions for k in self._open]
         found = []
         for start in range(0, len(pairs), _CHUNK):
             part = pairs[start : start + _CHUNK]
@@ -217,19 +204,10 @@ class RegionSearch:
             found += [(*part[m], changed[:, m]) for m in np.flatnonzero(adds)]
         return found
 
-    def _cross(self, regions: list[Region]) -> None:
-        """Solve for one variable at a time to change one sign of some regions."""
-        moves = [(r.points[0], k, axis) for r, k, _ in self._targets(regions) for axis in self.values.cones[k]]
-        for start in range(0, len(moves), _CHUNK):
-            part = moves[start : start + _CHUNK]
-            points = np.stack([p for p, _, _ in part], axis=1)
-            surface, axis = np.array([k for _, k, _ in part]), np.array([a for _, _, a in part])
-            self._visit(solved(self.values, points, surface, axis))
-
     def _change_signs(self) -> bool:
         """Descend to regions with one sign changed; returns whether there was anything left to try."""
         batch: list[tuple[Region, SignArray]] = []
-        for region, k, signs in self._targets(self.regions):
+        for region, k, signs in self._targets():
             key = (k, signs[self._partners[k]].tobytes())
             if self._failed.get(key, 0) < _TRIES_EACH and len(batch) < _BATCH:
                 self._failed[key] = self._failed.get(key, 0) + 1

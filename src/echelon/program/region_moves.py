@@ -1,6 +1,6 @@
-"""Real points where signs are not yet known: random ones, roots along axes, and descent to wanted signs.
+"""Real points where signs are not yet known: random ones, and descent to wanted signs, many points at once.
 
-All moves work on many points at once.  None has to succeed: what they find is checked before it counts.
+No descent has to succeed: what is found is checked before it counts.
 """
 
 from __future__ import annotations
@@ -13,11 +13,6 @@ from echelon.arrays import Floats, Integers
 from echelon.program.surfaces import RealValues
 
 _SPREAD, _DECADES = 1.5, 6.0
-_GRID = np.concatenate([[0.0], 10 ** np.linspace(-8, 8, 161), np.linspace(0.05, 8, 160)])
-_HALVINGS = 60
-_BESIDE = 10.0 ** -np.array([0.5, 1, 2, 3, 5, 7, 9, 11])
-"""How far beside a root to look, relative to its size: other surfaces may be near."""
-_SECANT_STEPS = 4
 _DESCENT, _PATIENCE, _STAGNANT, _UNREAL = 150, 40, 0.95, 1e6
 
 
@@ -29,64 +24,6 @@ def random_points(rng: np.random.Generator, variables: int, count: int) -> Float
     kind = np.arange(count) % 4
     magnitude = np.where(kind == 2, magnitude * size[:1], np.where(kind == 3, size, magnitude))
     return np.asarray(magnitude * rng.choice([-1.0, 1.0], magnitude.shape), dtype=np.float64)
-
-
-def along_axes(values: RealValues, points: Floats) -> list[Floats]:
-    """Points along all axes through some points, and beside the roots of surfaces between them."""
-    # shapes: points (variables, points); returns (variables, any number)
-    steps = np.concatenate([-_GRID[::-1], _GRID])
-    steps.sort()
-    found = []
-    for axis in range(len(points)):
-        line = np.repeat(points[:, :, None], len(steps), axis=2)
-        line[axis] = steps
-        flat = line.reshape(len(points), -1)
-        table = values.at(flat).reshape(-1, points.shape[1], len(steps))
-        found += [flat, _beside_roots(values, points, axis, steps, table)]
-    return found
-
-
-def _beside_roots(values: RealValues, points: Floats, axis: int, steps: Floats, table: Floats) -> Floats:
-    """Points beside the roots that a change of sign between neighbours on lines brackets."""
-    first, last = np.sign(table[:, :, :-1]), np.sign(table[:, :, 1:])
-    surface, line, cell = np.nonzero(first * last < 0)
-    if not len(surface):
-        return points[:, :0]
-    moved = points[:, line].copy()
-    low, high = steps[cell].copy(), steps[cell + 1].copy()
-    positive = table[surface, line, cell] > 0
-    for _ in range(_HALVINGS):
-        moved[axis] = (low + high) / 2
-        same = (values.at(moved)[surface, np.arange(len(surface))] > 0) == positive
-        low, high = np.where(same, moved[axis], low), np.where(same, high, moved[axis])
-    return beside(moved, np.full(len(surface), axis), high)
-
-
-def beside(points: Floats, axis: Integers, root: Floats) -> Floats:
-    """Points on both sides of a root along an axis, near and less near."""
-    # shapes: points (variables, roots); axis (roots,); root (roots,); returns (variables, sides · roots)
-    sides = np.concatenate([-_BESIDE, _BESIDE])
-    spread = np.repeat(points[:, :, None], len(sides), axis=2)
-    size = np.where(root == 0, 1.0, np.abs(root))
-    spread[axis, np.arange(len(root))] = root[:, None] + size[:, None] * sides
-    return spread.reshape(len(points), -1)
-
-
-def solved(values: RealValues, points: Floats, surface: Integers, axis: Integers) -> Floats:
-    """Points beside roots of surfaces along axes, by secants: exact where a surface is affine in a variable."""
-    # shapes: points (variables, points); surface, axis (points,)
-    each = np.arange(len(surface))
-    old, new = points.copy(), points.copy()
-    new[axis, each] += 1e-3 * (1 + np.abs(points[axis, each]))
-    value = values.at(old)[surface, each]
-    with np.errstate(all="ignore"):
-        for _ in range(_SECANT_STEPS):
-            other = values.at(new)[surface, each]
-            step = other * (new[axis, each] - old[axis, each]) / (other - value)
-            old, value = new.copy(), other
-            new[axis, each] -= np.where(np.isfinite(step), step, 0.0)
-    good = np.isfinite(new).all(axis=0)
-    return beside(new[:, good], axis[good], new[axis, each][good])
 
 
 def descended(values: RealValues, points: Floats, wanted: Floats, rng: np.random.Generator) -> Floats:
