@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from echelon.machine.operations_text import LARGE_FRAME, Code, Lowered, Vector, Writer, declarations, prefetched, sincos
+from echelon.machine.operations_text import LARGE_FRAME, Code, Lowered, Vector, Writer, declarations, sincos
 from echelon.program.function import operands
 from echelon.program.operations import Op
 
@@ -18,7 +18,6 @@ _DOUBLE, _LINE = 8, 64  # bytes
 _STREAM = ", ptr noalias %from, ptr noalias %to"
 _DECLARED = (
     "declare i64 @llvm.smin.i64(i64, i64)",
-    "declare void @llvm.prefetch.p0(ptr, i32, i32, i32)",
     "declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)",
 )
 
@@ -164,11 +163,9 @@ def _compute(block: Block) -> str:
     full = code.let(f"icmp sle i64 {beyond}, {end}")
     code.do(f"br i1 {full}, label %full, label %partial")
     code.label("full")
-    for argument, size in enumerate(sizes):
+    for argument in range(len(sizes)):
         base, stride = _argument(code, argument)
-        row = _moved(code, base, start, stride)
-        _set_rows(code, argument, row, stride)
-        prefetched(code, row, size * _DOUBLE, v.lanes, _LINE, stride)
+        _set_rows(code, argument, _moved(code, base, start, stride), stride)
     code.do("br label %ready")
     code.label("partial")
     for argument, size in enumerate(sizes):

@@ -165,23 +165,6 @@ class Code:
         return "\n".join(self.lines)
 
 
-_AHEAD = 4  # vectors of samples
-
-
-def prefetched(code: Code, address: str, row: int, lanes: int, every: int, stride: str) -> None:
-    """Ask for memory that will be used a few vectors of samples later.
-
-    ``address`` is that of this vector's first row, ``row`` the bytes of a row, ``stride`` those from row to row.
-    ``every`` is a cache line for what is read, and a page for what is written past the caches, whose translation alone
-    is wanted.
-    """
-    offset = code.let(f"mul i64 {stride}, {_AHEAD * lanes}")
-    ahead = code.at(address, offset, "i8")
-    for start in range(0, lanes * row, every):
-        place = code.at(ahead, start, "i8")
-        code.do(f"call void @llvm.prefetch.p0(ptr {place}, i32 0, i32 3, i32 1)")
-
-
 def module_text(*texts: str) -> str:
     """One module of several texts; what more than one of them declares is declared once."""
     heads: dict[str, None] = {}

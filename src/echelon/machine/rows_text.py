@@ -14,14 +14,14 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from echelon.machine.kernel_text import Block
-from echelon.machine.operations_text import Code, Lowered, Vector, prefetched
+from echelon.machine.operations_text import Code, Lowered, Vector
 
 LINE = 8  # doubles in a cache line
 
 _LARGEST_IMAGE = 2560  # doubles, 20 kB of an innermost cache of 32 kB
 # operations for each line that is copied among them: with images that fit, and with long ones, mostly copied apart
 _OPERATIONS = {True: 3, False: 64}
-_DOUBLE, _PAGE = 8, 4096  # bytes
+_DOUBLE = 8  # bytes
 
 
 class Way(Enum):
@@ -179,7 +179,6 @@ block:
   call void @lay(ptr %buffer, ptr %image, i64 0)
   %offset = mul i64 %k, {width}
   %to = getelementptr double, ptr %out, i64 %offset
-{ahead}
   br label %loop
 done:
   %left.bytes = mul i64 %filled, {row}
@@ -203,17 +202,8 @@ def _run(rows: Rows) -> str:
         # lines matter only where they are written past the caches; a row shorter than its head has none
         mask, part = (63, "lay") if rows.way is Way.STREAMED else (0, "lay_rows")
         return _RUN.format(**values, mask=mask, part=part)
-    lanes, ahead = block.vector.lanes, Code()
-    prefetched(ahead, "%to", width * _DOUBLE, lanes, _PAGE, str(width * _DOUBLE))
-    run = _RUN_IMAGED.format(
-        **values,
-        spare=rows.spare,
-        streamed=block.streamed * LINE,
-        lines=rows.lines * LINE,
-        whole=lanes * width,
-        ahead=ahead.text(),
-    )
-    return _STREAM + run
+    spare, lines, whole = rows.spare, rows.lines * LINE, block.vector.lanes * width
+    return _STREAM + _RUN_IMAGED.format(**values, spare=spare, streamed=block.streamed * LINE, lines=lines, whole=whole)
 
 
 # -- transposition -----------------------------------------------------------------------------------------------------
