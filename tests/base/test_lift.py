@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.base.pseudo_inverse import metric_matrix
+from echelon.base.lift import metric_matrix
 from echelon.conventions import LENGTH_DEGREE
 from support import textbook_arms as arms
 from support.float_regressor import random_states

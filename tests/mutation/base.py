@@ -45,13 +45,13 @@ FAULTS = (
         "base/test_base_model.py base/test_display.py",
     ),
     Fault(
-        "base/pseudo_inverse.py",
+        "base/lift.py",
         "prior + root @ correction",
         "prior + correction",
         "lift in another metric",
         "base/test_lift.py",
     ),
-    Fault("base/pseudo_inverse.py", "base_values - b @ prior", "base_values", "lift with a prior", "base/test_lift.py"),
+    Fault("base/lift.py", "base_values - b @ prior", "base_values", "lift with a prior", "base/test_lift.py"),
     Fault(
         "exact/polynomial.py",
         '[0 if generator.startswith("cos(") else 1]',

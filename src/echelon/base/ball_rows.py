@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.exact.expressions import PI, parse
-from echelon.exact.polynomial import is_trigonometric, multiple_of, symbol_of
+from echelon.exact.polynomial import generator_values
 from echelon.program.arithmetics import BallArithmetic, ball
 from echelon.program.schedule import Schedule
 from echelon.regressor.linear_forms import LinearForms
@@ -28,14 +28,7 @@ def stated_ball(text: str) -> Any:
 
 def stated_generators(generators: Iterable[str], at: Mapping[str, str]) -> dict[str, Any]:
     """Balls of symbols, and of sines and cosines of angles, at stated values."""
-    found = {}
-    for generator in generators:
-        value = stated_ball(at[symbol_of(generator)])
-        if is_trigonometric(generator):
-            value = value * multiple_of(generator)[0]
-            value = value.cos() if generator.startswith("cos(") else value.sin()
-        found[generator] = value
-    return found
+    return generator_values(generators, lambda name: stated_ball(at[name]), lambda x, n: ((n * x).cos(), (n * x).sin()))
 
 
 def ball_rows(

@@ -178,13 +178,12 @@ def _certified(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: St
             f"the set is too large: its {matrix.rank} representatives span only {max(minor.rank, 0)} dimensions"
         )
     complete = _Completeness(regressor, matrix, rng)
-    sampler = complete.sampler
+    sampler, below = complete.sampler, (matrix.rank, seed, minor.prime, minor.states)
     if regressor.loops is not None:
         order = regressor.loops.order
         primes = [complete.prime(ARRAY_BITS) for _ in range(_CURVES)]
         error = sum(log10(order) - log10(p) for p in primes)
-        evidence = (minor.prime, minor.states, tuple(primes), order, error, order)
-        return Certificate(matrix.rank, seed, *evidence)
+        return Certificate(*below, tuple(primes), order, error, order)
     primes = []
     points, forms = _FEWEST_POINTS, size_bound(sampler.program, sampler.outputs)
     while len(primes) < points:
@@ -194,16 +193,7 @@ def _certified(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: St
         if missed > _LEAST_SHOWN:
             raise CertificateError(f"its degree of {size.degree} is too high for primes of {CERTIFICATE_BITS} bits")
         points = max(points, ceil(_LOG10_ERROR / missed))
-    return Certificate(
-        matrix.rank,
-        seed,
-        minor.prime,
-        minor.states,
-        tuple(primes),
-        size.degree,
-        points * missed,
-        at_values=bool(values.names),
-    )
+    return Certificate(*below, tuple(primes), size.degree, points * missed, at_values=bool(values.names))
 
 
 def _check_echelon(matrix: BaseMatrix) -> None:

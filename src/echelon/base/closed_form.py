@@ -146,8 +146,7 @@ class Relation:
     @cached_property
     def symbols(self) -> frozenset[str]:
         """Symbols that the coefficients may depend on."""
-        entries = (*(x for row in self.frame.rotation for x in row), *self.frame.translation)
-        return frozenset(self.kernel.sampler.symbols).union(*(entry.symbols() for entry in entries))
+        return frozenset((*self.kernel.sampler.symbols, *self.frame.symbols()))
 
     def changes(self, kinds: Iterable[int], number: Callable[[Polynomial], T]) -> dict[int, dict[int, T]]:
         """Parameters of the whole body about the kernel's frame, as combinations of those about its own."""
@@ -196,7 +195,10 @@ def _across_joints(mechanism: Mechanism, structure: Structure) -> Iterable[Relat
     for (targets, _), indices in shared.items():
         pair = floating_pair(mechanism, indices[0])
         everywhere = frozenset.intersection(*(_vanishing(*places[index], zero) for index in indices))
-        kernel = _pair_kernel(pair, targets, len(places[indices[0]][0]), everywhere)
+        sources = [k for k in range(len(places[indices[0]][0])) if k not in targets]
+        rows = Rows(energy_form(pair), 1).columns([*sources, *targets])
+        degrees = _degrees(pair, sources, targets)
+        kernel = Kernel(symbol_roles(pair), rows, sources, targets, everywhere, degrees)
         yield from (Relation(kernel, *places[index]) for index in indices)
 
 
@@ -205,12 +207,6 @@ def _vanishing(columns: Sequence[int], placement: Placement, zero: frozenset[int
     found = frozenset(k for k, c in enumerate(columns) if c in zero)
     parent = frozenset(range(PER_BODY))
     return found if placement.is_identity or parent <= found else found - parent
-
-
-def _pair_kernel(pair: Mechanism, targets: Sequence[int], size: int, zero: frozenset[int]) -> Kernel:
-    sources = [k for k in range(size) if k not in targets]
-    rows = Rows(energy_form(pair), 1).columns([*sources, *targets])
-    return Kernel(symbol_roles(pair), rows, sources, targets, zero, _degrees(pair, sources, targets))
 
 
 def _across_robot(mechanism: Mechanism, structure: Structure, together: bool) -> Iterable[Relation]:

@@ -29,7 +29,8 @@ from echelon.program.sympy_bridge import to_sympy
 if TYPE_CHECKING:
     import sympy
 
-    from echelon.base.symbolic import Form, SymbolicRegressor
+    from echelon.base.formulas import Form
+    from echelon.base.symbolic import SymbolicRegressor
 
 
 @dataclass(frozen=True, repr=False)
@@ -161,7 +162,7 @@ class LinearBase(BaseSet):
         -------
         SymbolicRegressor
         """
-        from echelon.base.symbolic import symbolic_regressor
+        from echelon.base.formulas import symbolic_regressor
 
         forms = self.model.regressor.columns(self.matrix.pivots)
         return symbolic_regressor(self.model.name, forms, self.model.outputs, self.pivots, form)

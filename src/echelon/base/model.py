@@ -14,8 +14,8 @@ from echelon.arrays import Floats
 from echelon.base.certificate import Certificate
 from echelon.base.evaluation import Evaluation
 from echelon.base.expression import Expression, collect
+from echelon.base.lift import Metric, lift, metric_matrix, pseudo_inverse_floats
 from echelon.base.matrix import BaseMatrix, Identifiability, Row, classify
-from echelon.base.pseudo_inverse import Metric, lift, metric_matrix, pseudo_inverse_floats
 from echelon.base.reading_report import ReadingReport
 from echelon.base.stated_values import SpecialValues, at_values
 from echelon.errors import InputError
@@ -30,8 +30,9 @@ from echelon.regressor.linear_forms import LinearForms, inverse_dynamics_regress
 if TYPE_CHECKING:
     import sympy
 
+    from echelon.base.formulas import Form
     from echelon.base.pseudo_inverse import ExactMetric
-    from echelon.base.symbolic import Form, SymbolicRegressor
+    from echelon.base.symbolic import SymbolicRegressor
 
 
 class BaseSet(ABC):
@@ -290,7 +291,7 @@ class BaseModel(BaseSet, Evaluation):
         prior : array of shape (n,), optional
             Standard parameters to stay near to; zero if omitted.
         metric : "identity", "physical" or array
-            The metric S; see :func:`echelon.base.pseudo_inverse.metric_matrix`.
+            The metric S; see :func:`echelon.base.lift.metric_matrix`.
         length : float, optional
             Characteristic length of the physical metric, m; the largest joint offset if omitted.
         symbols : mapping of str to float, optional
@@ -372,8 +373,7 @@ class BaseModel(BaseSet, Evaluation):
         >>> base.symbolic_regressor().entries[1, 4]
         g*cos(q1 + q2) + l1*qd1**2*sin(q2) + l1*qdd1*cos(q2)
         """
-        from echelon.base.short_form import absolute_angles
-        from echelon.base.symbolic import symbolic_regressor
+        from echelon.base.formulas import absolute_angles, symbolic_regressor
 
         robot = self.mechanism
         rows = ["power"] if robot.closures else [output.name for output in robot.outputs]

@@ -1,11 +1,7 @@
-"""The lift: standard parameters that agree with given base parameters and stay near a prior.
+"""The inverse of B from the right in closed form: B† = S Bᵀ (B S Bᵀ)⁻¹ for a metric S of numbers and formulas.
 
-ζ̂ = ζ₀ + B†(ζ̄ − B ζ₀) with B† = S Bᵀ (B S Bᵀ)⁻¹ is the member of {ζ : B ζ = ζ̄} nearest to ζ₀ in the norm of S⁻¹
-(Theorem 1 of the paper).  The metric S never changes ζ̄ or the reduced regressor; it selects the lift.
-
-In closed form, S holds numbers and formulas as rational functions.  B S Bᵀ falls into blocks of base parameters that
-share standard ones; most are single.  Each block is inverted without fractions, with one denominator, its determinant.
-B · B† = 1 is then checked as an identity of polynomials.
+B S Bᵀ falls into blocks of base parameters that share standard ones; most are single.  Each block is inverted without
+fractions, with one denominator, its determinant.  B · B† = 1 is then checked as an identity of polynomials.
 
 Bareiss's elimination keeps every entry a minor of the matrix, so each division is exact and no greatest common divisor
 is needed: with FLINT's polynomials a block of 18 rows in four symbols takes half a second, where quotients take
@@ -15,14 +11,12 @@ minutes.  Pivots are on the diagonal, which is never zero for a definite matrix;
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from fractions import Fraction
 from functools import reduce
 from math import lcm
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import flint
 import numpy as np
-import numpy.typing as npt
 
 from echelon.base.matrix import BaseMatrix, sympy_generators
 from echelon.errors import ClosedFormError, EchelonError, InputError
@@ -33,12 +27,11 @@ from echelon.exact.rational import RationalFunction
 from echelon.exact.ring import Ring
 from echelon.extras import extra
 
-if TYPE_CHECKING:
+with extra("symbolic"):
     import sympy
 
-    ExactMetric = Literal["identity"] | Sequence[Any] | sympy.MatrixBase
-    """``"identity"``, the diagonal of S, or S."""
-
+ExactMetric = Literal["identity"] | Sequence[Any] | sympy.MatrixBase
+"""``"identity"``, the diagonal of S, or S."""
 
 _SINGULAR = "the metric is not definite: B S Bᵀ has no inverse"
 
@@ -121,51 +114,6 @@ def _eliminated(row: Sparse, leading: Sparse, column: int, pivot: Any, previous:
     return found
 
 
-Metric = Literal["identity", "physical"] | npt.ArrayLike
-
-
-def metric_matrix(metric: Metric, degrees: Sequence[int], length: float) -> npt.NDArray[np.float64]:
-    """The metric S as a matrix."""
-    if isinstance(metric, str):
-        if metric not in ("identity", "physical"):
-            raise InputError(f"unknown metric '{metric}' (valid: identity, physical, or an array)")
-        if not 0 < length < np.inf:
-            raise InputError(f"the characteristic length must be positive and finite, not {length}")
-        scale = [length**power if metric == "physical" else 1.0 for power in degrees]
-        return np.diag(np.square(scale))
-    parameters = len(degrees)
-    matrix = np.asarray(metric, dtype=float)
-    matrix = np.diag(matrix) if matrix.ndim == 1 else matrix
-    if matrix.shape != (parameters, parameters):
-        raise InputError(f"the metric has shape {matrix.shape}; expected ({parameters}, {parameters}) or its diagonal")
-    if not np.allclose(matrix, matrix.T) or np.linalg.eigvalsh(matrix).min(initial=1.0) <= 0:
-        raise InputError("the metric must be symmetric and positive definite")
-    return matrix
-
-
-def pseudo_inverse_floats(b: npt.NDArray[np.float64], metric: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """B† = S Bᵀ (B S Bᵀ)⁻¹.  Shapes: b (r, n); metric (n, n); returns (n, r)."""
-    # with S = L Lᵀ this is L pinv(B L), which avoids squaring the condition number
-    root = np.linalg.cholesky(metric)
-    found: npt.NDArray[np.float64] = root @ np.linalg.pinv(b @ root)
-    return found
-
-
-def lift(
-    b: npt.NDArray[np.float64],
-    base_values: npt.NDArray[np.float64],
-    prior: npt.NDArray[np.float64],
-    metric: npt.NDArray[np.float64],
-) -> npt.NDArray[np.float64]:
-    """Standard parameters nearest to a prior among those with given base parameters."""
-    # shapes: b (r, n); base_values (r,); prior (n,); metric (n, n); returns (n,)
-    # with S = L Lᵀ the correction is L pinv(B L) residual; least squares avoids squaring the condition number
-    root = np.linalg.cholesky(metric)
-    correction = np.linalg.lstsq(b @ root, base_values - b @ prior, rcond=None)[0]
-    lifted: npt.NDArray[np.float64] = prior + root @ correction
-    return lifted
-
-
 def metric_entries(metric: Any, size: int) -> dict[tuple[int, int], RationalFunction]:
     """Non-zero entries of S."""
     if isinstance(metric, str):
@@ -199,38 +147,16 @@ def _check_definite(entries: Mapping[tuple[int, int], RationalFunction], size: i
 
 def _rational(value: Any) -> RationalFunction:
     """A number or formula as a quotient of polynomials."""
-    with extra("symbolic"):
-        import sympy
-
     try:
         if isinstance(value, str):  # text is read, never evaluated as code
             return RationalFunction(parse(value))
         formula = sympy.sympify(value, rational=False, strict=True)
         formula = formula.replace(lambda e: e.is_Float, lambda e: sympy.Rational(str(e)))
-        top, bottom = sympy.fraction(sympy.together(formula))
-        return RationalFunction(_polynomial(top), _polynomial(bottom))
-    except (sympy.SympifyError, sympy.PolynomialError, AttributeError, TypeError, ValueError):
+        if formula.has(sympy.sqrt(2), sympy.sqrt(3)) or not formula.is_rational_function():
+            raise ValueError(value)
+        return RationalFunction(*(parse(str(part)) for part in sympy.fraction(sympy.together(formula))))
+    except (sympy.SympifyError, AttributeError, TypeError, ValueError):
         raise InputError(f"the metric's entry '{value}' is not a rational function with rational numbers") from None
-
-
-def _polynomial(formula: Any) -> Polynomial:
-    with extra("symbolic"):
-        import sympy
-
-    symbols = sorted(formula.free_symbols, key=str)
-    if not symbols:
-        return Polynomial.constant(_number(formula))
-    terms = {}
-    for exponents, coefficient in sympy.Poly(formula, *symbols).terms():
-        monomial = tuple((str(s), int(e)) for s, e in zip(symbols, exponents, strict=True) if e)
-        terms[tuple(sorted(monomial))] = _number(coefficient)
-    return Polynomial(terms)
-
-
-def _number(value: Any) -> int | Fraction:
-    if not value.is_Rational:
-        raise ValueError(value)
-    return int(value.p) if value.q == 1 else Fraction(int(value.p), int(value.q))
 
 
 MOST_TERMS = 150_000
@@ -241,9 +167,6 @@ def pseudo_inverse(
     matrix: BaseMatrix, metric: Any, formulas: Mapping[str, Any], most_terms: int = MOST_TERMS
 ) -> sympy.ImmutableMatrix:
     """The inverse of B from the right that belongs to a metric."""
-    with extra("symbolic"):
-        import sympy
-
     n = len(matrix.parameters)
     weights, _ = _cleared(metric_entries(metric, n))
     cleared = [_cleared(dict(row)) for row in matrix.rows]
@@ -323,10 +246,7 @@ class _Writer:
     """Writes elements of a ring in sympy; what was written before is not written again."""
 
     def __init__(self, ring: Ring, formulas: Mapping[str, Any]) -> None:
-        with extra("symbolic"):
-            import sympy
-
-        self._ring, self._sympy = ring, sympy
+        self._ring = ring
         *names, _, _ = ring.names
         self._generators = [*sympy_generators(names, formulas).values(), sympy.sqrt(2), sympy.sqrt(3)]
         self._monomials: dict[tuple[int, ...], Any] = {}
@@ -342,16 +262,16 @@ class _Writer:
         text = str(element)
         if text not in self._written:
             terms = self._ring.reduced(element).to_dict().items()
-            self._written[text] = self._sympy.Add(*(self._term(exponents, number) for exponents, number in terms))
+            self._written[text] = sympy.Add(*(self._term(exponents, number) for exponents, number in terms))
         return self._written[text]
 
     def _term(self, exponents: tuple[int, ...], coefficient: Any) -> Any:
-        number = self._sympy.Rational(int(coefficient.p), int(coefficient.q))
+        number = sympy.Rational(int(coefficient.p), int(coefficient.q))
         if exponents not in self._monomials:
             pairs = zip(self._generators, exponents, strict=True)
-            self._monomials[exponents] = self._sympy.Mul(*(g ** int(e) for g, e in pairs if e))
+            self._monomials[exponents] = sympy.Mul(*(g ** int(e) for g, e in pairs if e))
         monomial = self._monomials[exponents]
         if number == 1 or not any(exponents[:-2]):
             return number * monomial
         # as sympy would put it, without its questions
-        return self._sympy.Mul._from_args((number, *self._sympy.Mul.make_args(monomial)), True)
+        return sympy.Mul._from_args((number, *sympy.Mul.make_args(monomial)), True)

@@ -158,7 +158,8 @@ class StatedColumns:
                 values = coefficients(kernel)
                 if values is None:
                     return None
-                known[kernel] = _by_target(kernel, values)
+                columns = zip(kernel.targets, values.T, strict=True)
+                known[kernel] = {t: dict(zip(kernel.sources, column, strict=True)) for t, column in columns}
             raw |= relation.placed(known[kernel], number)
         solved: dict[int, dict[int, Any]] = {}
         for column in sorted(raw):
@@ -238,14 +239,6 @@ class StatedColumns:
             return None
         row, place = ({c: i for i, c in enumerate(part)} for part in (self.pivots, columns))
         return [right[row[pivot], place[column]] for pivot, column in pairs]
-
-
-def _by_target(kernel: Kernel, values: npt.NDArray[Any]) -> dict[int, dict[int, Any]]:
-    """Coefficients of shape (sources, targets) as combinations."""
-    return {
-        target: dict(zip(kernel.sources, column, strict=True))
-        for target, column in zip(kernel.targets, values.T, strict=True)
-    }
 
 
 def _solved(kernel: Kernel, at: Mapping[str, str], rng: np.random.Generator) -> Balls | None:

@@ -40,6 +40,7 @@ from echelon.exact.expressions import parse
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.stated import all_symbols
 from echelon.regressor.loops.assembly import Assembly
 
 _PROPAGATED = 10.0  # how much larger than a rounded angle its effect on a coefficient may be
@@ -239,9 +240,8 @@ class WitnessSearch:
     def assumed(self) -> dict[str, float]:
         """Values for symbols without one."""
         model = self.model.mechanism
-        used = {*model.symbols, *self.matrix.symbols, *(s for r in self.rows for c in r.values() for s in c.symbols())}
-        used |= {s for body in model.bodies for s in body.joint.symbols()}
-        used |= {s for part in model.gravity or () for s in part.symbols()}
+        claimed = {s for row in self.rows for c in row.values() for s in c.symbols()}
+        used = all_symbols(model) | claimed | set(self.matrix.symbols)
         rng = np.random.default_rng(self.seed)
         return {name: round(rng.uniform(0.2, 0.8), 2) for name in sorted(used) if name not in self.geometry.floats}
 

@@ -19,7 +19,7 @@ import numpy as np
 from echelon.exact.expressions import Point, added, multiple_of_point
 from echelon.exact.polynomial import Polynomial, Rational, as_polynomial, simple_fraction
 from echelon.mechanism.closure import Closure, ClosureKind
-from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement, Step, merge, shift, turn_by
+from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement, Step, displaced, merge
 from echelon.mechanism.mechanism import ClosedAt, Mechanism
 from echelon.mechanism.stated import known_values, placement_matrix
 
@@ -138,16 +138,9 @@ class _Placed:
     def _moved(self, motion: Motion) -> Placement:
         if motion.kind is MotionKind.BALL:
             return turned_by(*self.pose[motion.name])
-        along = [Polynomial({})] * 3
-        if motion.kind is MotionKind.TRANSLATION:
-            along[motion.axis] = self._travel(motion.name) * motion.sign
-            return shift(*along)
-        cosine, sine = self._point(motion.name)
-        turned = turn_by(motion.axis, cosine, sine * motion.sign)
-        if motion.kind is MotionKind.ROTATION:
-            return turned
-        along[motion.axis] = self._travel(motion.name) * motion.pitch * motion.sign
-        return shift(*along) @ turned
+        slides = motion.kind is MotionKind.TRANSLATION
+        point = (Polynomial.constant(1), Polynomial({})) if slides else self._point(motion.name)
+        return displaced(motion, *point, self._travel(motion.name))
 
     def _leaders(self, name: str) -> list[tuple[str, Fraction]]:
         """The motions that one follows, and ratios; itself if it follows none."""

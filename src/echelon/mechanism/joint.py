@@ -85,6 +85,14 @@ def turned(identity: Square[T], axis: int, c: T, s: T) -> Square[T]:
     return as_matrix(entries)
 
 
+def displaced(motion: Motion, cosine: Polynomial, sine: Polynomial, travel: Polynomial) -> Placement:
+    """Where a motion takes its frame, by the cosine and sine of an angle, and by a travel (of a screw, the angle)."""
+    along = [_ZERO] * 3
+    if motion.kind is not MotionKind.ROTATION:
+        along[motion.axis] = travel * motion.sign * (motion.pitch if motion.kind is MotionKind.SCREW else 1)
+    return shift(*along) @ turn_by(motion.axis, cosine, sine * motion.sign)
+
+
 def as_matrix(entries: list[list[T]]) -> Square[T]:
     """Nested lists as the tuple form."""
     (a, b, c), (d, e, f), (g, h, i) = entries

@@ -9,11 +9,11 @@ from fractions import Fraction
 from math import tan
 
 from echelon.errors import InputError
-from echelon.exact.polynomial import Polynomial, circle_point
+from echelon.exact.polynomial import as_polynomial, circle_point
 from echelon.hints import nearest_of
 from echelon.mechanism.coupling import Coupling, Spline
 from echelon.mechanism.effect import Effect
-from echelon.mechanism.joint import IDENTITY, Body, Joint, Matrix, Motion, MotionKind, Placement, Step, merge, turn_by
+from echelon.mechanism.joint import Body, Joint, Motion, MotionKind, Placement, Step, displaced, merge
 from echelon.mechanism.mechanism import Actuator, ActuatorForce, Cut, Mechanism, Output
 from echelon.mechanism.stated import known_values
 
@@ -106,20 +106,9 @@ def _placed(motion: Motion, position: float) -> Placement:
         if position:
             raise InputError(f"'{motion.name}' turns freely; it can be held at 0 only")
         return Placement()
-    along, turned = Fraction(0), IDENTITY
-    if motion.kind is MotionKind.TRANSLATION:
-        along = motion.sign * Fraction(position)
-    elif position:
-        turned = _turned(motion.axis, motion.sign * position)
-    entries = [Polynomial.constant(along if k == motion.axis else Fraction(0)) for k in range(3)]
-    if motion.kind is MotionKind.SCREW:
-        entries[motion.axis] = motion.pitch * Polynomial.constant(motion.sign * Fraction(position))
-    return Placement(turned, (entries[0], entries[1], entries[2]))
-
-
-def _turned(axis: int, angle: float) -> Matrix:
+    angle = 0.0 if motion.kind is MotionKind.TRANSLATION else position
     cosine, sine = circle_point(Fraction(tan(angle / 2)).limit_denominator(_DENOMINATOR))
-    return turn_by(axis, Polynomial.constant(cosine), Polynomial.constant(sine)).rotation
+    return displaced(motion, as_polynomial(cosine), as_polynomial(sine), as_polynomial(Fraction(position)))
 
 
 def _actuators(mechanism: Mechanism, gone: Iterable[str]) -> Iterable[Actuator]:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from math import gcd, lcm, pi
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -28,8 +29,8 @@ from echelon.exact.polynomial import (
     as_polynomial,
     cosine,
     cosine_of_turn,
+    generator_values,
     is_trigonometric,
-    multiple_of,
     sine,
     sine_of_turn,
     symbol_of,
@@ -241,38 +242,35 @@ class StatedValues:
 
     def residues(self, generators: Iterable[str], field: PrimeField, rng: np.random.Generator) -> dict[str, int]:
         """Values of generators whose symbols all have one: the symbols themselves, and sines and cosines of angles."""
-        units = [field.circle(field.draw(rng, (1,))) for _ in range(2)]
-        found = {}
-        for generator in generators:
-            if not is_trigonometric(generator):
-                found[generator] = self._residue(generator, field, units)
-                continue
-            count, name = multiple_of(generator)
-            c, s = (np.array([x], dtype=field.dtype) for x in self._point(name, field, units))
-            point = field.multiply_angle((c, s), count)
-            found[generator] = int(point[0 if generator.startswith("cos") else 1][0])
-        return found
+        return self._residues(generators, field, [field.circle(field.draw(rng, (1,))) for _ in range(2)])
+
+    def _residues(self, generators: Iterable[str], field: PrimeField, units: Sequence[Point]) -> dict[str, int]:
+        def symbol(name: str) -> Any:
+            return self._point(name, field, units) if name in self.angles else self._residue(name, field, units)
+
+        def circle(point: Point, count: int) -> tuple[int, int]:
+            c, s = field.multiply_angle(point, count)
+            return int(c[0]), int(s[0])
+
+        return generator_values(generators, symbol, circle)
 
     def _residue(self, name: str, field: PrimeField, units: Sequence[Point]) -> int:
         if name in self.numbers:
             return field.embed(self.numbers[name])
         if name in self.angles:
-            c, s = self._point(name, field, units)
+            c, s = (int(x[0]) for x in self._point(name, field, units))
             return s * field.invert(1 + c) % field.p
-        generators = {}
-        for generator in self.sums[name].generators():
-            point = self._point(symbol_of(generator), field, units)
-            generators[generator] = point[0 if generator.startswith("cos") else 1]
-        return self.sums[name].evaluate(generators, field.embed) % field.p
+        value = self.sums[name]
+        return value.evaluate(self._residues(value.generators(), field, units), field.embed) % field.p
 
-    def _point(self, name: str, field: PrimeField, units: Sequence[Point]) -> tuple[int, int]:
+    def _point(self, name: str, field: PrimeField, units: Sequence[Point]) -> Point:
         """Cosine and sine of an angle."""
         steps, *counts = self.multiples[name]
         grid = (cosine_of_turn(steps), sine_of_turn(steps))
         c, s = (np.array([field.embed(x)], dtype=field.dtype) for x in grid)
         for unit, n in zip(units, counts, strict=True):
             c, s = field.add_angles((c, s), field.multiply_angle(unit, n))
-        return int(c[0]), int(s[0])
+        return c, s
 
 
 GENERAL = StatedValues({}, {}, {})  # no values: all symbols are general

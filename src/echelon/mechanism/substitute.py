@@ -6,9 +6,10 @@ With loops, ratios of gears become numbers, because the sine of n·q is algebrai
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import fields, is_dataclass, replace
 from fractions import Fraction
+from typing import Any
 
 from echelon.errors import InputError
 from echelon.exact.expressions import multiple_of_point
@@ -22,97 +23,63 @@ from echelon.exact.polynomial import (
     sine,
     symbol_of,
 )
-from echelon.mechanism.closure import Closure
-from echelon.mechanism.effect import Effect
-from echelon.mechanism.joint import Body, Matrix, Motion, MotionKind, Placement, Step, Vector, merge
-from echelon.mechanism.mechanism import Channel, Cut, Mechanism, Output
+from echelon.mechanism.joint import Joint, MotionKind, merge
+from echelon.mechanism.mechanism import Mechanism
 
+_WITH_EXPRESSIONS = (
+    *("bodies", "gravity", "couplings", "closures", "stated_closures"),
+    *("actuators", "measured", "closed_at"),
+)
+"""Fields of a mechanism that hold expressions."""
 _NAMES = re.compile(r"\[[^\]]*\]|[^\W\d]\w*")  # coordinates in brackets, which are no symbols, and names
 
 
 def substituted(mechanism: Mechanism, values: Mapping[str, Polynomial]) -> Mechanism:
     """Put expressions in for generators, wherever a mechanism uses them."""
-    put = _Substitution(values)
-    gravity = None if mechanism.gravity is None else put.vector(mechanism.gravity)
-    return replace(
-        mechanism,
-        bodies=tuple(put.body(body) for body in mechanism.bodies),
-        gravity=gravity if gravity is not None and any(gravity) else None,
-        couplings=tuple(
-            replace(c, terms=tuple((name, function.mapped(put.polynomial)) for name, function in c.terms))
-            for c in mechanism.couplings
-        ),
-        closures=tuple(map(put.closure, mechanism.closures)),
-        stated_closures=tuple(map(put.closure, mechanism.stated_closures)),
-        actuators=tuple(
-            replace(a, terms=tuple((name, put.polynomial(ratio)) for name, ratio in a.terms))
-            for a in mechanism.actuators
-        ),
-        measured=None if mechanism.measured is None else tuple(put.output(output) for output in mechanism.measured),
-        effects=tuple(put.effect(effect) for effect in mechanism.effects),
-        closed_at={name: tuple(map(put.polynomial, value)) for name, value in mechanism.closed_at.items()},
-        symbols={name: symbol for name, symbol in mechanism.symbols.items() if name not in put.symbols},
+    symbols = {symbol_of(generator) for generator in values}
+
+    def put(expression: Polynomial) -> Polynomial:
+        generators = expression.generators()
+        if not any(symbol_of(generator) in symbols for generator in generators):
+            return expression
+        return expression.evaluate({g: _value_of(g, values, symbols) for g in generators}, as_polynomial)
+
+    changed = {name: _mapped(getattr(mechanism, name), put) for name in _WITH_EXPRESSIONS}
+    gravity = changed["gravity"] if any(changed["gravity"] or ()) else None
+    effects = tuple(
+        replace(effect, actions=tuple(replace(action, term=_text(action.term, values)) for action in effect.actions))
+        for effect in mechanism.effects
     )
+    left = {name: symbol for name, symbol in mechanism.symbols.items() if name not in symbols}
+    return replace(mechanism, **{**changed, "gravity": gravity, "effects": effects, "symbols": left})
 
 
-class _Substitution:
-    def __init__(self, values: Mapping[str, Polynomial]) -> None:
-        self.values = values
-        self.symbols = {symbol_of(generator) for generator in values}
+def _value_of(generator: str, values: Mapping[str, Polynomial], symbols: Collection[str]) -> Polynomial:
+    if generator in values or symbol_of(generator) not in symbols:
+        return values.get(generator, Polynomial.generator(generator))
+    count, symbol = multiple_of(generator)
+    point = multiple_of_point((values[cosine(symbol)], values[sine(symbol)]), count)
+    return point[0 if generator.startswith("cos") else 1]
 
-    def polynomial(self, p: Polynomial) -> Polynomial:
-        generators = p.generators()
-        if not any(symbol_of(g) in self.symbols for g in generators):
-            return p
-        return p.evaluate({g: self.generator(g) for g in generators}, as_polynomial)
 
-    def generator(self, generator: str) -> Polynomial:
-        if generator in self.values or symbol_of(generator) not in self.symbols:
-            return self.values.get(generator, Polynomial.generator(generator))
-        count, symbol = multiple_of(generator)
-        point = multiple_of_point((self.values[cosine(symbol)], self.values[sine(symbol)]), count)
-        return point[0 if generator.startswith("cos") else 1]
+def _mapped(value: Any, put: Callable[[Polynomial], Polynomial]) -> Any:
+    """A part of a mechanism with other expressions in the place of its own."""
+    if isinstance(value, Polynomial):
+        return put(value)
+    if isinstance(value, tuple):
+        return tuple(_mapped(part, put) for part in value)
+    if isinstance(value, Mapping):
+        return {name: _mapped(part, put) for name, part in value.items()}
+    if not is_dataclass(value):
+        return value
+    found = replace(value, **{f.name: _mapped(getattr(value, f.name), put) for f in fields(value)})  # type: ignore[type-var]
+    return replace(found, steps=merge(found.steps)) if isinstance(found, Joint) else found
 
-    def closure(self, closure: Closure) -> Closure:
-        return replace(
-            closure,
-            first_frame=self.placement(closure.first_frame),
-            second_frame=self.placement(closure.second_frame),
-            second_mount=tuple(self.placement(p) for p in closure.second_mount),
-        )
 
-    def output(self, output: Output) -> Output:
-        return replace(output, terms=tuple((self.channel(c), self.polynomial(weight)) for c, weight in output.terms))
-
-    def channel(self, channel: Channel) -> Channel:
-        return replace(channel, frame=self.placement(channel.frame)) if isinstance(channel, Cut) else channel
-
-    def effect(self, effect: Effect) -> Effect:
-        return replace(effect, actions=tuple(replace(a, term=self.text(a.term)) for a in effect.actions))
-
-    def text(self, term: str) -> str:
-        plain = {name: value for name, value in self.values.items() if not is_trigonometric(name)}
-        return _NAMES.sub(lambda m: f"({format_polynomial(plain[m[0]])})" if m[0] in plain else m[0], term)
-
-    def vector(self, vector: Vector) -> Vector:
-        x, y, z = (self.polynomial(part) for part in vector)
-        return (x, y, z)
-
-    def matrix(self, matrix: Matrix) -> Matrix:
-        a, b, c = (self.vector(row) for row in matrix)
-        return (a, b, c)
-
-    def body(self, body: Body) -> Body:
-        steps: tuple[Step, ...] = tuple(self.step(step) for step in body.joint.steps)
-        return replace(body, joint=replace(body.joint, steps=merge(steps)))
-
-    def step(self, step: Step) -> Step:
-        if isinstance(step, Motion):
-            return replace(step, pitch=self.polynomial(step.pitch))
-        return self.placement(step)
-
-    def placement(self, placement: Placement) -> Placement:
-        return Placement(self.matrix(placement.rotation), self.vector(placement.translation))
+def _text(term: str, values: Mapping[str, Polynomial]) -> str:
+    """A term of an effect, where expressions are text."""
+    plain = {name: value for name, value in values.items() if not is_trigonometric(name)}
+    return _NAMES.sub(lambda m: f"({format_polynomial(plain[m[0]])})" if m[0] in plain else m[0], term)
 
 
 def with_numeric_ratios(mechanism: Mechanism) -> Mechanism:

@@ -1,4 +1,6 @@
-"""Short formulas for the entries of a regressor: multiplied out, then with sums of angles where that is shorter.
+"""The entries of a regressor as formulas: short ones, or with names for what is used more than once.
+
+Small regressors are multiplied out and shortened; large ones stay as they were recorded.
 
 An entry is a polynomial in rates, lengths, and sines and cosines of the coordinates.  What multiplies one product of
 rates and lengths is a polynomial in sines and cosines alone, and there are several ways to write it: with the angles
@@ -8,20 +10,33 @@ or as a Fourier series.  The shortest is taken; then terms with the same sines a
 
 from __future__ import annotations
 
+import keyword
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property, reduce
-from typing import Any
+from typing import Any, Literal
 
-from echelon.errors import ClosedFormError
+from echelon.base.symbolic import IMPORTED, SymbolicRegressor
+from echelon.errors import ClosedFormError, InputError
 from echelon.exact.polynomial import Monomial, Number, Polynomial, cosine, is_trigonometric, sine, symbol_of
 from echelon.extras import extra
 from echelon.mechanism.joint import GROUND, MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.operations import FUNCTIONS, Op
-from echelon.program.sympy_bridge import sympy_number
+from echelon.program.sympy_bridge import shared_nodes, sympy_number, to_sympy
 from echelon.program.tape import Program
+from echelon.regressor.linear_forms import LinearForms
+
+with extra("symbolic"):
+    import sympy
+
+Form = Literal["auto", "short", "named"]
+
+SHORT_TERMS, MOST_TERMS = 64, 4096
+"""Terms of one value, multiplied out: where short forms are taken, and how far they are tried if asked for."""
+
+_RESERVED = {*keyword.kwlist, *IMPORTED, "sympy", "X"}
 
 Combination = tuple[tuple[str, int], ...]
 """A sum of angles: coordinates with whole factors."""
@@ -71,7 +86,7 @@ class ShortForms:
 
     program: Program
     symbols: Mapping[str, Any]  # for the inputs of the program
-    absolute: Mapping[str, Combination]  # see :func:`echelon.base.short_form.absolute_angles`
+    absolute: Mapping[str, Combination]  # see :func:`echelon.base.formulas.absolute_angles`
     most_terms: int  # of an intermediate value, multiplied out
     _atoms: dict[str, Any] = field(default_factory=dict)
     _sums: dict[str, Combination] = field(default_factory=dict)
@@ -118,9 +133,6 @@ class ShortForms:
             if angle is None:
                 self._atom(label, lambda: self._written(argument))
             return Polynomial.generator(cosine(label) if op is Op.COS else sine(label))
-        with extra("symbolic"):
-            import sympy
-
         name = "Abs" if op is Op.ABS else op.name.lower()
         return self._atom(f"#{node}", lambda: getattr(sympy, name)(self._written(argument)))
 
@@ -133,9 +145,6 @@ class ShortForms:
 
     def _written(self, value: Polynomial) -> Any:
         """Terms with equal sines and cosines collected, their coefficients factored."""
-        with extra("symbolic"):
-            import sympy
-
         by_plain: dict[Monomial, dict[Monomial, Number]] = {}
         for monomial, coefficient in value.terms.items():
             circular = tuple((g, e) for g, e in monomial if self._varies(g))
@@ -153,15 +162,9 @@ class ShortForms:
         return is_trigonometric(generator) and symbol_of(generator) in self._states
 
     def _product(self, monomial: Monomial) -> Any:
-        with extra("symbolic"):
-            import sympy
-
         return sympy.Mul(*(self._generator(g) ** e for g, e in monomial))
 
     def _generator(self, generator: str) -> Any:
-        with extra("symbolic"):
-            import sympy
-
         if not is_trigonometric(generator):
             return self._atoms[generator] if generator in self._atoms else self.symbols[generator]
         label = symbol_of(generator)
@@ -184,7 +187,8 @@ class ShortForms:
             turned = self._in_absolute_angles(circular)
             yield turned
             yield _without_squares_of_cosines(turned)
-        if len(circular.terms) <= _LONGEST_SERIES and _degree(circular) <= _HIGHEST:
+        degree = max((sum(e for _, e in monomial) for monomial in circular.terms), default=0)
+        if len(circular.terms) <= _LONGEST_SERIES and degree <= _HIGHEST:
             yield self._series(circular)
 
     def _in_absolute_angles(self, circular: Polynomial) -> Polynomial:
@@ -221,33 +225,17 @@ class ShortForms:
         total: Series = {}
         for monomial, coefficient in circular.terms.items():
             unit: Series = {(False, ()): 1}
-            for key, factor in reduce(_times, _factors(monomial), unit).items():
+            factors = (g for g, e in monomial for _ in range(e))
+            for key, factor in reduce(_times, factors, unit).items():
                 total[key] = total.get(key, 0) + factor * coefficient
-        found = []
-        for (odd, angles), coefficient in total.items():
-            if not angles:
-                found.append(Polynomial.constant(0 if odd else coefficient))
-                continue
-            label, sign = self._label(angles)
-            found.append(
-                Polynomial.generator(sine(label)) * (coefficient * sign)
-                if odd
-                else Polynomial.generator(cosine(label)) * coefficient
-            )
-        return Polynomial.sum(found)
+        one, zero = Polynomial.constant(1), Polynomial({})
+        points = {angles: self._circle(angles) if angles else (one, zero) for _, angles in total}
+        return Polynomial.sum(points[angles][int(odd)] * number for (odd, angles), number in total.items())
 
 
 def _length(circular: Polynomial) -> int:
-    """Terms and their factors; whole numbers are shorter than fractions."""
-    return sum(2 + len(m) + (Fraction(1) != abs(c)) for m, c in _plain_numbers(circular))
-
-
-def _plain_numbers(circular: Polynomial) -> list[tuple[Monomial, Any]]:
-    return [(m, c if isinstance(c, int | Fraction) else Fraction(2)) for m, c in circular.terms.items()]
-
-
-def _degree(circular: Polynomial) -> int:
-    return max((sum(e for _, e in monomial) for monomial in circular.terms), default=0)
+    """Terms and their factors; 1 and −1 are not written."""
+    return sum(2 + len(monomial) + (number not in (1, -1)) for monomial, number in circular.terms.items())
 
 
 def _without_squares_of_cosines(circular: Polynomial) -> Polynomial:
@@ -271,17 +259,15 @@ def _sorted(exponents: Mapping[str, int]) -> Monomial:
     return tuple(sorted((g, e) for g, e in exponents.items() if e))
 
 
-def _factors(monomial: Monomial) -> list[str]:
-    return [g for g, e in monomial for _ in range(e)]
-
-
 def _times(series: Series, generator: str) -> Series:
     """A Fourier series times one sine or cosine."""
     odd, name, half = generator.startswith("sin("), symbol_of(generator), Fraction(1, 2)
     product: Series = {}
     for (is_sine, angles), coefficient in series.items():
         for sign in (1, -1):
-            key, weight = (is_sine != odd, _added(angles, name, sign)), coefficient * half
+            added = dict(angles)
+            added[name] = added.get(name, 0) + sign
+            key, weight = (is_sine != odd, _sorted(added)), coefficient * half
             # sin·sin = (cos(−) − cos(+))/2, cos·sin = (sin(+) − sin(−))/2
             if odd:
                 weight = weight * (-sign if is_sine else sign)
@@ -289,7 +275,70 @@ def _times(series: Series, generator: str) -> Series:
     return product
 
 
-def _added(angles: Combination, name: str, sign: int) -> Combination:
-    factors = dict(angles)
-    factors[name] = factors.get(name, 0) + sign
-    return tuple(sorted((n, f) for n, f in factors.items() if f))
+# -- whole regressors --------------------------------------------------------------------------------------------------
+
+
+def symbolic_regressor(
+    name: str,
+    forms: LinearForms,
+    rows: Sequence[str],
+    columns: Sequence[str],
+    form: Form = "auto",
+    absolute: Mapping[str, Combination] | None = None,
+) -> SymbolicRegressor:
+    """Recorded forms as formulas."""
+    if form not in ("auto", "short", "named"):
+        raise InputError(f"unknown form '{form}' (valid: auto, short, named)")
+    program, nodes = forms.program, list(forms.entries.values())
+    symbols, inputs = _symbols_of(forms)
+    shared: tuple[tuple[Any, Any], ...] = ()
+    formulas: list[Any] | None = None
+    if form != "named":
+        most = SHORT_TERMS if form == "auto" else MOST_TERMS
+        try:
+            formulas = ShortForms(program, symbols, absolute or {}, most).formulas(nodes)
+        except ClosedFormError:
+            if form == "short":
+                raise
+    if formulas is None:
+        formulas, shared = _named(forms, symbols)
+    entries = [sympy.S.Zero] * (forms.shape[0] * forms.shape[1])
+    for (i, j), formula in zip(forms.entries, formulas, strict=True):
+        entries[i * forms.shape[1] + j] = formula
+    matrix = sympy.ImmutableMatrix(*forms.shape, entries, copy=False)
+    return SymbolicRegressor(name, tuple(rows), tuple(columns), matrix, shared, inputs)
+
+
+def _symbols_of(forms: LinearForms) -> tuple[dict[str, Any], dict[str, str]]:
+    """A symbol for every input, and what those of states stand for; names with brackets become numbers."""
+    needed = set(forms.program.needed(forms.entries.values()))
+    taken = {i.name for i in forms.program.inputs.values()} | _RESERVED
+    counts: dict[str, int] = {}
+    symbols: dict[str, Any] = {}
+    meanings: dict[str, str] = {}
+    for node, given in forms.program.inputs.items():
+        short = given.name
+        if "[" in given.name:
+            kind = given.name.partition("[")[0]
+            counts[kind] = counts.get(kind, 0) + 1
+            short = f"{kind}{counts[kind]}"
+        while (short in taken and short != given.name) or short in _RESERVED:
+            short += "_"
+        symbols[given.name] = sympy.Symbol(short)
+        if node in needed and (given.role == "state" or short != given.name):
+            meanings[short] = given.name
+    return symbols, dict(sorted(meanings.items()))
+
+
+def _named(forms: LinearForms, symbols: Mapping[str, Any]) -> tuple[list[Any], tuple[tuple[Any, Any], ...]]:
+    """Entries, and what they use more than once."""
+    program, nodes = forms.program, list(forms.entries.values())
+    taken = {str(s) for s in symbols.values()}
+    prefix = next(p for p in ("x", "t", "x_", "t_", "x__") if not any(name.startswith(p) for name in taken))
+    known = {node: symbols[given.name] for node, given in program.inputs.items()}
+    shared: list[tuple[Any, Any]] = []
+    for number, node in enumerate(shared_nodes(program, nodes), start=1):
+        formula = to_sympy(program, [node], known)[0]
+        known[node] = sympy.Symbol(f"{prefix}{number}")
+        shared.append((known[node], formula))
+    return to_sympy(program, nodes, known), tuple(shared)
