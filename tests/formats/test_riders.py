@@ -19,11 +19,11 @@ def test_fixed_links_are_where_pinocchio_has_them(name: str) -> None:
     built = open_robot(robot_file(name)).built(ReadingOptions(snap_tolerance=0, symbolic=False))
     robot, model = built.mechanism, pinocchio_model(robot_file(name), False)
     frames = {frame.name: frame for frame in model.frames if frame.type == pin.BODY}
-    riders = {link: read() for link, read in built.riders.items() if link in frames}
-    assert len(riders) > 2
-    for link, rider in riders.items():
-        known = known_values(robot) | {symbol.name: symbol.value or 0.0 for symbol in rider.symbols}
+    places = {link: built.place(link) for link in built.rides if link in frames}
+    assert len(places) > 2
+    for link, (body, placement) in places.items():
+        known = known_values(robot) | {name: symbol.value or 0.0 for name, symbol in built.snapping.symbols.items()}
         expected = frames[link].placement
-        if rider.body != GROUND:
-            expected = frames[robot.bodies[rider.body].name].placement.inverse() * expected
-        np.testing.assert_allclose(placement_matrix(rider.placement, known), expected.homogeneous, atol=1e-9)
+        if body != GROUND:
+            expected = frames[robot.bodies[body].name].placement.inverse() * expected
+        np.testing.assert_allclose(placement_matrix(placement, known), expected.homogeneous, atol=1e-9)

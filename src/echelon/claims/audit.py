@@ -21,7 +21,7 @@ from echelon.base.expression import collect
 from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseModel
 from echelon.base.reading_report import ROUNDING
-from echelon.claims.compare import Geometry, Row, RowComparison, Span, compare_row, led_by, span_exactly, span_roughly
+from echelon.claims.compare import Geometry, Row, compare_row, led_by, span_exactly, span_roughly
 from echelon.claims.reading import (
     AUTO,
     Claim,
@@ -112,46 +112,36 @@ def _compare(
     rng = np.random.default_rng(model.seed)
     geometry, precision = Geometry.of(model), precision_of(claim.text for claim in claims)
     matrix = led_by(model.matrix, rows, rng)
-    rounded = [precision_of([claim.text]).decimals is not None for claim in claims]
-    compared = [compare_row(row, matrix, geometry, precision, r) for row, r in zip(rows, rounded, strict=True)]
-    right = [k for k, c in enumerate(compared) if c.agreement is not Agreement.WRONG]
+    stated = [Finding(number, claim) for number, claim in enumerate(claims, 1)]
+    found = [compare_row(f, row, matrix, geometry, precision) for f, row in zip(stated, rows, strict=True)]
+    right = [k for k, finding in enumerate(found) if finding.agreement is not Agreement.WRONG]
     search = WitnessSearch(model, matrix, tuple(rows), geometry, model.seed)
-    if any(c.agreement is Agreement.PRINTED_DIGITS for c in compared):
+    if any(finding.agreement is Agreement.PRINTED_DIGITS for finding in found):
         span = span_roughly(rows, right, matrix, geometry, precision.absolute)
     else:
         span = span_exactly(rows, right, matrix, rng)
     return Audit(
         model.mechanism.name,
         model.rank,
-        tuple(_finding(k, claims[k], compared[k], span, search) for k in range(len(claims))),
+        tuple(replace(f, redundant=k in span.redundant, witness=search.against(f)) for k, f in enumerate(found)),
         tuple(_missing(k, search) for k in span.missing),
         naming.name,
         str(precision),
-        any(c.numeric for c in compared),
         ignored,
-        _notes(model, compared),
+        _notes(model, found),
     )
 
 
-def _notes(model: BaseModel, compared: Sequence[RowComparison]) -> tuple[str, ...]:
+def _notes(model: BaseModel, found: Sequence[Finding]) -> tuple[str, ...]:
     """Numeric programs take a file's 1.5708 literally; terms of that size then come from there."""
     snapped = max((snap.difference for snap in model.reading.snaps), default=0.0)
-    gaps = [abs(d.difference) for c in compared for d in c.differences if d.difference is not None]
+    gaps = [abs(d.difference) for f in found for d in f.differences if d.difference is not None]
     if snapped <= ROUNDING or not any(gap <= _PROPAGATED * snapped for gap in gaps):
         return ()
     return (
         f"the robot file's rounded angles were read as exact (largest change {snapped:.2g}), which differences of this "
         "size may come from; with tolerance 0 they are taken literally, as most programs do",
     )
-
-
-def _finding(index: int, claim: Claim, compared: RowComparison, span: Span, search: WitnessSearch) -> Finding:
-    witness = None
-    if compared.columns:  # the one whose coefficient is wrong by most
-        sizes = [abs(d.difference or 0.0) for d in compared.differences]
-        witness = search.unseen_by_outputs(compared.columns[sizes.index(max(sizes))])
-    redundant = index in span.redundant
-    return Finding(index + 1, claim, compared.agreement, redundant, compared.differences, compared.largest, witness)
 
 
 def _missing(index: int, search: WitnessSearch) -> Missing:
@@ -218,8 +208,12 @@ class WitnessSearch:
     geometry: Geometry
     seed: int  # of the example states, and of values for symbols that have none
 
-    def unseen_by_outputs(self, column: int) -> Witness:
-        """A unit of a parameter that is no pivot, with what compensates it in all outputs."""
+    def against(self, finding: Finding) -> Witness | None:
+        """Of a wrong row: a unit of the parameter with the worst coefficient, compensated in all outputs."""
+        if not finding.differences:
+            return None
+        worst = max(finding.differences, key=lambda difference: abs(difference.difference or 0.0))
+        column = self.matrix.parameters.index(worst.parameter)
         change = np.zeros(len(self.matrix.parameters))
         change[column] = 1.0
         change[list(self.matrix.pivots)] = -self.b[:, column]

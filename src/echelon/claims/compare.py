@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
@@ -26,8 +26,8 @@ import numpy.typing as npt
 from echelon.arrays import independent_columns
 from echelon.base.matrix import BaseMatrix, coefficient_value, reordered
 from echelon.base.model import BaseModel
-from echelon.claims.reading import Precision
-from echelon.claims.result import Agreement, TermDifference
+from echelon.claims.reading import Precision, precision_of
+from echelon.claims.result import Agreement, Finding, TermDifference
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
 from echelon.exact.field import PrimeField, reduced_echelon, residues_at, substituted
 from echelon.exact.polynomial import Number, Surd, is_trigonometric, symbol_of
@@ -77,17 +77,6 @@ def _fraction(x: Number) -> Number:
     return x if isinstance(x, Surd) else Fraction(x)
 
 
-@dataclass(frozen=True)
-class RowComparison:
-    """What is found about one row; see :class:`echelon.claims.result.Finding`."""
-
-    agreement: Agreement
-    numeric: bool = False  # whether it agrees at the robot's lengths only
-    largest: float = 0.0
-    columns: tuple[int, ...] = ()  # those of the differences
-    differences: tuple[TermDifference, ...] = ()
-
-
 def led_by(matrix: BaseMatrix, rows: Sequence[Row], rng: np.random.Generator) -> BaseMatrix:
     """B with the claimed rows' own leading parameters as representatives, as far as they can be."""
     uses = Counter(column for row in rows for column in row)
@@ -101,25 +90,35 @@ def led_by(matrix: BaseMatrix, rows: Sequence[Row], rng: np.random.Generator) ->
     return reordered(matrix, order, rng, Work.of(1)) or matrix
 
 
-def compare_row(row: Row, matrix: BaseMatrix, geometry: Geometry, precision: Precision, rounded: bool) -> RowComparison:
-    """Compare one claimed row."""
+def compare_row(finding: Finding, row: Row, matrix: BaseMatrix, geometry: Geometry, precision: Precision) -> Finding:
+    """A claimed row with its agreement and what differs."""
     expected = combination(row, matrix)
     differing = [c for c in sorted({*row, *expected}) if row.get(c, _ZERO) != expected.get(c, _ZERO)]
     if not differing:
-        return RowComparison(Agreement.EXACT)
+        return finding
     numeric = not any(value.symbols() for value in row.values())
     if numeric:
         differing = [c for c in differing if not _same(row.get(c, _ZERO), expected.get(c, _ZERO), geometry)]
         if not differing:
-            return RowComparison(Agreement.EXACT, numeric=True)
+            return replace(finding, numeric=True)
+    rounded = precision_of([finding.claim.text]).decimals is not None
     if precision.decimals is not None and (numeric or rounded):
         gaps = {c: _gap(c, row, expected, geometry) for c in differing}
         rounding = _Rounding(row, matrix, geometry, precision)
         differing = [c for c, gap in gaps.items() if gap is None or abs(gap) > rounding.at(c)]
         if not differing:
-            return RowComparison(Agreement.PRINTED_DIGITS, True, max(abs(gap or 0.0) for gap in gaps.values()))
-    differences = tuple(_difference(c, row, expected, matrix, geometry) for c in differing)
-    return RowComparison(Agreement.WRONG, columns=tuple(differing), differences=differences)
+            largest = max(abs(gap or 0.0) for gap in gaps.values())
+            return replace(finding, agreement=Agreement.PRINTED_DIGITS, numeric=True, largest_difference=largest)
+    differences = tuple(
+        TermDifference(
+            matrix.parameters[c],
+            coefficient_words(row.get(c, _ZERO)),
+            coefficient_words(expected.get(c, _ZERO)),
+            _gap(c, row, expected, geometry),
+        )
+        for c in differing
+    )
+    return replace(finding, agreement=Agreement.WRONG, differences=differences)
 
 
 def combination(row: Row, matrix: BaseMatrix) -> dict[int, RationalFunction]:
@@ -159,16 +158,6 @@ class _Rounding:
 
     def _own(self, column: int) -> float:
         return self.precision.tolerance(self.geometry.roughly(self.row.get(column, _ZERO)) or 0.0)
-
-
-def _difference(column: int, row: Row, expected: Row, matrix: BaseMatrix, geometry: Geometry) -> TermDifference:
-    claimed, exact = row.get(column, _ZERO), expected.get(column, _ZERO)
-    return TermDifference(
-        matrix.parameters[column],
-        coefficient_words(claimed),
-        coefficient_words(exact),
-        _gap(column, row, expected, geometry),
-    )
 
 
 def coefficient_words(value: RationalFunction) -> str:

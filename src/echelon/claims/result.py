@@ -78,8 +78,9 @@ class Finding:
 
     number: int  # its place in the claimed set, from 1
     claim: Claim
-    agreement: Agreement
-    redundant: bool  # whether it depends on the rows before it
+    agreement: Agreement = Agreement.EXACT
+    numeric: bool = False  # whether it agrees at the robot's lengths only, because it states numbers
+    redundant: bool = False  # whether it depends on the rows before it
     differences: tuple[TermDifference, ...] = ()  # what is wrong with it; empty unless the agreement is ``WRONG``
     largest_difference: float = 0.0  # largest difference of a coefficient that is within the printed digits
     witness: Witness | None = None  # for a wrong row: a change that no output sees, but this row does
@@ -113,8 +114,6 @@ class Audit:
         The naming in which the claims are written.
     precision : str
         To how many decimals the claims are printed, or "exact".
-    numeric : bool
-        Whether rows hold only at the robot's lengths, because they state numbers instead of symbols.
     ignored : tuple of Claim
         Rows that were left out on request.
     notes : tuple of str
@@ -127,7 +126,6 @@ class Audit:
     missing: tuple[Missing, ...]
     naming: str
     precision: str
-    numeric: bool
     ignored: tuple[Claim, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -142,6 +140,11 @@ class Audit:
         if any(finding.redundant for finding in self.findings):
             return Verdict.REDUNDANT
         return Verdict.EQUAL_TO_PRINTED_DIGITS if Agreement.PRINTED_DIGITS in agreements else Verdict.EQUAL
+
+    @property
+    def numeric(self) -> bool:
+        """Whether rows hold only at the robot's lengths, because they state numbers instead of symbols."""
+        return any(finding.numeric for finding in self.findings)
 
     @property
     def equal(self) -> bool:

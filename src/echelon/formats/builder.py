@@ -6,7 +6,7 @@ assembled at the reference pose of the file, or at a keyframe that closes them b
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
@@ -36,8 +36,11 @@ from echelon.formats.literal import (
 from echelon.formats.snapping import ReadingOptions, Snapping, gravity_vector, symbol_stem
 from echelon.mechanism.closed_pose import parted
 from echelon.mechanism.closure import Closure
-from echelon.mechanism.joint import ALL, GROUND, Motion, MotionKind, Placement, Step, Symbol, merge
+from echelon.mechanism.joint import ALL, GROUND, Motion, MotionKind, Placement, Step, merge
 from echelon.mechanism.mechanism import Cut, JointForce, Mechanism, Output, Snap, plain, setup_placements
+
+Ride = tuple[int, tuple[LiteralPlacement, ...]]
+"""The body that carries something, or GROUND, and the placements from its frame to what it carries."""
 
 
 @dataclass(frozen=True)
@@ -45,10 +48,21 @@ class Built:
     """A mechanism with an account of how its numbers were read."""
 
     mechanism: Mechanism
-    snaps: tuple[Snap, ...]
+    snapping: Snapping  # read the numbers, and goes on to do so
     notes: tuple[str, ...]
-    # what is fixed to bodies, by name; its numbers are read as exact ones when they are asked for
-    riders: Mapping[str, Callable[[], Rider]] = field(default_factory=dict)
+    # links, frames and joints that are fixed to bodies, by name
+    rides: Mapping[str, Ride] = field(default_factory=dict)
+
+    @property
+    def snaps(self) -> tuple[Snap, ...]:
+        """Numbers that were read as nearby exact ones; what is read once more counts once."""
+        return tuple(dict.fromkeys(self.snapping.snaps))
+
+    def place(self, name: str) -> tuple[int, Placement]:
+        """The body that carries one of the rides, and where it sits on that body."""
+        body, placements = self.rides[name]
+        placed = self.snapping.placements(placements, symbol_stem(name))
+        return body, self.snapping.without_noise(placed, f"frame '{name}'")
 
 
 def build_mechanism(tree: LiteralTree, options: ReadingOptions, literal: Collection[str] = ()) -> Built:
@@ -95,16 +109,13 @@ class _Builder:
         used = {s for b in mechanism.bodies for s in b.joint.symbols()}
         used.update(s for placement in setup_placements(mechanism) for s in placement.symbols())
         symbols = {name: symbol for name, symbol in self.snapping.symbols.items() if name in used}
-        # a placement on the way to a closure is read once more
-        snaps = tuple(dict.fromkeys(self.snapping.snaps))
-        riders = {name: partial(self._rider, name, *ride) for name, ride in self._rides().items()}
         mechanism = replace(mechanism, symbols=symbols)
         if closures:
             from echelon.regressor.loops.closing import close  # robots without loops load without it
 
             driven = [name for name in self.tree.driven if name in mechanism.velocities]
             mechanism = close(mechanism, None, prefer=driven)
-        return Built(mechanism, snaps, tuple(self.notes), riders)
+        return Built(mechanism, self.snapping, tuple(self.notes), self._rides())
 
     def _rides(self) -> dict[str, Ride]:
         """What is fixed to bodies, by name: links, frames, and joints, which mark the link that they fix."""
@@ -118,13 +129,6 @@ class _Builder:
             if link.joint and link.joint not in bodies and link.name in rides:
                 rides.setdefault(link.joint, rides[link.name])
         return rides
-
-    def _rider(self, name: str, body: int, placements: tuple[LiteralPlacement, ...]) -> Rider:
-        known = len(self.snapping.snaps)
-        placed = self.snapping.placements(placements, symbol_stem(name))
-        placed = self.snapping.without_noise(placed, f"frame '{name}'")
-        symbols = tuple(self.snapping.symbols[symbol] for symbol in placed.symbols())
-        return Rider(body, placed, symbols, tuple(self.snapping.snaps[known:]))
 
     def _measured(self, mechanism: Mechanism) -> tuple[Output, ...] | None:
         """What the sensors of the file measure, if that is asked for."""
@@ -298,20 +302,6 @@ class _Builder:
 
     def _error(self, element: str, problem: str) -> InputError:
         return InputError(problem, source=self.tree.source, element=element)
-
-
-Ride = tuple[int, tuple[LiteralPlacement, ...]]
-"""The body that carries something, and the placements from its frame to what it carries."""
-
-
-@dataclass(frozen=True)
-class Rider:
-    """A link that is fixed to another and counts as part of a body."""
-
-    body: int  # index of the body that carries it, or GROUND
-    placement: Placement  # its frame in the body's frame
-    symbols: tuple[Symbol, ...] = ()  # those of the placement
-    snaps: tuple[Snap, ...] = ()  # numbers of the placement that were read as nearby exact ones
 
 
 _CLOSED = 1e-9  # of the characteristic length, or rad: rounding of doubles, and nobody wants to know

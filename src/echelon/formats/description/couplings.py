@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
 from echelon.exact.polynomial import Monomial, Number, Polynomial, Rational, is_trigonometric, symbol_of
 from echelon.formats.bodies import placed_before
 from echelon.formats.description.document import Expressions
 from echelon.formats.literal import StatedCoupling, resolved
+from echelon.formats.schema.robot_schema import RobotDescription
+from echelon.formats.schema.schema_types import (
+    CouplingEntry,
+    CouplingSpline,
+    CouplingTerms,
+    SplineFunction,
+    SplineThrough,
+)
 from echelon.inputs import step_into
 from echelon.mechanism.coupling import Spline, linear, natural_spline
 from echelon.mechanism.joint import Motion, MotionKind, Placement
-
-if TYPE_CHECKING:
-    from echelon.formats.schema.robot_schema import RobotDescription
-    from echelon.formats.schema.schema_types import CouplingEntry, CouplingTerms, SplineFunction, SplineThrough
 
 
 def read_couplings(
@@ -49,7 +52,7 @@ class CouplingReader:
         if isinstance(entry, str):
             terms, offset = self.polynomials(entry, path)
             return StatedCoupling(path, coordinate, terms, offset)
-        if hasattr(entry, "spline"):
+        if isinstance(entry, CouplingSpline):
             return self._spline(coordinate, entry.spline, f"{path}.spline")
         offset = self.expressions.polynomial(entry.offset, f"{path}.offset")
         return StatedCoupling(path, coordinate, self._terms(entry, path), offset)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 
@@ -30,6 +30,9 @@ from echelon.formats.description.document import (
 )
 from echelon.formats.description.stated_setup import ADDITIONS, Additions
 from echelon.formats.literal import MOTIONS, LiteralMotion, StatedCoupling, move_inertial
+from echelon.formats.schema.robot_schema import BodyEntry, ModifiedRow, RobotDescription, StandardRow
+from echelon.formats.schema.schema_types import AxisJoint, CustomJoint, HelicalJoint, MotionStep
+from echelon.formats.schema.schema_types import Joint as Entry
 from echelon.formats.snapping import ReadingOptions, gravity_vector, symbol_stem
 from echelon.hints import nearest, nearest_of, unused
 from echelon.mechanism.joint import (
@@ -54,11 +57,6 @@ from echelon.mechanism.joint import (
 )
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import placement_matrix
-
-if TYPE_CHECKING:
-    from echelon.formats.schema.robot_schema import BodyEntry, ModifiedRow, RobotDescription, StandardRow
-    from echelon.formats.schema.schema_types import AxisJoint, CustomJoint, HelicalJoint
-    from echelon.formats.schema.schema_types import Joint as Entry
 
 
 def build_description(
@@ -89,7 +87,7 @@ def build_description(
         mechanism = Additions(mechanism, robot, expressions, tree.find).added()
     mechanism = with_intended_angles(mechanism, snapping)
     notes = (*tree.notes, *check_use(mechanism, robot, document))
-    return Built(mechanism, tuple(snapping.snaps), notes)
+    return Built(mechanism, snapping, notes)
 
 
 class _Tree:
@@ -303,8 +301,6 @@ def _body_part(body: BodyEntry, path: str, names: Sequence[str], joints: Joints)
 
 def _kind(body: BodyEntry) -> tuple[str, bool]:
     """What a joint is called, and whether it moves."""
-    from echelon.formats.schema.schema_types import MotionStep
-
     if body.joint is None:
         return "root", False
     if body.joint.type == "custom":
@@ -361,8 +357,6 @@ class Joints:
 
     def row(self, row: ModifiedRow | StandardRow, name: str, path: str, stem: str) -> tuple[Step, ...]:
         """A row of a table."""
-        from echelon.formats.schema.robot_schema import ModifiedRow
-
         motion: tuple[Motion, ...] = ()
         if row.joint != "fixed":
             motion = (rotation(name) if row.joint == "revolute" else translation(name),)
@@ -408,7 +402,7 @@ class Joints:
                 return tuple(rotation(f"{name}.{i}", *coordinate_axis(axis)) for i, axis in pairs)
             case "helical" | "cylindrical":
                 return self._along_axis(joint, name, path, stem)
-        axis_joint = cast("AxisJoint", joint)
+        axis_joint = cast(AxisJoint, joint)
         axis = self.expressions.direction(axis_joint.axis, f"{path}.axis")
         return self.expressions.snapping.motion(LiteralMotion(path, name, MOTIONS[joint.type], axis), stem)
 
@@ -423,8 +417,6 @@ class Joints:
         return (mounting, *motions, mounting.inverse())
 
     def _custom(self, joint: CustomJoint, path: str, stem: str) -> tuple[Step, ...]:
-        from echelon.formats.schema.schema_types import MotionStep
-
         steps: list[Step] = []
         for index, step in enumerate(joint.steps):
             here = f"{path}.steps[{index}]"

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,11 +14,23 @@ from echelon.conventions import PARAMETERS
 from echelon.exact.expressions import PI, Angle
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.bodies import BASE
-from echelon.formats.builder import Built, Rider
+from echelon.formats.builder import Built
 from echelon.formats.closure_frames import at_zero, second_frame
 from echelon.formats.description.couplings import CouplingReader
 from echelon.formats.description.document import Document, Expressions, coordinate_axis, cut_off, declared_symbols
 from echelon.formats.literal import StatedJoint
+from echelon.formats.schema.robot_schema import RobotDescription
+from echelon.formats.schema.schema_setup import (
+    ActuatorOutput,
+    JointOutput,
+    LinearTerms,
+    OutputEntry,
+    OwnEffect,
+    ReadyEffect,
+    RotorEntry,
+    WrenchOutput,
+)
+from echelon.formats.schema.schema_types import Frame, LoopEntry
 from echelon.formats.snapping import ReadingOptions, symbol_stem
 from echelon.formats.usual_effects import effect_label, floating_velocities, slides
 from echelon.hints import nearest_of
@@ -37,22 +48,8 @@ from echelon.mechanism.mechanism import (
     JointForce,
     Mechanism,
     Output,
-    Snap,
     plain,
 )
-
-if TYPE_CHECKING:
-    from echelon.formats.schema.robot_schema import RobotDescription
-    from echelon.formats.schema.schema_setup import (
-        LinearTerms,
-        OutputEntry,
-        OwnEffect,
-        ReadyEffect,
-        RotorEntry,
-        WrenchOutput,
-    )
-    from echelon.formats.schema.schema_types import LoopEntry
-
 
 FindPart = Callable[[str | None, str], tuple[int, Placement]]
 """The body that carries a part and where the part sits on it, by the part's name and the element that names it."""
@@ -146,8 +143,6 @@ class Additions:
     # -- effects ---------------------------------------------------------------------------------------------------
 
     def _effects(self) -> Iterator[Effect]:
-        from echelon.formats.schema.schema_setup import OwnEffect
-
         for index, entry in enumerate(self.robot.effects or ()):
             path = f"effects[{index}]"
             if isinstance(entry, OwnEffect):
@@ -195,8 +190,6 @@ class Additions:
     # -- outputs ---------------------------------------------------------------------------------------------------
 
     def _outputs(self, entry: OutputEntry, path: str) -> Sequence[Output]:
-        from echelon.formats.schema.schema_setup import ActuatorOutput, JointOutput, WrenchOutput
-
         if isinstance(entry, WrenchOutput):
             return self._wrench(entry, path)
         if isinstance(entry, JointOutput):
@@ -268,8 +261,6 @@ class Additions:
 
     def _closures(self) -> Iterator[Closure]:
         """The joints that close loops."""
-        from echelon.formats.schema.schema_types import Frame, LoopEntry
-
         taken = {closure.name for closure in self.mechanism.closures}
         for index, entry in enumerate(self.robot.loops):
             path = f"loops[{index}]"
@@ -394,10 +385,9 @@ def add_to_file(
     known = {n: s for n, s in symbols.items() if n not in bare}
     expressions = Expressions(document, options, (), {**mechanism.symbols, **symbols})
     mechanism, notes = _labelled(replace(mechanism, symbols={**mechanism.symbols, **known}), robot, document)
-    find = _FileParts(mechanism, stated.riders, expressions)
-    mechanism = Additions(mechanism, robot, expressions, find).added()
-    snaps = tuple(dict.fromkeys((*stated.snaps, *find.snaps, *expressions.snapping.snaps)))
-    return Built(mechanism, snaps, (*stated.notes, *notes))
+    mechanism = Additions(mechanism, robot, expressions, _FileParts(stated, mechanism, expressions)).added()
+    stated.snapping.snaps += expressions.snapping.snaps
+    return replace(stated, mechanism=mechanism, notes=(*stated.notes, *notes))
 
 
 def _labelled(mechanism: Mechanism, robot: RobotDescription, document: Document) -> tuple[Mechanism, list[str]]:
@@ -422,26 +412,23 @@ def _labelled(mechanism: Mechanism, robot: RobotDescription, document: Document)
 class _FileParts:
     """Finds bodies of a robot file, and what is fixed to them."""
 
-    def __init__(
-        self, mechanism: Mechanism, riders: Mapping[str, Callable[[], Rider]], expressions: Expressions
-    ) -> None:
+    def __init__(self, built: Built, mechanism: Mechanism, expressions: Expressions) -> None:
+        self.built, self.expressions = built, expressions
         self.names = {body.name: k for k, body in enumerate(mechanism.bodies)}
         self._joints = {body.joint.name: k for k, body in enumerate(mechanism.bodies)}
-        self.riders, self.expressions, self.snaps = riders, expressions, list[Snap]()
 
     def __call__(self, name: str | None, path: str) -> tuple[int, Placement]:
         if name in self.names:
             return self.names[name], Placement()
-        if name is not None and name in self.riders:
-            rider, known = self.riders[name](), self.expressions.snapping.symbols
-            for symbol in rider.symbols:
-                if known.setdefault(symbol.name, symbol) != symbol:
-                    problem = f"the robot file has an angle '{symbol.name}': rename the symbol"
-                    raise self.expressions.error(path, problem)
-            self.snaps += rider.snaps
-            return rider.body, rider.placement
+        if name is not None and name in self.built.rides:
+            body, placement = self.built.place(name)
+            known, own = self.expressions.snapping.symbols, self.built.snapping.symbols
+            for symbol in placement.symbols():
+                if known.setdefault(symbol, own[symbol]) != own[symbol]:
+                    raise self.expressions.error(path, f"the robot file has an angle '{symbol}': rename the symbol")
+            return body, placement
         if name != BASE and name in self._joints:  # a joint marks the frame that it moves
             return self._joints[name], Placement()
         if name is not None:
-            self.expressions.check(name, [BASE, *self.names, *self.riders], path, "body or frame")
+            self.expressions.check(name, [BASE, *self.names, *self.built.rides], path, "body or frame")
         return GROUND, Placement()
