@@ -134,7 +134,7 @@ def test_one_parameter_of_an_effect_at_several_places() -> None:
     column = oracles.float_regressor(car, q, qd, qdd)[..., -3]
     np.testing.assert_allclose(column, np.where(np.arange(10) < 6, 0, qd))
     mixed = "bodies: [{name: a, joint: {type: revolute, axis: z}}, {name: b, joint: {type: prismatic, axis: z}}]\n"
-    with pytest.raises(ec.InputError, match=r"effects\[0\]\.label: one label is for places that all turn or all slide"):
+    with pytest.raises(ec.InputError, match=r"effects\[0\]\.label: places that share a label must all rotate or"):
         read(mixed + "effects: [{type: viscous, at: [a, b], label: x}]\n")
 
 

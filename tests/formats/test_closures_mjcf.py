@@ -168,7 +168,7 @@ def test_what_is_ignored_is_noted() -> None:
     mechanism = read('<connect name="idle" body1="b" body2="tool" anchor="0 0 0"/>')
     assert mechanism.closures == ()
     assert mechanism.reading is not None
-    assert "equality connect 'idle' is ignored: it connects what does not move against each other" in (
+    assert "equality connect 'idle' is ignored: its two ends do not move against each other" in (
         mechanism.reading.notes
     )
 

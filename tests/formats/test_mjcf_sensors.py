@@ -68,7 +68,7 @@ def test_drives_are_measured_unless_the_sensors_are_asked_for(tmp_path: Path) ->
     robot = load(tmp_path, text)
     assert robot.measured is None
     assert [body.name for body in robot.bodies] == ["a", "b", "c"]
-    assert "6 sensors of forces in the file are not used; --measured file takes them as outputs" in notes(robot)
+    assert "6 force sensors of the file are not used; --measured file takes them as outputs" in notes(robot)
     (tmp_path / "setup.yaml").write_text("echelon: 1\nrobot: {file: robot.xml}\n")
     setup = ec.load(tmp_path / "setup.yaml", measured="file")
     assert len(setup.outputs) == 12
@@ -97,7 +97,7 @@ def test_what_is_left_out_is_noted(tmp_path: Path) -> None:
 
 
 def test_without_sensors_there_is_nothing_to_measure(tmp_path: Path) -> None:
-    with pytest.raises(ec.InputError, match=r"robot\.xml: it has no sensors of forces"):
+    with pytest.raises(ec.InputError, match=r"robot\.xml: the file has no force sensors"):
         load(tmp_path, model(BODIES, tail='<sensor><jointpos joint="a"/></sensor>'), measured="file")
     with pytest.raises(ec.InputError, match="measured is 'drives' or 'file', not 'all'"):
         load(tmp_path, model(BODIES), measured="all")

@@ -264,7 +264,7 @@ def test_what_cannot_be_held() -> None:
     with pytest.raises(InputError, match=f"'{ball.name}' turns freely; it can be held at 0 only"):
         lock_joints(tree, {ball.name: 0.3})
     loop = ec.load(next((EXAMPLES / "loops").glob("*.yaml")))
-    with pytest.raises(InputError, match="loops cannot be held"):
+    with pytest.raises(InputError, match="with loops cannot be locked"):
         lock_joints(loop, {loop.velocities[0]: 0.0})
 
 

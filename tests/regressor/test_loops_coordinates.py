@@ -73,7 +73,7 @@ def test_the_part_of_a_ball_is_that_which_turns_most_and_is_noted() -> None:
     spin = np.abs(Assembly(mechanism).free_velocities(Assembly(mechanism).pose))
     assert spin[mechanism.velocities.index("rod.r.z")].max() > spin[mechanism.velocities.index("rod.r.x")].max()
     notes = ec.base_parameters(mechanism, budget=0).reading.notes
-    assert any("spin of a rod between two balls: independent is 'rod.r.z'" in note for note in notes)
+    assert any("spin of a rod between two ball joints: 'rod.r.z' is independent" in note for note in notes)
 
 
 @pytest.mark.parametrize("tied", [("crank", "rocker"), ("crank", "coupler", "rocker")])

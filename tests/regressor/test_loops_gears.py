@@ -87,7 +87,7 @@ def test_other_ratios_are_refused(ratio: str, symbols: str, message: str) -> Non
 
 def test_what_turns_cannot_follow_what_slides() -> None:
     rack = BAR.replace("{{name: wheel, joint: revolute,", "{{name: wheel, joint: prismatic,")
-    with pytest.raises(ec.InputError, match="what turns cannot follow what slides: state 'wheel' as a multiple of"):
+    with pytest.raises(ec.InputError, match="a rotation cannot follow a translation: state 'wheel' as a multiple of"):
         read(
             rack.replace("wheel: {ratio}", "rocker: 5*wheel")
             .replace(", rocker: 1.6206", "")

@@ -6,7 +6,6 @@ import re
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Protocol
 
 from echelon.conventions import PARAMETERS
 from echelon.errors import one_line
@@ -68,29 +67,7 @@ def collect(
     return Expression(name, unit, (head, *(Group(c, tuple(names), d) for (c, d), names in groups.items())))
 
 
-class Style(Protocol):
-    """How pieces of an expression are written."""
-
-    times: str
-    minus: str
-
-    def parameter(self, name: str) -> str:
-        """A standard parameter."""
-
-    def generator(self, name: str, exponent: int) -> str:
-        """A power of a symbol, sine or cosine."""
-
-    def number(self, value: Number) -> str:
-        """A non-negative number, or a surd."""
-
-    def decimal(self, text: str) -> str:
-        """A non-negative decimal number, perhaps with an exponent after ``e``."""
-
-    def fraction(self, top: str, bottom: str) -> str:
-        """A quotient."""
-
-
-def angle_text(generator: str, style: Style, symbol: Callable[[str], str] = str) -> str:
+def angle_text(generator: str, style: TextStyle, symbol: Callable[[str], str] = str) -> str:
     """The argument of a sine or cosine: an angle symbol, or a multiple of one."""
     count, name = multiple_of(generator)
     return symbol(name) if count == 1 else f"{count}{style.times}{symbol(name)}"
@@ -100,35 +77,35 @@ _SUPERSCRIPTS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 class TextStyle:
-    """Unicode for terminals."""
+    """How pieces of an expression are written: Unicode for terminals."""
 
     times, minus = "·", "−"
 
     def parameter(self, name: str) -> str:
-        """The name itself."""
+        """A standard parameter, by its name."""
         return one_line(name)
 
     def generator(self, name: str, exponent: int) -> str:
-        """E.g. ``d4²``, ``cos²(a)``, ``sin(40·a)``."""
+        """A power of a symbol, sine or cosine: ``d4²``, ``cos²(a)``, ``sin(40·a)``."""
         power = str(exponent).translate(_SUPERSCRIPTS) if exponent > 1 else ""
         return f"{name[:3]}{power}({angle_text(name, self)})" if is_trigonometric(name) else f"{name}{power}"
 
     def number(self, value: Number) -> str:
-        """E.g. ``3/2``, ``√2/2``."""
+        """A non-negative number, or a surd: ``3/2``, ``√2/2``."""
         if not isinstance(value, Surd):
             return str(value)
         return re.sub(r"sqrt\((\d)\)", r"√\1", repr(value)).replace("*", "").replace("-", self.minus)
 
     def decimal(self, text: str) -> str:
-        """As it is."""
+        """A non-negative decimal number, perhaps with an exponent after ``e``, as it is."""
         return text
 
     def fraction(self, top: str, bottom: str) -> str:
-        """With a slash, in parentheses because it is followed by a product."""
+        """A quotient with a slash, in parentheses because it is followed by a product."""
         return f"({top}/({bottom}))" if self.times in bottom and not bottom.startswith("(") else f"({top}/{bottom})"
 
 
-class LatexStyle:
+class LatexStyle(TextStyle):
     """LaTeX math."""
 
     times, minus = r"\,", "-"
@@ -201,7 +178,7 @@ def _escape(text: str) -> str:
     return re.sub(r"[_#$%&{}\\^~]", lambda found: _WORDS.get(found[0], "\\" + found[0]), one_line(text))
 
 
-def render(expression: Expression, style: Style) -> str:
+def render(expression: Expression, style: TextStyle) -> str:
     """An expression in a style."""
     pieces = [_group(group, style) for group in expression.groups]
     first_sign, first = pieces[0]
@@ -211,7 +188,7 @@ def render(expression: Expression, style: Style) -> str:
     return text
 
 
-def _group(group: Group, style: Style) -> tuple[int, str]:
+def _group(group: Group, style: TextStyle) -> tuple[int, str]:
     """Sign and absolute value of a group."""
     names = [style.parameter(name) for name in group.parameters]
     sign, factor = _decimal_text(group, style) if group.decimal else coefficient_text(group.coefficient, style)
@@ -222,14 +199,14 @@ def _group(group: Group, style: Style) -> tuple[int, str]:
     return sign, f"{factor}{style.times}{body}"
 
 
-def _decimal_text(group: Group, style: Style) -> tuple[int, str]:
+def _decimal_text(group: Group, style: TextStyle) -> tuple[int, str]:
     """Sign and absolute value of a number; the text is empty for ±1."""
     value = group.coefficient.evaluate({}, float)
     size = f"{abs(value):.{_DECIMAL_DIGITS}g}"
     return (-1 if value < 0 else 1), "" if size == "1" else style.decimal(size)
 
 
-def coefficient_text(coefficient: RationalFunction, style: Style) -> tuple[int, str]:
+def coefficient_text(coefficient: RationalFunction, style: TextStyle) -> tuple[int, str]:
     """Sign and absolute value of a coefficient; the text is empty for ±1."""
     top, bottom = coefficient.numerator, coefficient.denominator
     sign = -1 if _leading_is_negative(top) else 1
@@ -244,7 +221,7 @@ def _leading_is_negative(polynomial: Polynomial) -> bool:
     return is_negative(lead)
 
 
-def _factor(polynomial: Polynomial, style: Style) -> str:
+def _factor(polynomial: Polynomial, style: TextStyle) -> str:
     """A polynomial as a factor: in parentheses when it is a sum."""
     terms = [_term(m, c, style) for m, c in polynomial.sorted_terms()]
     if len(terms) == 1 and terms[0][0] > 0:
@@ -253,7 +230,7 @@ def _factor(polynomial: Polynomial, style: Style) -> str:
     return "(" + text + "".join(f" {style.minus if s < 0 else '+'} {t}" for s, t in terms[1:]) + ")"
 
 
-def _term(monomial: Monomial, coefficient: Number, style: Style) -> tuple[int, str]:
+def _term(monomial: Monomial, coefficient: Number, style: TextStyle) -> tuple[int, str]:
     sign = -1 if is_negative(coefficient) else 1
     size = -coefficient if sign < 0 else coefficient
     factors = [style.generator(g, e) for g, e in monomial]

@@ -23,7 +23,7 @@ from echelon.exact.polynomial import Polynomial
 from echelon.exact.unknown_functions import Work
 from echelon.extras import extra
 from echelon.mechanism.stated import StatedValues
-from echelon.models import LinearModel, definition_values, evaluate_model
+from echelon.models import LinearModel, definition_values, evaluate_model, recorded_definitions
 from echelon.program.sympy_bridge import to_sympy
 
 if TYPE_CHECKING:
@@ -168,8 +168,6 @@ class LinearBase(BaseSet):
         return symbolic_regressor(self.model.name, forms, self.model.outputs, self.pivots, form)
 
     def _constants_used(self) -> list[str]:
-        from echelon.models import recorded_definitions
-
         plain = {s for s in self.matrix.symbols if s not in self.definitions}
         program, _ = recorded_definitions({n: d for n, d in self.definitions.items() if n in self.matrix.symbols})
         return sorted(plain | {i.name for i in program.inputs.values()})
@@ -178,8 +176,6 @@ class LinearBase(BaseSet):
         """Constants with values put in, and functions of constants as sympy expressions."""
         with extra("symbolic"):
             import sympy
-
-        from echelon.models import recorded_definitions
 
         program, nodes = recorded_definitions(self.definitions)
         replaced = {sympy.Symbol(name): value for name, value in values.items()}

@@ -14,7 +14,7 @@ single and double precision tells how much rounding there is.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 
 import numpy as np
@@ -88,30 +88,26 @@ def report_reading(
 ) -> ReadingReport:
     """What was snapped, and what the literal reading of the mechanism's file would give."""
     reading = mechanism.reading
-    moved = assembled(mechanism) if mechanism.closures else None
-    notes = (*(() if reading is None else reading.notes), *mechanism_notes(mechanism))
-    if reading is None:
-        doubt = _doubt(mechanism, recorded, rank, rank, matrix)
-        return ReadingReport((), notes, doubt=doubt, assembled=moved)
-    mimics = mimic_ranks(mechanism, rank, rng)
-    coarse = [snap for snap in reading.snaps if snap.difference > ROUNDING]
-    if not coarse:
-        doubt = _doubt(mechanism, recorded, rank, rank, matrix)
-        return ReadingReport(reading.snaps, notes, doubt=doubt, mimics=mimics, assembled=moved)
+    snaps, notes = ((), ()) if reading is None else (reading.snaps, reading.notes)
+    notes = (*notes, *mechanism_notes(mechanism))
+    mimics, moved = mimic_ranks(mechanism, rank, rng), assembled(mechanism) if mechanism.closures else None
+    report = ReadingReport(snaps, notes, mimics=mimics, assembled=moved)
+    coarse = [snap for snap in snaps if snap.difference > ROUNDING]
+    if reading is None or not coarse:
+        return replace(report, doubt=_doubt(mechanism, recorded, rank, rank, matrix))
     try:
         literal = reading.literal()
         literal_rank = stated_structure(literal, rng).rank
     except InputError as error:  # rounding has locked loops
-        notes = (*notes, f"taken literally, the numbers of the file have no answer: {error}")
-        return ReadingReport(reading.snaps, notes, mimics=mimics, assembled=moved)
-    decisive: list[Snap] = []
+        return replace(report, notes=(*notes, f"the literal reading of the file has no answer: {error}"))
+    chosen: set[str] = set()
     if literal_rank != rank:
         elements = list(dict.fromkeys(snap.element for snap in coarse))
         chosen = set(_decisive(reading, elements, rank, len(mechanism.bodies), rng))
-        decisive = [snap for snap in coarse if snap.element in chosen]
+    decisive = tuple(snap for snap in coarse if snap.element in chosen)
     doubt = _doubt(mechanism, None, literal_rank, rank, matrix if literal_rank == rank else None, literal)
     doubt = doubt or _faint(mechanism, rank, [snap.difference for snap in coarse])
-    return ReadingReport(reading.snaps, notes, literal_rank, tuple(decisive), doubt, mimics, moved)
+    return replace(report, literal_rank=literal_rank, decisive=decisive, doubt=doubt)
 
 
 def mechanism_notes(mechanism: Mechanism) -> list[str]:
@@ -124,8 +120,8 @@ def mechanism_notes(mechanism: Mechanism) -> list[str]:
     if not mechanism.closures:
         return notes
     split = ", ".join(f"'{name}'" for name in split_balls(mechanism))
-    what = "the loops leave a part of a free rotation open, such as the spin of a rod between two balls"
-    return [*closing_notes(mechanism), *notes, *([f"{what}: independent is {split}"] if split else [])]
+    what = "the loops leave part of a free rotation undetermined, such as the spin of a rod between two ball joints"
+    return [*closing_notes(mechanism), *notes, *([f"{what}: {split} is independent"] if split else [])]
 
 
 def doubt_of_loops(mechanism: Mechanism, rank: int) -> str:

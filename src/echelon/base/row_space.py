@@ -186,7 +186,7 @@ def same_row_space(a: Model, b: Model, *, seed: int = DEFAULT_SEED) -> RowSpaces
         agreeing = [s for s in seen if s.ranks == most]
         if len(agreeing) >= _AGREEING:
             return _result(agreeing, (first, second))
-    raise EchelonError("random points keep contradicting each other; please report these models")
+    raise EchelonError("results at random points keep contradicting each other; please report these models")
 
 
 class _Comparison:

@@ -211,7 +211,9 @@ class StatedColumns:
                 if found is not None and all(_error(x) <= _LOOSE * max(1.0, float(abs(x).mid())) for x in found):
                     return _rounded(found)
             bits *= 2
-        raise ClosedFormError(f"balls of {_MOST_BITS} bits do not decide the coefficients; please report this model")
+        raise ClosedFormError(
+            f"{_MOST_BITS} bits of precision do not decide the coefficients; please report this model"
+        )
 
     def _balls(self, pairs: Sequence[Pair], needed: Sequence[Relation], at: Mapping[str, str]) -> list[Any] | None:
         def number(polynomial: Polynomial) -> Any:

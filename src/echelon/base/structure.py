@@ -291,7 +291,7 @@ def _confirmed_dependence(rows: Rows, rng: np.random.Generator) -> dict[int, tup
         agreeing = [s for s in seen if len(s) == fewest and s == seen[-1]]
         if len(agreeing) >= _PASSES:
             return seen[-1]
-    raise EchelonError("random points keep contradicting each other; please report this model")
+    raise EchelonError("results at random points keep contradicting each other; please report this model")
 
 
 def dependent_columns(

@@ -29,8 +29,8 @@ _MEANING = {
     Verdict.EQUAL: "the claimed set is the exact one, up to the choice of representatives",
     Verdict.EQUAL_TO_PRINTED_DIGITS: "the claimed set is the exact one, as far as its digits tell",
     Verdict.REDUNDANT: "complete, but some rows depend on others",
-    Verdict.INCOMPLETE: "what is claimed is right, but the outputs see more",
-    Verdict.WRONG: "some rows see what the outputs do not",
+    Verdict.INCOMPLETE: "every row is right, but the outputs determine more base parameters",
+    Verdict.WRONG: "some rows are combinations that the outputs do not determine",
 }
 
 

@@ -46,7 +46,7 @@ from echelon.mechanism.joint import (
     turn,
 )
 from echelon.mechanism.mechanism import Snap
-from echelon.mechanism.stated import vanishes
+from echelon.mechanism.stated import largest_offset, vanishes
 
 BASE = "base"  # what a parent is called that is the base, unless a body has that name
 
@@ -150,7 +150,8 @@ def with_relations(
     found: list[Body] = []
     literal = {label for label, own in sources.items() if any(e.startswith(tuple(own)) for e in snapping.literal)}
     named = set(snapping.symbols)
-    scale, down = _scale(bodies, snapping), _down(gravity, snapping)
+    scale = largest_offset((step for body in bodies for step in body.joint.steps), snapping.known)
+    down = _down(gravity, snapping)
     for body in bodies:
         pair = _pair(found, body, down)
         if pair is None or body in looped or pair.symbols() & set(declared):
@@ -189,14 +190,6 @@ def _down(gravity: Vector | None, snapping: Snapping) -> _Down | None:
     return _Down(frame, axis, (a, b, c))
 
 
-def _scale(bodies: Sequence[Body], snapping: Snapping) -> float:
-    """The largest translation whose value is known, m."""
-    known = {name for name, symbol in snapping.symbols.items() if symbol.value is not None}
-    steps = [step for body in bodies for step in body.joint.steps if isinstance(step, Placement)]
-    entries = [entry for step in steps for entry in step.translation if set(entry.symbols()) <= known]
-    return max((abs(snapping.numeric(entry)) for entry in entries), default=0.0)
-
-
 @dataclass(frozen=True)
 class _Pair:
     """A joint's first motion and what moves before it."""
@@ -232,7 +225,7 @@ class _Pair:
 
     def related(self, snapping: Snapping) -> Body:
         """The body, with intended relations between the axes made exact."""
-        if not self.symbols() <= {name for name, s in snapping.symbols.items() if s.value is not None}:
+        if not self.symbols() <= snapping.known.keys():
             return self.body
         rotation = multiply(self.trailing.rotation, self.leading.rotation)
         exact = self._rotation(rotation, snapping)

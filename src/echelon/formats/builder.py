@@ -134,13 +134,13 @@ class _Builder:
         """What the sensors of the file measure, if that is asked for."""
         if self.options.measured == "drives":
             if self.tree.sensors:
-                unused = f"{len(self.tree.sensors)} sensors of forces in the file are not used"
+                unused = f"{len(self.tree.sensors)} force sensors of the file are not used"
                 self.notes.append(f"{unused}; --measured file takes them as outputs")
             return None
         motions = {m.name: m for m in mechanism.free_motions}
         outputs = tuple(output for sensor in self.sensors for output in self._outputs(sensor, motions))
         if not outputs:
-            raise InputError("it has no sensors of forces that could be outputs", source=self.tree.source)
+            raise InputError("the file has no force sensors that could be outputs", source=self.tree.source)
         return outputs
 
     def _outputs(self, sensor: LiteralSensor, motions: Mapping[str, Motion]) -> Iterator[Output]:
@@ -187,7 +187,7 @@ class _Builder:
             if self._ride(closure.first)[0] != self._ride(closure.second)[0]:
                 yield closure
             else:
-                self.notes.append(f"{closure.element} is ignored: it connects what does not move against each other")
+                self.notes.append(f"{closure.element} is ignored: its two ends do not move against each other")
 
     def _ride(self, link: int) -> Ride:
         """The body that carries a link, and the placements from its frame to the link's."""

@@ -365,9 +365,14 @@ class Snapping:
 
     # -- symbols -------------------------------------------------------------------------------------------------------
 
+    @property
+    def known(self) -> dict[str, float]:
+        """Values of the symbols that have one."""
+        return {name: symbol.value for name, symbol in self.symbols.items() if symbol.value is not None}
+
     def numeric(self, value: Polynomial) -> float:
         """Numeric value of an expression in angle symbols."""
-        return value.at({name: s.value for name, s in self.symbols.items() if s.value is not None})
+        return value.at(self.known)
 
     def forget(self, names: Collection[str]) -> None:
         """Take back symbols that nothing uses."""

@@ -41,7 +41,7 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, float]) -> Mechani
     if strange is not None:
         raise InputError(f"there is no coordinate '{strange}' to hold{nearest_of(strange, list(motions))}")
     if mechanism.closures:
-        raise InputError("coordinates of a mechanism with loops cannot be held one by one")
+        raise InputError("joints of a mechanism with loops cannot be locked")
     all_positions = _with_coupled(mechanism, positions)
     gone = {name for key in all_positions for name in (key, *motions[key].velocities)}
     actuators = tuple(_actuators(mechanism, gone))

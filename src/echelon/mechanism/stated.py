@@ -35,7 +35,7 @@ from echelon.exact.polynomial import (
     sine_of_turn,
     symbol_of,
 )
-from echelon.mechanism.joint import MotionKind, Placement, Symbol
+from echelon.mechanism.joint import MotionKind, Placement, Step, Symbol
 from echelon.mechanism.mechanism import Mechanism, setup_placements, setup_ratios
 from echelon.mechanism.substitute import substituted
 from echelon.program.text import phase_symbols
@@ -97,13 +97,17 @@ def placement_matrix(placement: Placement, symbols: Mapping[str, float]) -> npt.
 
 def characteristic_length(mechanism: Mechanism) -> float:
     """The largest offset of a joint, loops' joints included, whose value is known, m; 1 if there is none."""
-    known = known_values(mechanism)
-    placements = [step for body in mechanism.bodies for step in body.joint.steps if isinstance(step, Placement)]
-    placements += [frame for closure in mechanism.closures for frame in (closure.first_frame, closure.second_frame)]
-    entries = [entry for placement in placements for entry in placement.translation]
-    values = [e.at(known) for e in entries if known.keys() >= set(e.symbols())]
-    largest = max(map(abs, values), default=0.0)
+    frames = [frame for closure in mechanism.closures for frame in (closure.first_frame, closure.second_frame)]
+    largest = largest_offset(
+        [*(step for body in mechanism.bodies for step in body.joint.steps), *frames], known_values(mechanism)
+    )
     return largest if largest > 1e-300 else 1.0
+
+
+def largest_offset(steps: Iterable[Step], known: Mapping[str, float]) -> float:
+    """The largest component of a translation whose value is known, m; 0 if there is none."""
+    entries = [entry for step in steps if isinstance(step, Placement) for entry in step.translation]
+    return max((abs(e.at(known)) for e in entries if known.keys() >= set(e.symbols())), default=0.0)
 
 
 @dataclass(frozen=True)

@@ -107,7 +107,7 @@ def _turning(mechanism: Mechanism) -> Iterator[tuple[str, Polynomial]]:
         where = f"coupling of '{coupling.coordinate}'"
         for name, function in coupling.terms:
             if name in sliding:
-                problem = f"with loops, what turns cannot follow what slides: state '{name}' as a multiple of"
+                problem = f"with loops, a rotation cannot follow a translation: state '{name}' as a multiple of"
                 raise InputError(f"{problem} '{coupling.coordinate}' instead", element=where)
             if function.ratio is not None:
                 yield where, function.ratio

@@ -187,7 +187,7 @@ class _Tree:
     def _moved(self, part: Part) -> Floats | None:
         """A rider's parameters about the frame of its body, if all symbols on the way have values."""
         _, place = self.lumped.place(part.name)
-        known = {n: s.value for n, s in self.expressions.snapping.symbols.items() if s.value is not None}
+        known = self.expressions.snapping.known
         if not known.keys() >= set(place.symbols()):
             return None
         return move_inertial(np.array(part.inertial), placement_matrix(place, known))

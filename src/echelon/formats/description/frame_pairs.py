@@ -56,7 +56,7 @@ def _of_each(document: Document, key: str, of: str, items: list[Any], usual: str
     if not found and usual is not None:
         return [usual] * len(items)
     if len(found) != len(items):
-        raise document.error(key, f"has {len(found)} entries, and {of} has {len(items)}: each needs one of the other")
+        raise document.error(key, f"has {len(found)} entries, and {of} has {len(items)}: both need as many")
     return found
 
 

@@ -177,7 +177,7 @@ class Additions:
     def _shared(self, effects: Sequence[Effect], path: str) -> Effect:
         """Effects of one label at several places as one, whose parameter all places share."""
         if len({effect.unit for effect in effects}) > 1:
-            raise self.expressions.error(path, "one label is for places that all turn or all slide")
+            raise self.expressions.error(path, "places that share a label must all rotate or all slide")
         return replace(effects[0], actions=tuple(action for effect in effects for action in effect.actions))
 
     def _side(self, at: str, stated: str | None, path: str) -> Side:

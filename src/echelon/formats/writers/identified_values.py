@@ -242,7 +242,7 @@ def _obstacle(
     if simple.kind not in supported:
         return f"{file_format} has no place for {simple.kind}, left out"
     if simple.coordinate not in coordinates:
-        return f"{file_format} has no place for effects at what is no single-axis joint of the file, left out"
+        return f"{file_format} states effects of single-axis joints only, left out"
     if simple.value < 0 and simple.kind != OFFSET:
         return f"simulators refuse negative {simple.kind}, left out"
     return ""

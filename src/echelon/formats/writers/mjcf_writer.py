@@ -9,7 +9,7 @@ body gets an empty one.  Settings that would change these values afterwards are 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -106,7 +106,7 @@ class MjcfEditor:
     @property
     def _base_is_fixed(self) -> bool:
         base = next(e for e, name in self.model.bodies.items() if name == self.mechanism.bodies[0].name)
-        return self.mechanism.bodies[0].joint.kind == "floating" and not _joints_of(base)
+        return self.mechanism.bodies[0].joint.kind == "floating" and not _has(base, JOINTS)
 
     # -- bodies ----------------------------------------------------------------------------------------------------
 
@@ -122,7 +122,7 @@ class MjcfEditor:
                 load = load_of(self.values.bodies[self.indices[name]], name)
                 massless += [] if load else [name]
                 self._write_inertial(element, load or _nothing(element))
-            elif rides and (element.find("inertial") is not None or _joints_of(element) or _has_geoms(element)):
+            elif rides and (element.find("inertial") is not None or _has(element, (*JOINTS, "geom"))):
                 lumped.append(name)
                 self._write_inertial(element, _nothing(element))
             pending += [(child, moves) for child in _children(element)]
@@ -178,7 +178,7 @@ class MjcfEditor:
                     written[name][key] = 0.0
                     cleared.setdefault(key, []).append(name)
         for key, joints in cleared.items():
-            yield f"{key} is zero where other identified values hold it: {in_quotes(joints)}"
+            yield f"{key} is set to zero, because other identified parameters contain it: {in_quotes(joints)}"
 
     def _with_spring(self, joint: Any, numbers: Mapping[str, float]) -> dict[str, float]:
         """Attributes of a joint, with the constant force as the place where its spring rests."""
@@ -217,18 +217,14 @@ def _children(element: Any) -> Iterator[Any]:
             yield from _children(child)
 
 
-def _joints_of(body: Any) -> bool:
-    """Whether a body has joints, perhaps in frames."""
-    return any(e.tag in JOINTS or (e.tag == "frame" and _joints_of(e)) for e in body)
-
-
-def _has_geoms(body: Any) -> bool:
-    return any(e.tag == "geom" or (e.tag == "frame" and _has_geoms(e)) for e in body)
+def _has(body: Any, tags: Collection[str]) -> bool:
+    """Whether a body has elements of some kinds, perhaps in frames."""
+    return any(e.tag in tags or (e.tag == "frame" and _has(e, tags)) for e in body)
 
 
 def _nothing(body: Any) -> Load:
     """No mass, or what MuJoCo needs of a body that moves."""
-    least = NO_MASS if _joints_of(body) else 0.0
+    least = NO_MASS if _has(body, JOINTS) else 0.0
     return Load(least, (0.0, 0.0, 0.0), (least, 0.0, 0.0, least, 0.0, least))
 
 

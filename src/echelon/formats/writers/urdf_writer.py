@@ -170,10 +170,10 @@ def urdf_obstacle(mechanism: Mechanism, values: IdentifiedValues) -> str:
         return "the mechanism has loops"
     if coupled:
         return f"the mechanism has couplings, of {in_quotes(coupled)}"
+    base = _floating_base(mechanism)
     for index, (body, ten) in enumerate(zip(mechanism.bodies, values.bodies, strict=True)):
-        kinds = [motion.kind for motion in body.joint.motions]
-        if not _floats(mechanism, index) and any(kind not in _TYPES for kind in kinds):
-            return f"joint '{body.joint.name}' is not a sequence of turns and slides, nor that of a floating base"
+        if index != base and any(motion.kind not in _TYPES for motion in body.joint.motions):
+            return f"joint '{body.joint.name}' is neither made of rotations and translations nor a floating base"
         if body.joint.kind == ROTOR and any(other.parent == index for other in mechanism.bodies):
             return f"rotor '{body.name}' carries other bodies"
         if not has_centre(ten):
@@ -199,19 +199,22 @@ class UrdfGenerator:
         self.known = known_values(mechanism)
         self.links = {body.name for body in mechanism.bodies}
         self.joints = {motion.name for motion in mechanism.motions}
-        self.effects = joint_effects(mechanism, values.effects, DYNAMICS, self._single, FORMAT)
+        self.base = _floating_base(mechanism)
+        moving = [b for k, b in enumerate(mechanism.bodies) if k != self.base and b.joint.kind != ROTOR]
+        self.single = {motion.name for body in moving for motion in body.joint.motions}  # what becomes a joint
+        self.effects = joint_effects(mechanism, values.effects, DYNAMICS, self.single, FORMAT)
 
     def written(self, remarks: Sequence[str] = ()) -> tuple[str, tuple[str, ...]]:
         """The document, and notes."""
         lines: list[str] = []
         seats: dict[int, _Seat] = {}
-        if not any(_floats(self.mechanism, index) for index in range(len(self.mechanism.bodies))):
+        if self.base is None:
             seats[GROUND] = _Seat(_new("base", self.links), np.eye(4))
             lines.append(f"<link name={quoted(seats[GROUND].link)}/>")
         for index, body in enumerate(self.mechanism.bodies):
             if body.joint.kind == ROTOR:
                 continue
-            if _floats(self.mechanism, index):
+            if index == self.base:
                 seats[index] = _Seat(body.name, self._placed(body.joint.steps[len(_FLOATING) :]))
             else:
                 joints, seats[index] = self._joints(body, seats[body.parent])
@@ -272,17 +275,9 @@ class UrdfGenerator:
         gravity = [expression_text(part) for part in self.mechanism.gravity or ORIGIN]
         if gravity != [expression_text(as_polynomial(part)) for part in _USUAL_GRAVITY]:
             yield f"{FORMAT} has no gravity: in the base frame it is ({', '.join(gravity)}) m/s²"
-        sliding = [
-            m.name for m in self.mechanism.motions if m.kind is MotionKind.TRANSLATION and m.name in self._single
-        ]
+        sliding = [m.name for m in self.mechanism.motions if m.kind is MotionKind.TRANSLATION and m.name in self.single]
         if sliding:
             yield f"the limits of {in_quotes(sliding)} are made up, because {FORMAT} demands some"
-
-    @property
-    def _single(self) -> set[str]:
-        """Coordinates that become joints."""
-        moving = [b for k, b in enumerate(self.mechanism.bodies) if not _floats(self.mechanism, k)]
-        return {motion.name for body in moving if body.joint.kind != ROTOR for motion in body.joint.motions}
 
 
 def _joint(name: str, kind: str, parent: str, child: str, frame: Floats, inside: list[str]) -> list[str]:
@@ -292,14 +287,15 @@ def _joint(name: str, kind: str, parent: str, child: str, frame: Floats, inside:
     return [f"<joint name={quoted(name)} type={quoted(kind)}>", *(f"  {line}" for line in lines), "</joint>"]
 
 
-def _floats(mechanism: Mechanism, index: int) -> bool:
-    """Whether a body is a floating base that carries the whole robot."""
-    body = mechanism.bodies[index]
-    first = body.joint.steps[: len(_FLOATING)]
-    kinds = tuple(step.kind for step in first if isinstance(step, Motion))
-    plain = [step.axis for step in first[:3] if isinstance(step, Motion) and step.sign > 0] == [0, 1, 2]
-    alone = sum(b.parent == GROUND and b.joint.kind != ROTOR for b in mechanism.bodies) == 1
-    return body.parent == GROUND and alone and plain and kinds == _FLOATING == tuple(m.kind for m in body.joint.motions)
+def _floating_base(mechanism: Mechanism) -> int | None:
+    """The body that is a floating base and carries the whole robot."""
+    hanging = [k for k, body in enumerate(mechanism.bodies) if body.parent == GROUND and body.joint.kind != ROTOR]
+    if len(hanging) != 1:
+        return None
+    motions = mechanism.bodies[hanging[0]].joint.motions
+    first = mechanism.bodies[hanging[0]].joint.steps[: len(_FLOATING)]
+    plain = [(motion.axis, motion.sign) for motion in motions[:3]] == [(0, 1), (1, 1), (2, 1)]
+    return hanging[0] if motions == first and plain and tuple(m.kind for m in motions) == _FLOATING else None
 
 
 def _new(name: str, taken: set[str]) -> str:
