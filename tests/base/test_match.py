@@ -71,6 +71,25 @@ def test_other_parameters_of_a_tree_by_those_of_its_mirrored_zero_pose(tmp_path:
     check_torques(matched)
 
 
+def test_a_coaxial_joint_before_its_sibling(tmp_path: Path) -> None:
+    """The first child leaves its parent's angle open, and the second one tells it."""
+    text = """<robot name="{name}"><link name="o"/><link name="a"/><link name="b"/><link name="c"/>
+      <joint name="one" type="continuous"><parent link="o"/><child link="a"/><axis xyz="0 0 1"/></joint>
+      <joint name="two" type="continuous"><parent link="a"/><child link="b"/>
+        <origin xyz="0 0 0.4" rpy="0 0 {turn}"/><axis xyz="0 0 1"/></joint>
+      <joint name="three" type="continuous"><parent link="a"/><child link="c"/>
+        <origin xyz="{x} {y} 0" rpy="0 0 {turn}"/><axis xyz="1 0 0"/></joint></robot>"""
+    c, s = math.cos(0.5), math.sin(0.5)
+    zero = {"plain": (0, 0.2, 0.1), "turned": (-0.5, 0.2 * c + 0.1 * s, 0.1 * c - 0.2 * s)}
+    one, two = (
+        described(tmp_path, text.format(name=name, turn=turn, x=x, y=y), f"{name}.urdf")
+        for name, (turn, x, y) in zero.items()
+    )
+    matched = ec.match(one, two)
+    np.testing.assert_allclose(matched.offset, [0.5, 0, 0], atol=1e-9)
+    check_torques(matched)
+
+
 def test_what_differs_is_named(tmp_path: Path) -> None:
     text = (EXAMPLES / "rx90.yaml").read_text()
     robot = described(tmp_path, text)

@@ -60,8 +60,8 @@ FAULTS = (
     ),
     Fault(
         "mechanism/lock_joints.py",
-        "displaced(motion, as_polynomial(cosine), as_polynomial(sine)",
-        "displaced(motion, as_polynomial(cosine), as_polynomial(-sine)",
+        "moved_by(motion, as_polynomial(cosine), as_polynomial(sine)",
+        "moved_by(motion, as_polynomial(cosine), as_polynomial(-sine)",
         "sense of held angles",
         "mechanism/test_lock_joints.py::test_remaining_joints_are_those_of_the_reduced_model",
     ),

@@ -89,7 +89,7 @@ _LOOSEST = 1e-30
 
 @dataclass(frozen=True)
 class Certificate:
-    """What was checked, and how to check it again."""
+    """Evidence that was checked, with the data to check it again."""
 
     rank: int
     seed: int  # seed of the random points and primes
@@ -115,7 +115,7 @@ class Certificate:
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What the certificate takes for granted, by the headings of ``docs/assumptions.md``."""
+        """The assumptions of the certificate, by the headings of ``docs/assumptions.md``."""
         found = ["Random points", "Exact decimals"]
         if not self.at_values:
             found.append("Generic constants")

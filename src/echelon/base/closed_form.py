@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -163,14 +163,15 @@ class Relation:
         }
 
     def placed(
-        self, combinations: Mapping[int, Mapping[int, T]], number: Callable[[Polynomial], T]
+        self,
+        combinations: Mapping[int, dict[int, T]],
+        number: Callable[[Polynomial], T],
+        put: Callable[[dict[int, T], dict[int, dict[int, T]]], dict[int, T] | None] = substituted,
     ) -> dict[int, dict[int, T]]:
-        """The targets as combinations of columns of X."""
+        """The targets as combinations of columns of X, without those for which nothing can be put in."""
         changes = self.changes((k for c in combinations.values() for k in c if k < PER_BODY), number)
-        return {
-            self.columns[target]: {self.columns[k]: v for k, v in substituted(c, changes).items()}
-            for target, c in combinations.items()
-        }
+        found = ((target, put(combination, changes)) for target, combination in combinations.items())
+        return {self.columns[t]: {self.columns[k]: v for k, v in c.items()} for t, c in found if c is not None}
 
 
 def relations(mechanism: Mechanism, structure: Structure, *, in_numbers: bool = False) -> list[Relation]:
@@ -294,12 +295,12 @@ def closed_columns(
         report(f"closed forms: {len(raw) - len(zero)} of {total} columns")
         combinations = _interpolated(kernel, rng, work, share)
         for relation in kernels[kernel]:
-            raw |= _placed(relation, combinations, work)
+            raw |= relation.placed(combinations, RationalFunction, partial(_substituted, work))
     dependent = {column for relation in found for column in relation.targets} | set(zero)
     solved: dict[int, Combination] = {}
     for column in sorted(raw):
         if all(c in solved for c in raw[column] if c in dependent):
-            result = _substituted(raw[column], solved, work)
+            result = _substituted(work, raw[column], solved)
             if result is not None:
                 solved[column] = result
     return solved
@@ -324,19 +325,7 @@ def _interpolated(kernel: Kernel, rng: np.random.Generator, work: Work, most: fl
     return {target: column for target, column in columns.items() if column is not None}
 
 
-def _placed(relation: Relation, combinations: Mapping[int, Combination], work: Work) -> dict[int, Combination]:
-    """The targets as combinations of columns of X, without those that take too much work."""
-    kinds = {k for combination in combinations.values() for k in combination if k < PER_BODY}
-    changes = relation.changes(kinds, RationalFunction)
-    placed: dict[int, Combination] = {}
-    for target, combination in combinations.items():
-        changed = _substituted(combination, changes, work)
-        if changed is not None:
-            placed[relation.columns[target]] = {relation.columns[k]: c for k, c in changed.items()}
-    return placed
-
-
-def _substituted(combination: Combination, solved: Mapping[int, Combination], work: Work) -> Combination | None:
+def _substituted(work: Work, combination: Combination, solved: Mapping[int, Combination]) -> Combination | None:
     """A combination of columns as one of others, or None if it takes too much work."""
     products: dict[int, list[tuple[RationalFunction, RationalFunction]]] = {}
     for column, coefficient in combination.items():

@@ -45,7 +45,7 @@ from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.exact_pose import closed_exactly
 
 
-def _silent(_: str) -> None:
+def silent(_: str) -> None:
     """Report no progress."""
 
 
@@ -83,7 +83,7 @@ def base_parameters(
     generic: bool = False,
     seed: int = DEFAULT_SEED,
     budget: float = 1.0,
-    progress: Callable[[str], None] = _silent,
+    progress: Callable[[str], None] = silent,
 ) -> BaseModel | LinearBase:
     """Base parameters in closed form, with a certificate.
 
@@ -307,13 +307,8 @@ def _is_general(
     rng: np.random.Generator,
 ) -> bool:
     """Whether the general representatives are proved independent at the stated values."""
-    if not values.can_be_drawn or _constrains_effects(mechanism, values):
+    terms = " ".join(action.term for effect in mechanism.effects for action in effect.actions)
+    if not values.can_be_drawn or any(name in terms for name in values.numbers):
         return False
     forms = virtual_power_form(mechanism) if recorded is None else recorded
     return find_minor(forms, structure.pivots, values, rng).rank == structure.rank
-
-
-def _constrains_effects(mechanism: Mechanism, values: StatedValues) -> bool:
-    """Whether a term of an effect holds a symbol that has a value."""
-    terms = " ".join(action.term for effect in mechanism.effects for action in effect.actions)
-    return any(name in terms for name in values.numbers)

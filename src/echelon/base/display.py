@@ -25,7 +25,7 @@ _LATEX_ROWS_PER_PAGE = 40
 
 
 class _Set(Protocol):
-    """What sets of robots and of linear models have in common; their classes show themselves by this file."""
+    """Common properties of sets of robots and of linear models, whose classes use this file."""
 
     @property
     def rank(self) -> int: ...
@@ -98,15 +98,10 @@ def to_text(model: _RobotSet | _LinearSet) -> str:
 _MARKS = {Identifiability.ALONE: "●", Identifiability.COMBINATION: "◐", Identifiability.UNIDENTIFIABLE: "·"}
 
 
-def class_counts(model: _RobotSet) -> list[tuple[Identifiability, int]]:
-    """Number of standard parameters in each class."""
-    found = list(model.classification.values())
-    return [(kind, found.count(kind)) for kind in _MARKS]
-
-
 def legend(model: _RobotSet) -> str:
-    """What the marks of :func:`classification_rows` mean, with counts."""
-    return "   ".join(f"{_MARKS[kind]} {kind.value}: {count}" for kind, count in class_counts(model))
+    """The meaning of the marks of :func:`classification_rows`, with counts."""
+    found = list(model.classification.values())
+    return "   ".join(f"{mark} {kind.value}: {found.count(kind)}" for kind, mark in _MARKS.items())
 
 
 def classification_rows(model: _RobotSet) -> list[tuple[str, list[tuple[str, Identifiability | None]]]]:
@@ -146,45 +141,38 @@ def _classes(base: _LinearSet) -> list[tuple[str, str]]:
 
 
 def facts(model: _RobotSet | _LinearSet) -> list[tuple[str, str]]:
-    """What else a reader should know: symbols, snapping, notes, certificate."""
+    """Further facts by label: symbols, snapping, notes, certificate."""
     found = _linear_facts(model) if _is_linear(model) else _robot_facts(model)
-    return [(label, one_line(text)) for label, text in found]
+    return [(label, one_line(text)) for label, text in found if text]
 
 
 def _linear_facts(base: _LinearSet) -> list[tuple[str, str]]:
-    found = []
     values = {n: v for n, v in base.model.constants.items() if v is not None and n in base.matrix.symbols}
-    if values:
-        found.append(("constants", ", ".join(f"{n} = {v}" for n, v in values.items())))
-    if base.definitions:
-        found.append(("functions of constants", ", ".join(f"{n} = {d}" for n, d in base.definitions.items())))
-    if base.special is not None:
-        found.append(("stated values", base.special.text("model")))
-    return [*found, ("certificate", str(base.certificate))]
+    return [
+        ("constants", ", ".join(f"{n} = {v}" for n, v in values.items())),
+        ("functions of constants", ", ".join(f"{n} = {d}" for n, d in base.definitions.items())),
+        ("stated values", base.special.text("model") if base.special else ""),
+        ("certificate", str(base.certificate)),
+    ]
 
 
 def _robot_facts(model: _RobotSet) -> list[tuple[str, str]]:
-    found = []
     used = [model.mechanism.symbols[s] for s in model.matrix.symbols if s in model.mechanism.symbols]
-    if used:
-        found.append(("symbols", ", ".join(f"{s.name} = {value_text(s.exact, s.value)}" for s in used)))
-    if model.special is not None:
-        found.append(("stated values", model.special.text("robot")))
-    if model.matrix.numbers:
-        found.append(("numbers", numbers_text(model, model.matrix.numbers)))
-    if model.hidden:
-        found.append(("not shown", f"{model.hidden} coefficients below 1e-11, from frames that were moved by rounding"))
-    if model.reading.snaps:
-        found.append(("read as exact", snap_summary(model)))
-    if model.reading.mimics is not None:
-        found.append(("mimic joints", str(model.reading.mimics)))
-    if model.reading.assembled is not None:
-        found.append(("assembly pose", str(model.reading.assembled)))
-    found += [("note", note) for note in model.reading.notes]
-    if model.reading.doubt:
-        found.append(("doubt", model.reading.doubt))
-    found.append(("certificate", str(model.certificate)))
-    return [*found, ("assumes", f"{'; '.join(model.certificate.assumptions)} (docs/assumptions.md)")]
+    numbers, reading = model.matrix.numbers, model.reading
+    moved = "coefficients below 1e-11, from frames that were moved by rounding"
+    return [
+        ("symbols", ", ".join(f"{s.name} = {value_text(s.exact, s.value)}" for s in used)),
+        ("stated values", model.special.text("robot") if model.special else ""),
+        ("numbers", numbers_text(model, numbers) if numbers else ""),
+        ("not shown", f"{model.hidden} {moved}" if model.hidden else ""),
+        ("read as exact", snap_summary(model) if reading.snaps else ""),
+        ("mimic joints", str(reading.mimics or "")),
+        ("assembly pose", str(reading.assembled or "")),
+        *(("note", note) for note in reading.notes),
+        ("doubt", reading.doubt),
+        ("certificate", str(model.certificate)),
+        ("assumes", f"{'; '.join(model.certificate.assumptions)} (docs/assumptions.md)"),
+    ]
 
 
 def numbers_text(model: _RobotSet, numbers: StatedNumbers) -> str:
@@ -205,7 +193,7 @@ def value_text(exact: str | None, value: float | None) -> str:
 
 
 def snap_summary(model: _RobotSet) -> str:
-    """What was snapped, and whether it made a difference."""
+    """The numbers that were read as exact ones, and whether that changed the rank."""
     reading = model.reading
     coarse = [snap for snap in reading.snaps if snap.difference > ROUNDING]
     text = f"{len(reading.snaps)} numbers, largest change {max(s.difference for s in reading.snaps):.2g}"

@@ -33,7 +33,7 @@ Inputs = Mapping[str, npt.ArrayLike] | None
 
 
 class Evaluation(ABC):
-    """What a base model computes at states and makes of logs.
+    """Functions of a base model at states, and observations from logs.
 
     Attributes
     ----------
@@ -294,7 +294,7 @@ class Evaluation(ABC):
 
     @cached_property
     def _loops(self) -> ClosedStates | None:
-        """What completes states; None without loops."""
+        """The completion of states by their dependent coordinates; None without loops."""
         if not self.mechanism.closures:
             return None
         from echelon.dynamics.evaluator import ClosedStates

@@ -1,15 +1,15 @@
 """Two descriptions of one robot, such as a DH table and a URDF: the parameters of one by those of the other.
 
 Frames, zero poses and directions of joints differ between descriptions; joint axes do not.  So the second description
-is posed, joint by joint from the base, until its axes coincide with those of the first.  By the product of exponentials
-its frames and axes at zero are all that this needs.  Then ζ' = T ζ holds body by body, and both sets of base parameters
-see the same if B' T = M B.  What the axes leave open (along and about the last one) is settled by the zero poses.
+is posed, joint by joint from the base, until its axes coincide with those of the first.  Then ζ' = T ζ holds body by
+body, and both sets of base parameters see the same if B' T = M B.  What the axes leave open (along and about the last
+one) is settled by the zero poses.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -96,23 +96,23 @@ def match(first: BaseModel | Mechanism, second: BaseModel | Mechanism, *, tolera
     Match(rx90 = rx90: 36 base parameters)
     """
     one, two = (m if isinstance(m, BaseModel) else base_parameters(m) for m in (first, second))
-    ours, theirs = _Zero(one.mechanism), _Zero(two.mechanism)
+    ours, theirs = _Posed(one.mechanism), _Posed(two.mechanism)
     pairs = list(_paired(one.mechanism, two.mechanism))
     base = _base(ours, theirs, *pairs[0], tolerance) if pairs else np.eye(4)
     wanted = {j: (base @ ours.frames[i], ours.axes[i].moved(base)) for i, j in pairs}
-    pose = _pose(theirs, ours, wanted, pairs, tolerance)
+    offsets = _pose(theirs, ours, wanted, pairs, tolerance)
     standard = np.zeros((len(two.parameters), len(one.parameters)))
     to, start = two.mechanism.first_column, one.mechanism.first_column
     for i, j in pairs:
         if (i in start) != (j in to):
             raise InputError("it has parameters in one description only", element=f"body '{theirs.bodies[j].name}'")
         if i in start:
-            change = np.linalg.solve(pose.moves[j] @ theirs.frames[j], wanted[j][0])
+            change = np.linalg.solve(theirs.frames[j], wanted[j][0])
             standard[to[j] : to[j] + PER_BODY, start[i] : start[i] + PER_BODY] = frame_change(change)
     found = sorted((two.mechanism.positions.index(theirs.coordinate(j)), i, j) for i, j in pairs)
     order = tuple(one.mechanism.positions.index(ours.coordinate(i)) for _, i, _ in found)
-    sign = [np.sign(wanted[j][1].direction @ pose.axis(theirs, j).direction) for _, _, j in found]
-    offset = [pose.offsets.get(j, 0.0) for _, _, j in found]
+    sign = [np.sign(wanted[j][1].direction @ theirs.axes[j].direction) for _, _, j in found]
+    offset = [offsets.get(j, 0.0) for _, _, j in found]
     return Match(one, two, order, np.array(sign), np.array(offset), standard, _base_map(one, two, standard, tolerance))
 
 
@@ -141,17 +141,8 @@ class _Axis:
         """The axis carried along with a frame."""
         return _Axis(self.turns, frame[:3, :3] @ self.point + frame[:3, 3], frame[:3, :3] @ self.direction)
 
-    def motion(self, amount: float) -> Floats:
-        """What the joint does, shape (4, 4)."""
-        moved = np.eye(4)
-        moved[:3, 3] = amount * self.direction
-        if self.turns:
-            moved[:3, :3] = _rotation(self.direction, amount)
-            moved[:3, 3] = self.point - moved[:3, :3] @ self.point
-        return moved
-
     def amounts(self, child: _Axis, wanted: _Axis) -> list[float]:
-        """How far this joint has to move to bring another axis into place: one or two ways, none where it cannot."""
+        """Displacements of this joint that bring another axis into place: one or two, or none."""
         normal, apart = np.cross(child.direction, self.direction), wanted.point - child.point
         if not self.turns:
             free = not child.turns or normal @ normal < _PARALLEL**2
@@ -166,15 +157,22 @@ class _Axis:
         return [_angle(self.direction, child.point - self.point, wanted.point - self.point)]
 
 
-class _Zero:
-    """The frames of a mechanism's bodies (4, 4) and its joint axes, in its base frame at its zero pose."""
+class _Posed:
+    """A mechanism in a pose, first that of zero: frames of its bodies (4, 4) and its joint axes, in its base frame."""
 
     def __init__(self, mechanism: Mechanism) -> None:
-        self.mechanism, self.bodies = mechanism, mechanism.bodies
         _check(mechanism)
-        zero, kinematics = np.zeros((1, len(mechanism.positions))), Kinematics(mechanism)
-        self.frames = [np.vstack([frame, [0, 0, 0, 1]]) for frame in kinematics.frames(zero)[0]]
-        slopes = kinematics.slopes(zero)[0]
+        self.mechanism, self.bodies = mechanism, mechanism.bodies
+        self._kinematics = Kinematics(mechanism)
+        self.place({})
+
+    def place(self, coordinates: Mapping[int, float]) -> None:
+        """Move bodies to coordinates, and all others to 0."""
+        q = np.zeros((1, len(self.mechanism.positions)))
+        for body, value in coordinates.items():
+            q[0, self.mechanism.positions.index(self.coordinate(body))] = value
+        self.frames = [np.vstack([frame, [0, 0, 0, 1]]) for frame in self._kinematics.frames(q)[0]]
+        slopes = self._kinematics.slopes(q)[0]
         self.axes = [self._axis(k, slopes[k]) for k in range(len(slopes))]
 
     def coordinate(self, body: int) -> str:
@@ -190,50 +188,35 @@ class _Zero:
         return _Axis(True, self.frames[body][:3, 3] + np.cross(direction, slope[:, 3]), direction)
 
 
-@dataclass
-class _Pose:
-    """How the bodies of a mechanism are moved from its zero pose, and by which coordinates; 0 where none is fixed."""
-
-    moves: dict[int, Floats] = field(default_factory=lambda: {GROUND: np.eye(4)})
-    offsets: dict[int, float] = field(default_factory=dict)
-
-    def axis(self, zero: _Zero, body: int) -> _Axis:
-        """Where a joint's axis is."""
-        return zero.axes[body].moved(self.moves[zero.bodies[body].parent])
-
-    def move(self, zero: _Zero, body: int) -> None:
-        """Carry a body along with its parent and its coordinate."""
-        own = zero.axes[body].motion(self.offsets.get(body, 0.0))
-        self.moves[body] = self.moves[zero.bodies[body].parent] @ own
-
-
-def _pose(theirs: _Zero, ours: _Zero, wanted: Wanted, pairs: list[tuple[int, int]], tolerance: float) -> _Pose:
-    """The pose of the second whose axes are those of the first.
+def _pose(
+    theirs: _Posed, ours: _Posed, wanted: Wanted, pairs: list[tuple[int, int]], tolerance: float
+) -> dict[int, float]:
+    """Put the second into the pose in which its axes are those of the first; returns its coordinates by body.
 
     Two perpendicular axes allow two positions of a joint, half a turn apart; which is meant shows further on.
     """
     waiting: list[list[int]] = [[]]
     errors: list[tuple[int, InputError]] = []
     while waiting and len(errors) < _ATTEMPTS:
-        choices, pose, free = waiting.pop(), _Pose(), 0
+        choices, offsets, free = waiting.pop(), dict[int, float](), 0
+        theirs.place(offsets)
         try:
             for i, j in pairs:
                 parent = theirs.bodies[j].parent
-                if parent not in pose.offsets and parent != GROUND:
-                    ways = pose.axis(theirs, parent).amounts(pose.axis(theirs, j), wanted[j][1])
+                if parent not in offsets and parent != GROUND:
+                    ways = theirs.axes[parent].amounts(theirs.axes[j], wanted[j][1])
                     if ways:
                         choices += [0] * (free == len(choices))
-                        pose.offsets[parent] = ways[choices[free] % len(ways)]
+                        offsets[parent] = ways[choices[free] % len(ways)]
                         waiting += [[*choices[:free], 1]] * (len(ways) > 1 and choices[free] == 0)
-                        pose.move(theirs, parent)
+                        theirs.place(offsets)
                         free += 1
-                pose.move(theirs, j)
                 where = f"joints '{ours.bodies[i].joint.name}' and '{theirs.bodies[j].joint.name}'"
-                _compare(wanted[j][1], pose.axis(theirs, j), where, tolerance)
+                _compare(wanted[j][1], theirs.axes[j], where, tolerance)
         except InputError as error:
-            errors.append((len(pose.moves), error))
+            errors.append((pairs.index((i, j)), error))
         else:
-            return pose
+            return offsets
     raise max(errors, key=lambda entry: entry[0])[1]
 
 
@@ -249,7 +232,7 @@ def _compare(wanted: _Axis, actual: _Axis, where: str, tolerance: float) -> None
         raise InputError(f"the geometry differs: their axes are {gap:.4g} m apart", element=where)
 
 
-def _base(ours: _Zero, theirs: _Zero, i: int, j: int, tolerance: float) -> Floats:
+def _base(ours: _Posed, theirs: _Posed, i: int, j: int, tolerance: float) -> Floats:
     """The first's base in the second's: first axes and gravity coincide, with the least movement."""
     axis, other = ours.axes[i], theirs.axes[j]
     rotation = _shortest_turn(axis.direction, other.direction)
@@ -319,7 +302,7 @@ def _down(mechanism: Mechanism) -> Floats | None:
 
 
 def _angle(axis: Floats, start: Floats, end: Floats) -> float:
-    """How far to turn about an axis to bring one vector next to another."""
+    """The angle of the turn about an axis that brings one vector next to another."""
     sine, cosine = axis @ np.cross(start, end), start @ end - (axis @ start) * (axis @ end)
     return float(np.arctan2(sine, cosine)) if np.hypot(sine, cosine) > _PARALLEL else 0.0
 

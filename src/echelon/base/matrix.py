@@ -145,7 +145,7 @@ class BaseMatrix:
 
 
 class Identifiability(Enum):
-    """What the outputs can say about one standard parameter."""
+    """Identifiability of one standard parameter from the outputs."""
 
     UNIDENTIFIABLE = "unidentifiable"
     ALONE = "identifiable alone"

@@ -97,7 +97,7 @@ class BaseSet(ABC):
         return self.matrix.rows
 
     def _formulas(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """What constants of B stand for, as sympy expressions, where they are not symbols; with values put in."""
+        """Sympy expressions for constants of B that are not symbols, with values put in."""
         return dict(values)
 
 

@@ -206,14 +206,9 @@ def _own_symbols(metric: Any, matrix: BaseMatrix) -> dict[str, Any]:
 def _cleared(entries: Mapping[Any, RationalFunction]) -> tuple[dict[Any, Polynomial], Polynomial]:
     """Rational functions times their common denominator, and it."""
     denominators: dict[Polynomial, None] = {e.denominator: None for e in entries.values()}
-    common = reduce(_common_multiple, denominators, Polynomial.constant(1))
+    common = reduce(lambda a, b: RationalFunction(a, b).denominator * a, denominators, Polynomial.constant(1))
     scaled = {place: RationalFunction(e.numerator * common, e.denominator).numerator for place, e in entries.items()}
     return scaled, common
-
-
-def _common_multiple(a: Polynomial, b: Polynomial) -> Polynomial:
-    shortened = RationalFunction(a, b)
-    return shortened.denominator * a
 
 
 def _product(row: Sparse, others: Mapping[int, Sparse]) -> Sparse:

@@ -66,7 +66,7 @@ class MimicRanks:
 
 @dataclass(frozen=True)
 class ReadingReport:
-    """How a file was read: the literal reading beside the intended one."""
+    """The literal reading of a file beside the intended one."""
 
     snaps: tuple[Snap, ...] = ()  # what was read as exact
     notes: tuple[str, ...] = ()  # what the reader wants its user to know
@@ -86,7 +86,7 @@ def report_reading(
     recorded: LinearForms | None = None,
     matrix: BaseMatrix | None = None,
 ) -> ReadingReport:
-    """What was snapped, and what the literal reading of the mechanism's file would give."""
+    """The numbers that were snapped, and the rank of the literal reading of the mechanism's file."""
     reading = mechanism.reading
     snaps, notes = ((), ()) if reading is None else (reading.snaps, reading.notes)
     notes = (*notes, *mechanism_notes(mechanism))
@@ -111,7 +111,7 @@ def report_reading(
 
 
 def mechanism_notes(mechanism: Mechanism) -> list[str]:
-    """What a user should know of a mechanism, whatever it was read from."""
+    """Notes on a mechanism, whatever file it was read from."""
     notes = [
         f"bodies {mechanism.carrier_name(k)} share the parameters of label '{mechanism.bodies[k].label}'"
         for k in mechanism.carriers
@@ -125,7 +125,7 @@ def mechanism_notes(mechanism: Mechanism) -> list[str]:
 
 
 def doubt_of_loops(mechanism: Mechanism, rank: int) -> str:
-    """What speaks against a rank with loops; empty if nothing.
+    """Evidence against a rank with loops; empty if there is none.
 
     Points that are stated along directions without exact values, such as (1, 2, 0), are not on them exactly, and
     rounding may break relations that are not among those that are restored.
@@ -147,7 +147,7 @@ def _doubt(
     matrix: BaseMatrix | None,
     as_stated: Mechanism | None = None,
 ) -> str:
-    """What the float ranks of the literal numbers are, if none of them is what was expected.
+    """The float ranks of the literal numbers, if none of them is the expected one; else empty.
 
     Snaps explain all ranks from the intended one to the literal one: what they move by little shows little.
     ``as_stated`` is the literal reading where it is at hand.
@@ -396,7 +396,10 @@ def _sampled(
     """
     rows = rows or max(_FEWEST_ROWS, int(_ROWS_PER_COLUMN * len(columns)))
     if mechanism.closures:
-        stacked = _at_closed_states(mechanism, rng, rows, symbols)[:, list(columns)]
+        closed = Assembly(mechanism, symbols)
+        states = closed.random_closed_states(rng, -(-rows // max(1, len(mechanism.outputs))))
+        found = evaluate_floats(virtual_power_form(mechanism), mechanism, *states, symbols, assembly=closed)
+        stacked = found.reshape(-1, found.shape[2])[:, list(columns)]
         length = characteristic_length(mechanism)
         stacked /= np.array([length ** mechanism.columns[column].length_degree for column in columns])
         sizes = np.linalg.norm(stacked, axis=0)
@@ -407,15 +410,6 @@ def _sampled(
     sizes = np.linalg.norm(stacked, axis=0)
     seen = sizes > _NOISE * rounding
     return np.where(seen, stacked, 0.0) / np.where(seen, sizes, 1.0)
-
-
-def _at_closed_states(
-    mechanism: Mechanism, rng: np.random.Generator, rows: int, given: Mapping[str, float] | None
-) -> Floats:
-    closed = Assembly(mechanism, given)
-    states = closed.random_closed_states(rng, -(-rows // max(1, len(mechanism.outputs))))
-    found = evaluate_floats(virtual_power_form(mechanism), mechanism, *states, given, assembly=closed)
-    return found.reshape(-1, found.shape[2])
 
 
 def _at_states(

@@ -185,7 +185,10 @@ def same_row_space(a: Model, b: Model, *, seed: int = DEFAULT_SEED) -> RowSpaces
         most = tuple(max(s.ranks[k] for s in seen) for k in range(3))
         agreeing = [s for s in seen if s.ranks == most]
         if len(agreeing) >= _AGREEING:
-            return _result(agreeing, (first, second))
+            names = first.names or second.names or tuple(f"p{k + 1}" for k in range(first.columns))
+            upper_only, lower_only = (_witness(agreeing, (first, second), side, names) for side in (0, 1))
+            primes = tuple(s.field.p for s in agreeing)
+            return RowSpaces(*agreeing[0].ranks, upper_only, lower_only, primes)
     raise EchelonError("results at random points keep contradicting each other; please report these models")
 
 
@@ -284,15 +287,8 @@ def _places(first: Sequence[str], second: Sequence[str], columns: int, others: i
     return [second.index(name) for name in first]
 
 
-def _result(seen: Sequence[_Comparison], sides: Sequence[_Side]) -> RowSpaces:
-    names = sides[0].names or sides[1].names or tuple(f"p{k + 1}" for k in range(sides[0].columns))
-    witnesses = [_witness(seen, sides, side, names) for side in (0, 1)]
-    first, second, union = seen[0].ranks
-    return RowSpaces(first, second, union, witnesses[0], witnesses[1], tuple(s.field.p for s in seen))
-
-
 def _witness(seen: Sequence[_Comparison], sides: Sequence[_Side], side: int, names: Sequence[str]) -> str:
-    """What only one side sees, as text; in numbers where all coefficients are."""
+    """A combination that only one side sees, as text; in numbers where all coefficients are numbers."""
     rows = [comparison.unseen(side) for comparison in seen]
     row = rows[0]
     if row is None:

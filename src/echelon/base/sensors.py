@@ -9,6 +9,7 @@ from math import comb
 
 import numpy as np
 
+from echelon.base.derive import silent
 from echelon.base.row_space import row_space
 from echelon.base.stated_values import at_stated_values
 from echelon.base.structure import find_structure
@@ -16,7 +17,7 @@ from echelon.errors import ClosedFormError, DegenerateSampleError, EchelonError,
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank
 from echelon.exact.unknown_functions import SOLVING, Work
 from echelon.mechanism.joint import GROUND, Placement
-from echelon.mechanism.mechanism import Cut, Mechanism, Output, plain
+from echelon.mechanism.mechanism import Cut, Mechanism, Output, wrench_output
 from echelon.regressor.linear_forms import LinearForms, virtual_power_form
 
 _FIELDS = 2
@@ -58,19 +59,15 @@ class SensorReport:
     seed: int
 
 
-def _silent(_: str) -> None:
-    """No progress is shown."""
-
-
 def sensor_report(
     mechanism: Mechanism,
     size: int = 1,
     *,
     seed: int = DEFAULT_SEED,
     budget: float = 1.0,
-    progress: Progress = _silent,
+    progress: Progress = silent,
 ) -> SensorReport:
-    """What each subset of a mechanism's sensors sees.
+    """Ranks of the subsets of a mechanism's sensors.
 
     Parameters
     ----------
@@ -120,11 +117,7 @@ def _candidates(mechanism: Mechanism) -> dict[str, tuple[Output, ...]]:
     """Outputs by sensor."""
     outputs = list(mechanism.outputs)
     if mechanism.measured is None:
-        for axis in range(3):
-            for angular in (False, True):
-                component = f"base.{'t' if angular else 'f'}{'xyz'[axis]}"
-                cut = Cut(GROUND, Placement(), False, axis, angular)
-                outputs.append(plain(component, "N·m" if angular else "N", cut))
+        outputs += [wrench_output("base", f"{letter}{axis}", GROUND, Placement()) for axis in "xyz" for letter in "ft"]
     groups: dict[str, list[Output]] = {}
     for output in outputs:
         is_wrench = all(isinstance(channel, Cut) for channel, _ in output.terms)

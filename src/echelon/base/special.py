@@ -34,7 +34,7 @@ class SpecialCase:
 
 @dataclass(frozen=True)
 class SpecialGeometry:
-    """Where the rank of a mechanism changes.
+    """Conditions at which the rank of a mechanism changes.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class SpecialGeometry:
 
 @dataclass(frozen=True, eq=False)
 class _Condition:
-    """What is put in for generators, or gravity."""
+    """Expressions for generators, or a gravity, that hold in a special case."""
 
     text: str
     symbols: frozenset[str]

@@ -34,7 +34,7 @@ PivotsOf = Callable[[Mapping[str, Polynomial]], tuple[int, ...]]
 
 @dataclass(frozen=True)
 class SpecialValues:
-    """What the stated values change against general symbols."""
+    """The effect of the stated values on the rank, against general symbols."""
 
     generic_rank: int  # for general values of the symbols
     rank: int  # for the robot's own values
@@ -42,13 +42,13 @@ class SpecialValues:
 
     @property
     def definitions(self) -> dict[str, str]:
-        """What was put in for symbols, as expressions of those that are left."""
+        """Expressions that were put in for symbols, in the symbols that are left."""
         pairs = (relation.split(" = ") for relation in self.relations)
         plain = ((name, right.replace("−", "-").replace("·", "*").removesuffix(" rad")) for name, right in pairs)
         return {name: re.sub(r"(\d+)°", r"\1*pi/180", right) for name, right in plain}
 
     def text(self, what: str) -> str:
-        """Both counts with the reason."""
+        """Both ranks with the reason."""
         reason = " and ".join(self.relations)
         if self.rank == self.generic_rank:
             return f"{self.rank} as in general, but with other representatives for this {what}, because {reason}"
@@ -66,7 +66,7 @@ class Relations:
     combined: tuple[tuple[str, Terms], ...] = ()  # x = Σ factor · symbol, for angles apart from multiples of 15°
 
     def put_in(self, values: StatedValues) -> dict[str, Polynomial]:
-        """What becomes of the generators of these symbols."""
+        """Expressions for the generators of these symbols."""
         found = values.put_in(sorted(self.fixed))
         for name, terms in self.combined:
             if name in values.numbers:
@@ -98,7 +98,7 @@ def _value_text(name: str, values: StatedValues) -> str:
 
 
 def _grid_part(name: str, terms: Terms, values: StatedValues) -> Fraction:
-    """What an angle is more than a combination of others, in half turns."""
+    """The difference between an angle and a combination of others, in half turns."""
     return values.angles[name].half_turns - sum((f * values.angles[s].half_turns for s, f in terms), Fraction(0))
 
 

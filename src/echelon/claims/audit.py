@@ -200,7 +200,7 @@ _NEGLIGIBLE = 1e-12
 
 @dataclass(frozen=True)
 class WitnessSearch:
-    """Where changes of parameters are tried out in numbers."""
+    """A search for numeric examples of changes of parameters."""
 
     model: BaseModel
     matrix: BaseMatrix  # B with the representatives that the claims lead with

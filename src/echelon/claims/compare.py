@@ -16,14 +16,14 @@ precision.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import independent_columns
+from echelon.arrays import Floats, independent_columns
 from echelon.base.matrix import BaseMatrix, coefficient_value, reordered
 from echelon.base.model import BaseModel
 from echelon.claims.reading import Precision, precision_of
@@ -36,7 +36,7 @@ from echelon.exact.unknown_functions import Work
 
 Row = Mapping[int, RationalFunction]  # claimed coefficients by column, in the order of the text
 
-_ZERO = RationalFunction(0)
+_ZERO, _ONE = RationalFunction(0), RationalFunction(1)
 _PRIME_BITS = 61
 _ATTEMPTS = 8
 _NOISE = 1e-9
@@ -104,8 +104,8 @@ def compare_row(finding: Finding, row: Row, matrix: BaseMatrix, geometry: Geomet
     rounded = precision_of([finding.claim.text]).decimals is not None
     if precision.decimals is not None and (numeric or rounded):
         gaps = {c: _gap(c, row, expected, geometry) for c in differing}
-        rounding = _Rounding(row, matrix, geometry, precision)
-        differing = [c for c, gap in gaps.items() if gap is None or abs(gap) > rounding.at(c)]
+        allowed = zip(gaps.items(), _rounding(gaps, row, matrix, geometry, precision), strict=True)
+        differing = [c for (c, gap), most in allowed if gap is None or abs(gap) > most]
         if not differing:
             largest = max(abs(gap or 0.0) for gap in gaps.values())
             return replace(finding, agreement=Agreement.PRINTED_DIGITS, numeric=True, largest_difference=largest)
@@ -138,26 +138,17 @@ def _gap(column: int, row: Row, expected: Row, geometry: Geometry) -> float | No
     return None if left is None or right is None else left - right
 
 
-class _Rounding:
-    """How far a coefficient may be off by rounding: its own, and that of the coefficients that multiply rows of B."""
+def _rounding(columns: Iterable[int], row: Row, matrix: BaseMatrix, geometry: Geometry, precision: Precision) -> Floats:
+    """The most that rounding explains at some columns: of their coefficients, and of those that multiply rows of B."""
 
-    def __init__(self, row: Row, matrix: BaseMatrix, geometry: Geometry, precision: Precision) -> None:
-        self.row, self.geometry, self.precision = row, geometry, precision
-        self.rows = [
-            (self._own(pivot), exact)
-            for pivot, exact in zip(matrix.pivots, matrix.rows, strict=True)
-            if pivot in row and row[pivot] not in (RationalFunction(1), RationalFunction(-1))
-        ]
+    def own(column: int) -> float:
+        return precision.tolerance(geometry.roughly(row.get(column, _ZERO)) or 0.0)
 
-    def at(self, column: int) -> float:
-        """The most that rounding explains at one column."""
-        total = self._own(column)
-        for rounding, exact in self.rows:
-            total += rounding * abs(self.geometry.roughly(exact.get(column, _ZERO)) or 0.0)
-        return total * (1 + 1e-9)
-
-    def _own(self, column: int) -> float:
-        return self.precision.tolerance(self.geometry.roughly(self.row.get(column, _ZERO)) or 0.0)
+    exact = zip(matrix.pivots, matrix.rows, strict=True)
+    inexact = [(own(p), other) for p, other in exact if p in row and row[p] not in (_ONE, -_ONE)]
+    return (1 + 1e-9) * np.array(
+        [own(c) + sum(off * abs(geometry.roughly(o.get(c, _ZERO)) or 0.0) for off, o in inexact) for c in columns]
+    )
 
 
 def coefficient_words(value: RationalFunction) -> str:

@@ -162,11 +162,11 @@ class Precision:
 
     @property
     def absolute(self) -> float:
-        """What a number may be off and still print the same, for numbers near zero."""
+        """The largest change of a number near zero that prints the same."""
         return 0.0 if self.decimals is None else 0.5 * 10.0**-self.decimals
 
     def tolerance(self, value: float) -> float:
-        """What a printed value may differ from the true one."""
+        """The largest difference between a printed value and the true one."""
         if self.decimals is None or value == round(value):  # significant digits would be generous to 1.0
             return self.absolute
         return max(self.absolute, 0.5 * 10.0 ** (floor(log10(abs(value))) + 1 - self.significant))

@@ -35,7 +35,7 @@ _MEANING = {
 
 
 class Agreement(Enum):
-    """How one claimed expression compares with what the outputs see."""
+    """Agreement of one claimed expression with what the outputs determine."""
 
     EXACT = "exact"
     PRINTED_DIGITS = "agrees to the printed digits"
@@ -44,7 +44,7 @@ class Agreement(Enum):
 
 @dataclass(frozen=True)
 class TermDifference:
-    """A coefficient that is not what it has to be beside the other ones of its row."""
+    """A coefficient that is wrong beside the other ones of its row."""
 
     parameter: str
     claimed: str  # coefficients; "0" where there is no such term

@@ -133,7 +133,7 @@ _NOISE = 1e-14
 _NEAR = 1e-9  # nearer than this, exact values are looked at whatever the tolerance is
 _TURNS = (MotionKind.ROTATION, MotionKind.SCREW)
 _QUARTER = Fraction(1, 2)
-_TO_AXIS = (turn(1, Angle(_QUARTER)), turn(0, Angle(-_QUARTER)), Placement())
+TO_AXIS = (turn(1, Angle(_QUARTER)), turn(0, Angle(-_QUARTER)), Placement())
 """Rotations that bring z to the x, y and z axis."""
 
 
@@ -262,7 +262,7 @@ class _Pair:
         return self._with_twist(numbers, steps, element, snapping)
 
     def _with_twist(self, numbers: Floats, steps: int, element: str, snapping: Snapping) -> Matrix:
-        before, after = _TO_AXIS[self.axis], _TO_AXIS[self.motion.axis]
+        before, after = TO_AXIS[self.axis], TO_AXIS[self.motion.axis]
         matrix = _floats(before).T @ numbers @ _floats(after)
         if steps % STEPS_PER_HALF_TURN:
             first, second = atan2(matrix[0, 2], -matrix[1, 2]), atan2(matrix[2, 0], matrix[2, 1])

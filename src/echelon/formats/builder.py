@@ -37,7 +37,7 @@ from echelon.formats.snapping import ReadingOptions, Snapping, gravity_vector, s
 from echelon.mechanism.closed_pose import parted
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.joint import ALL, GROUND, Motion, MotionKind, Placement, Step, merge
-from echelon.mechanism.mechanism import Cut, JointForce, Mechanism, Output, Snap, plain, setup_placements
+from echelon.mechanism.mechanism import JointForce, Mechanism, Output, Snap, setup_placements, wrench_output
 
 Ride = tuple[int, tuple[LiteralPlacement, ...]]
 """The body that carries something, or GROUND, and the placements from its frame to what it carries."""
@@ -147,10 +147,8 @@ class _Builder:
         if isinstance(sensor, LiteralWrench):
             body, offset = self._ride(sensor.link)
             frame = self.snapping.placements((*offset, *sensor.placements), symbol_stem(sensor.name))
-            letter, unit = ("t", "N·m") if sensor.angular else ("f", "N")
-            for axis, word in enumerate("xyz"):
-                cut = Cut(body, frame, on_parent=False, axis=axis, angular=sensor.angular)
-                yield plain(f"{sensor.name}.{letter}{word}", unit, cut)
+            letter = "t" if sensor.angular else "f"
+            yield from (wrench_output(sensor.name, f"{letter}{axis}", body, frame) for axis in "xyz")
         elif sensor.joint in motions:
             unit = "N" if motions[sensor.joint].kind is MotionKind.TRANSLATION else "N·m"
             yield Output(sensor.name, unit, ((JointForce(sensor.joint), Polynomial.constant(sensor.weight)),))
@@ -167,7 +165,7 @@ class _Builder:
         return with_parallelogram(closure, stated.element, self.bodies, self.snapping)
 
     def _met(self, stated: LiteralClosure, frame: Placement) -> Placement:
-        """Where the frame of the first link is on the second one at the reference pose."""
+        """The frame of the second link that coincides with that of the first one at the reference pose."""
         links, read = self.tree.links, self.snapping.placements
         try:
             return second_frame(

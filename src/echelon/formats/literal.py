@@ -127,7 +127,7 @@ LiteralSensor = LiteralEffort | LiteralWrench
 
 @dataclass(frozen=True)
 class LiteralTree:
-    """A whole file."""
+    """A robot file as a tree of links."""
 
     name: str  # of the robot
     source: str  # of the file
@@ -213,7 +213,7 @@ def substituted(
 
 @dataclass(frozen=True)
 class StatedJoint:
-    """What a joint of a robot file really is."""
+    """The true type of a joint of a robot file."""
 
     name: str  # of the joint in the file
     kind: str
@@ -315,7 +315,7 @@ def central_inertial(
 
 
 def move_inertial(inertial: Floats, frame: Floats) -> Floats:
-    """The same body's parameters about a reference frame in which its own frame is placed."""
+    """A body's standard parameters about a reference frame in which its own frame is placed."""
     r, p = frame[:3, :3], frame[:3, 3]
     tensor, moment, mass = tensor_and_moment(inertial)
     h = r @ moment

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -160,7 +160,7 @@ class Snapping:
 
     source: str  # name of the file, for messages
     options: ReadingOptions
-    literal: Collection[str] = ()  # elements to take literally; None means that none is
+    literal: Collection[str] = ()  # elements to take literally
     symbols: dict[str, Symbol] = field(default_factory=dict)
     scale: float = 0.0  # the largest translation of the file, m
     snaps: list[Snap] = field(default_factory=list)
@@ -185,15 +185,15 @@ class Snapping:
         for axis, word in ((2, "yaw"), (1, "pitch"), (0, "roll")):
             value = angles[axis]
             if value:
-                chance = general and abs(value - _nearest(float(value))) > _written(value)
+                chance = general and abs(value - nearest_step(float(value))) > _written(value)
                 read = self.named_angle if chance else self.angle
                 placed = placed @ turn(axis, read(value, f"{element} {word}", f"{word}{label}"))
         return placed
 
     def _is_general(self, angles: Iterable[Rational | float], element: str) -> bool:
-        """Whether a frame of loops is turned generally, so that single angles are near multiples of 15° by chance."""
+        """Whether a frame in a loop has a general orientation: then an angle is near a multiple of 15° by chance."""
         return self.options.looped and any(
-            abs(float(a) - _nearest(float(a))) > self.angle_tolerance(element) for a in angles
+            abs(float(a) - nearest_step(float(a))) > self.angle_tolerance(element) for a in angles
         )
 
     def placements(self, literal: Iterable[LiteralPlacement], label: str) -> Placement:
@@ -210,23 +210,15 @@ class Snapping:
 
     def name_lengths(self, steps: tuple[Step, ...], label: str, element: str) -> tuple[Step, ...]:
         """The steps with tiny translations dropped and the others, if so wished, given symbols."""
-        named: list[Step] = []
-        for step in steps:
-            if isinstance(step, Placement):
-                x, y, z = (
-                    self._length(value, f"p{axis}{label}", f"{element} {axis}")
-                    for axis, value in zip("xyz", step.translation, strict=True)
-                )
-                step = Placement(step.rotation, (x, y, z))
-            named.append(step)
-        return tuple(named)
+
+        def named(value: Polynomial, axis: str) -> Polynomial:
+            return self._length(value, f"p{axis}{label}", f"{element} {axis}")
+
+        return tuple(_translated(step, named) if isinstance(step, Placement) else step for step in steps)
 
     def without_noise(self, placement: Placement, element: str) -> Placement:
         """A placement with tiny translations dropped and the others left as numbers."""
-        x, y, z = (
-            self._rounded(value, f"{element} {axis}") for axis, value in zip("xyz", placement.translation, strict=True)
-        )
-        return Placement(placement.rotation, (x, y, z))
+        return _translated(placement, lambda value, axis: self._rounded(value, f"{element} {axis}"))
 
     def _rounded(self, value: Polynomial, element: str) -> Polynomial:
         size = abs(self.numeric(value)) if value else 0.0
@@ -266,7 +258,7 @@ class Snapping:
         return self._length(as_polynomial(Fraction(f"{value:.12g}")), name, element)
 
     def length_tolerance(self, element: str) -> float:
-        """How far an element's length may be from zero, m."""
+        """Largest difference, m, at which a length is read as zero or as equal to another one."""
         if not self.options.snap_tolerance:
             return 0.0
         return (PRECISION if element in self.literal else LENGTH_TOLERANCE) * self.scale
@@ -286,7 +278,7 @@ class Snapping:
 
     def computed_angle(self, value: float, element: str, name: str) -> Angle:
         """An angle that was computed; in loops it is near a multiple of 15° by chance unless it is very near."""
-        chance = self.options.looped and abs(value - _nearest(value)) > 10.0**-_FEW
+        chance = self.options.looped and abs(value - nearest_step(value)) > 10.0**-_FEW
         return self.named_angle(value, element, name) if chance else self.angle(value, element, name)
 
     def named_angle(self, value: Rational | float | Angle, element: str, name: str) -> Angle:
@@ -313,7 +305,7 @@ class Snapping:
         return number
 
     def angle_tolerance(self, element: str) -> float:
-        """How far an element's angle may be from an exact one, rad."""
+        """Largest difference, rad, at which an angle is read as a multiple of 15°."""
         return min(PRECISION, self.options.snap_tolerance) if element in self.literal else self.options.snap_tolerance
 
     def _angle_symbol(self, size: float, exact: str | None, element: str, name: str) -> str:
@@ -388,13 +380,19 @@ class Snapping:
         return unique
 
 
-def _nearest(angle: float) -> float:
+def _translated(placement: Placement, read: Callable[[Polynomial, str], Polynomial]) -> Placement:
+    """A placement with other components of its translation."""
+    x, y, z = (read(value, axis) for axis, value in zip("xyz", placement.translation, strict=True))
+    return Placement(placement.rotation, (x, y, z))
+
+
+def nearest_step(angle: float) -> float:
     """The multiple of 15° next to an angle."""
     return round(angle / _STEP) * _STEP
 
 
 def _written(value: Rational | float) -> float:
-    """How far an angle may be from what it is rounded from, by the digits that it is written with, rad."""
+    """The rounding error of an angle, rad, from the number of its digits."""
     number = Fraction(value)
     digits = next((d for d in range(_FEW) if (number * 10**d).denominator == 1), _FEW)
     return 10.0**-digits
@@ -420,7 +418,7 @@ def _rest_text(angle: Angle, quarters: int, sign: int) -> str:
 
 
 def symbol_stem(name: str) -> str:
-    """How the names of symbols end that belong to a part or a loop of this name; they are read back from files."""
+    """The ending of the names of symbols that belong to a part or loop of this name; files hold such names."""
     plain = (unicodedata.normalize("NFKC", c) == c and (c.isascii() or not c.isdigit()) for c in name)
     return "_" + "".join(c if fits and f"_{c}".isidentifier() else "_" for c, fits in zip(name, plain, strict=True))
 

@@ -15,12 +15,12 @@ from typing import Any
 from echelon.errors import InputError
 from echelon.formats.literal import resolved
 from echelon.formats.robot_file import RobotFile
+from echelon.formats.urdf.urdf_reader import SINGLE_AXIS
 from echelon.mechanism.mechanism import Mechanism
 
 Interval = tuple[float, float]
 
 _FREE: Interval = (-math.inf, math.inf)
-_MOVING = ("revolute", "continuous", "prismatic")
 _ENDS = ("lower", "upper")
 _LARGEST = ("velocity", "acceleration", "deceleration", "jerk", "effort")
 _SOFT = ("soft_lower_limit", "soft_upper_limit")
@@ -28,7 +28,7 @@ _SOFT = ("soft_lower_limit", "soft_upper_limit")
 
 @dataclass(frozen=True)
 class StatedLimits:
-    """What a robot file states about one coordinate; None where it is silent."""
+    """Limits of one coordinate that a robot file states; None where it is silent."""
 
     # lowest and highest position, rad or m; one end is infinite where the file limits the other only
     position: Interval | None = None
@@ -55,7 +55,7 @@ def stated_limits(file: RobotFile, mechanism: Mechanism) -> dict[str, StatedLimi
     if robot.root.tag == "mujoco":
         found = _of_mjcf(robot)
     else:
-        joints = [joint for joint in robot.root.findall("joint") if joint.get("type") in _MOVING]
+        joints = [joint for joint in robot.root.findall("joint") if joint.get("type") in SINGLE_AXIS]
         found = {str(joint.get("name")): _of_joint(joint, robot.source) for joint in joints}
     offsets = _offsets(robot, mechanism)
     names = [motion.name for motion in mechanism.motions if len(motion.velocities) == 1]
@@ -165,13 +165,12 @@ def _of_mjcf(robot: RobotFile) -> dict[str, StatedLimits]:
 
 def _actuator_forces(spec: Any) -> dict[str, Interval]:
     """The forces that the actuators of each joint can exert on it together."""
-    from echelon.formats.mjcf.mjcf_model import import_mujoco
+    from echelon.formats.mjcf.mjcf_reader import drives_joint
 
-    kinds = import_mujoco().mjtTrn
     found: dict[str, Interval] = {}
     for actuator in spec.actuators:
         gear = float(actuator.gear[0])
-        if gear and actuator.trntype in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT):
+        if gear and drives_joint(actuator):
             low, high = sorted(gear * end for end in _actuator_force(actuator, spec.compiler.autolimits))
             before = found.get(str(actuator.target), (0.0, 0.0))
             found[str(actuator.target)] = (before[0] + low, before[1] + high)

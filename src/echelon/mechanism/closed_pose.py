@@ -19,7 +19,7 @@ import numpy as np
 from echelon.exact.expressions import Point, added, multiple_of_point
 from echelon.exact.polynomial import Polynomial, Rational, as_polynomial, simple_fraction
 from echelon.mechanism.closure import Closure, ClosureKind
-from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement, Step, displaced, merge
+from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement, Step, merge, moved_by
 from echelon.mechanism.mechanism import ClosedAt, Mechanism
 from echelon.mechanism.stated import known_values, placement_matrix
 
@@ -140,7 +140,7 @@ class _Placed:
             return turned_by(*self.pose[motion.name])
         slides = motion.kind is MotionKind.TRANSLATION
         point = (Polynomial.constant(1), Polynomial({})) if slides else self._point(motion.name)
-        return displaced(motion, *point, self._travel(motion.name))
+        return moved_by(motion, *point, self._travel(motion.name))
 
     def _leaders(self, name: str) -> list[tuple[str, Fraction]]:
         """The motions that one follows, and ratios; itself if it follows none."""

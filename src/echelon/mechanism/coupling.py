@@ -103,7 +103,7 @@ class Spline:
         return self.derivatives(point, lambda c: c.at(symbols), lambda distance: 1.0 * (distance > 0))
 
     def steepest(self, reach: float, symbols: Mapping[str, float]) -> float:
-        """What |f′| does not exceed while |x| stays within a reach: values on a grid, and what can lie between them."""
+        """An upper bound of |f′| while |x| stays within a reach, from values on a grid and a bound of |f″|."""
         if self.ratio is not None:
             return abs(self.ratio.at(symbols))
         if not isfinite(reach):

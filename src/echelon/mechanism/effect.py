@@ -11,7 +11,7 @@ from enum import StrEnum
 
 
 class Side(StrEnum):
-    """Where along the drive train an effect acts, and so which sensors see it."""
+    """The side of a drive on which an effect acts; it decides which sensors see the effect."""
 
     JOINT = "joint"  # at the joint itself: torque sensors in the joint see it
     ACTUATOR = "actuator"  # in the drive: only the actuator's torque or current sees it
@@ -50,11 +50,11 @@ class EffectTerm:
 
 KINDS: dict[str, tuple[EffectTerm, ...]] = {
     "viscous": (EffectTerm("Fv", "N·m·s/rad", "N·s/m", "qd"),),
+    "coulomb": (EffectTerm("Fc", "N·m", "N", "sign(qd)"),),
     "asymmetric_viscous": (
         EffectTerm("Fvp", "N·m·s/rad", "N·s/m", "(1 + sign(qd))/2*qd"),
         EffectTerm("Fvn", "N·m·s/rad", "N·s/m", "(1 - sign(qd))/2*qd"),
     ),
-    "coulomb": (EffectTerm("Fc", "N·m", "N", "sign(qd)"),),
     "asymmetric_coulomb": (
         EffectTerm("Fcp", "N·m", "N", "(1 + sign(qd))/2"),
         EffectTerm("Fcn", "N·m", "N", "(sign(qd) - 1)/2"),

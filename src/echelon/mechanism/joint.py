@@ -85,8 +85,8 @@ def turned(identity: Square[T], axis: int, c: T, s: T) -> Square[T]:
     return as_matrix(entries)
 
 
-def displaced(motion: Motion, cosine: Polynomial, sine: Polynomial, travel: Polynomial) -> Placement:
-    """Where a motion takes its frame, by the cosine and sine of an angle, and by a travel (of a screw, the angle)."""
+def moved_by(motion: Motion, cosine: Polynomial, sine: Polynomial, travel: Polynomial) -> Placement:
+    """The placement of a motion with the cosine and sine of an angle, and a travel (of a screw: the angle)."""
     along = [_ZERO] * 3
     if motion.kind is not MotionKind.ROTATION:
         along[motion.axis] = travel * motion.sign * (motion.pitch if motion.kind is MotionKind.SCREW else 1)
@@ -155,7 +155,7 @@ Step = Placement | Motion
 
 @dataclass(frozen=True)
 class Joint:
-    """What connects a body to its parent."""
+    """The connection of a body to its parent."""
 
     name: str
     kind: str

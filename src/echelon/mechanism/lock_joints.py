@@ -13,7 +13,7 @@ from echelon.exact.polynomial import as_polynomial, circle_point
 from echelon.hints import nearest_of
 from echelon.mechanism.coupling import Coupling, Spline
 from echelon.mechanism.effect import Effect
-from echelon.mechanism.joint import Body, Joint, Motion, MotionKind, Placement, Step, displaced, merge
+from echelon.mechanism.joint import Body, Joint, Motion, MotionKind, Placement, Step, merge, moved_by
 from echelon.mechanism.mechanism import Actuator, ActuatorForce, Cut, Mechanism, Output
 from echelon.mechanism.stated import known_values
 
@@ -36,7 +36,9 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, float]) -> Mechani
     if not positions:
         return mechanism
     motions = {motion.name: motion for motion in mechanism.motions}
-    positions = dict(_by_motion(mechanism, positions))
+    joints = {body.joint.name: [motion.name for motion in body.joint.motions] for body in mechanism.bodies}
+    # a joint stands for all of its motions
+    positions = {motion: at for name, at in positions.items() for motion in joints.get(name) or [name]}
     strange = next((name for name in positions if name not in motions), None)
     if strange is not None:
         raise InputError(f"there is no coordinate '{strange}' to hold{nearest_of(strange, list(motions))}")
@@ -54,13 +56,6 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, float]) -> Mechani
         effects=tuple(_effects(mechanism, gone, all_positions)),
         measured=None if mechanism.measured is None else tuple(_outputs(mechanism.measured, gone)),
     )
-
-
-def _by_motion(mechanism: Mechanism, positions: Mapping[str, float]) -> Iterable[tuple[str, float]]:
-    """Positions by motion; a joint stands for all of its own."""
-    joints = {body.joint.name: [motion.name for motion in body.joint.motions] for body in mechanism.bodies}
-    for name, position in positions.items():
-        yield from ((motion, position) for motion in joints.get(name) or [name])
 
 
 def _with_coupled(mechanism: Mechanism, positions: Mapping[str, float]) -> dict[str, float]:
@@ -101,14 +96,14 @@ def _body(body: Body, positions: Mapping[str, float]) -> Body:
 
 
 def _placed(motion: Motion, position: float) -> Placement:
-    """Where a motion is at a position."""
+    """The placement that takes the place of a motion at a position."""
     if motion.kind is MotionKind.BALL:
         if position:
             raise InputError(f"'{motion.name}' turns freely; it can be held at 0 only")
         return Placement()
     angle = 0.0 if motion.kind is MotionKind.TRANSLATION else position
     cosine, sine = circle_point(Fraction(tan(angle / 2)).limit_denominator(_DENOMINATOR))
-    return displaced(motion, as_polynomial(cosine), as_polynomial(sine), as_polynomial(Fraction(position)))
+    return moved_by(motion, as_polynomial(cosine), as_polynomial(sine), as_polynomial(Fraction(position)))
 
 
 def _actuators(mechanism: Mechanism, gone: Iterable[str]) -> Iterable[Actuator]:

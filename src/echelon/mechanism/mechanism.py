@@ -69,6 +69,13 @@ def plain(name: str, unit: str, channel: Channel) -> Output:
     return Output(name, unit, ((channel, _ONE),))
 
 
+def wrench_output(name: str, component: str, body: int, frame: Placement, *, on_parent: bool = False) -> Output:
+    """One component of a force/torque sensor, such as ``fx`` or ``tz``."""
+    angular = component[0] == "t"
+    cut = Cut(body, frame, on_parent, "xyz".index(component[1]), angular)
+    return plain(f"{name}.{component}", "N·m" if angular else "N", cut)
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One standard parameter."""
@@ -255,7 +262,7 @@ class Mechanism:
         return " and ".join("the base" if b == GROUND else self.bodies[b].name for b in (found.first, found.second))
 
     def joint_label(self, body: int) -> str:
-        """What names the effects at a body's joint: its label, or the joint's name where other bodies share that."""
+        """The ending of names of effects at a body's joint: its label, or the joint's name if the label is shared."""
         shared = len(self.sharing[body]) > 1
         return f"_{self.bodies[body].joint.name}" if shared else self.bodies[body].label
 

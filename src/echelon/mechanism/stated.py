@@ -220,7 +220,7 @@ class StatedValues:
         return {name: Symbol(name, sizes[name], texts[name], "unit of angles") for name in UNITS}
 
     def put_in(self, names: Collection[str]) -> dict[str, Polynomial]:
-        """What some symbols' generators become: numbers, and sines and cosines of multiples of units."""
+        """Expressions for the generators of some symbols: numbers, and sines and cosines of multiples of units."""
         values = {name: Polynomial.constant(self.numbers[name]) for name in names if name in self.numbers}
         for name in names:
             if name in self.angles:
@@ -331,7 +331,7 @@ def vanishes(value: Polynomial, symbols: Mapping[str, Symbol]) -> bool:
 
 
 def angle_generators(name: str, angle: Angle) -> dict[str, Polynomial]:
-    """What the cosine and sine of an angle symbol become when it is another angle."""
+    """Cosine and sine of an angle symbol that stands for another angle, by generator."""
     return {cosine(name): angle.cos(), sine(name): angle.sin()}
 
 

@@ -35,7 +35,7 @@ POINT = "it has mass, but no rotational inertia: it is a point"
 
 @dataclass(frozen=True)
 class Fault:
-    """What is wrong with a link, and whether it can matter."""
+    """A fault of a link, and whether torques show it."""
 
     link: str
     problem: str
@@ -89,7 +89,7 @@ def _solid(robot: RobotFile) -> set[str]:
 
 
 def problem_of(inertial: Floats, size: float) -> str:
-    """What is wrong with a body's standard parameters, shape (10,); empty if nothing is.  ``size`` of the robot, m."""
+    """The fault in a body's standard parameters, shape (10,); empty if there is none.  ``size`` of the robot, m."""
     mass = inertial[-1]
     if not np.isfinite(inertial).all():
         return "its inertia is not finite"
@@ -134,27 +134,18 @@ def _verdict(base: BaseModel, body: int, *, missing: bool) -> tuple[bool | None,
     if inertial is None:
         return None, "not decided: its body states no inertia"
     values = np.array(inertial)
-    unseen = _null_space(columns)
+    _, sizes, directions = np.linalg.svd(columns)  # entries of B are lengths to some power
+    unseen = directions[int((sizes > 1e-9 * sizes[0]).sum()) :]  # vectors z with B z = 0
     if can_exist(values, np.zeros((0, PER_BODY))):
         return False, "with what is fixed to it, it makes a body that can exist"
     if len(unseen) and can_exist(values, unseen):
-        return False, f"the violation lies in {_combinations(len(unseen))} that no torque contains"
+        where = f"{len(unseen)} combinations" if len(unseen) > 1 else "a combination"
+        return False, f"the violation lies in {where} of its parameters that no torque contains"
     return True, f"torques show it in {_some(entered)}: no body with the same torques in its place can exist"
-
-
-def _combinations(count: int) -> str:
-    return f"{count} combinations of its parameters" if count > 1 else "a combination of its parameters"
 
 
 def _some(names: list[str]) -> str:
     return ", ".join(map(one_line, names[:6])) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
-
-
-def _null_space(matrix: Floats) -> Floats:
-    """Vectors z with B z = 0 as rows, for a matrix of shape (r, 10) whose entries are lengths to some power."""
-    _, sizes, directions = np.linalg.svd(matrix)
-    rank = int((sizes > 1e-9 * sizes[0]).sum())
-    return directions[rank:]
 
 
 def can_exist(values: Floats, free: Floats) -> bool:

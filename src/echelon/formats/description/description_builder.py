@@ -165,7 +165,7 @@ class _Tree:
         return frozenset(stated | set(self.options.massless))
 
     def _loaded(self, body: Body, riders: list[Part]) -> Body:
-        """A body with what rides on it."""
+        """A body with the parts that are fixed to it."""
         loaded = body.massless and not all(part.name in self.massless for part in riders)
         carried = ALL if loaded else body.carried
         if body.inertial is None and not body.massless:
@@ -185,7 +185,7 @@ class _Tree:
         return replace(body, carried=carried, inertial=values)
 
     def _moved(self, part: Part) -> Floats | None:
-        """A rider's parameters about the frame of its body, if all symbols on the way have values."""
+        """Parameters of a fixed part about the frame of its body, if all symbols on the way have values."""
         _, place = self.lumped.place(part.name)
         known = self.expressions.snapping.known
         if not known.keys() >= set(place.symbols()):
@@ -300,7 +300,7 @@ def _body_part(body: BodyEntry, path: str, names: Sequence[str], joints: Joints)
 
 
 def _kind(body: BodyEntry) -> tuple[str, bool]:
-    """What a joint is called, and whether it moves."""
+    """The type of a body's joint, and whether it moves."""
     if body.joint is None:
         return "root", False
     if body.joint.type == "custom":

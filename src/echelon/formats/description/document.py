@@ -346,7 +346,7 @@ def _constant(expressions: Expressions, text: str, path: str) -> float:
 
 
 def with_intended_angles(mechanism: Mechanism, snapping: Snapping) -> Mechanism:
-    """Decimal values of angle symbols that are near a multiple of 15° are that multiple; near zero they are meant."""
+    """Decimal values of angle symbols near a multiple of 15° become that multiple, but not near zero."""
     found = dict(mechanism.symbols)
     for name in sorted(symbol_roles(mechanism).angles & found.keys()):
         symbol, element = found[name], f"symbols.{name}"

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def explained(data: Any, problems: list[ErrorDetails]) -> tuple[str, str]:
-    """Where the first problem is, and what it is; a misspelt key comes before the key that is missing because of it."""
+    """Path and description of the first problem; a misspelt key comes before the key that is missing because of it."""
     first = min(problems, key=lambda p: p["type"] == "missing")
     path, value = _locate(data, first["loc"])
     unknown = first["type"] == "unknown_key"

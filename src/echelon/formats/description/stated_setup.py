@@ -13,7 +13,7 @@ import numpy as np
 from echelon.conventions import PARAMETERS
 from echelon.exact.expressions import PI, Angle
 from echelon.exact.polynomial import Polynomial
-from echelon.formats.bodies import BASE
+from echelon.formats.bodies import BASE, TO_AXIS
 from echelon.formats.builder import Built
 from echelon.formats.closure_frames import at_zero, second_frame
 from echelon.formats.description.couplings import CouplingReader
@@ -39,16 +39,16 @@ from echelon.mechanism.closed_pose import follow
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.coupling import Coupling, linear
 from echelon.mechanism.effect import Action, Effect, Side, ready_made
-from echelon.mechanism.joint import GROUND, Body, Joint, Motion, MotionKind, Placement, X, Y, Z, merge, turn
+from echelon.mechanism.joint import GROUND, Body, Joint, Motion, MotionKind, Placement, X, merge, turn
 from echelon.mechanism.mechanism import (
     Actuator,
     ActuatorForce,
     Channel,
-    Cut,
     JointForce,
     Mechanism,
     Output,
     plain,
+    wrench_output,
 )
 
 FindPart = Callable[[str | None, str], tuple[int, Placement]]
@@ -60,17 +60,7 @@ ADDITIONS = ("loops", "independent", "assembly", "closed_at", "actuators", "roto
 EVERY = "all"
 _SPIN = (PARAMETERS.index("XX"), PARAMETERS.index("YY"), PARAMETERS.index("ZZ"))
 _ALIASES = {"points": ClosureKind.SPHERICAL, "axes": ClosureKind.CYLINDRICAL}
-_QUARTER, _HALF = Angle(Fraction(1, 2)), Angle(Fraction(1))
-_BACK = Angle(Fraction(-1, 2))
-_Z_ALONG = {
-    (X, 1): turn(Y, _QUARTER),
-    (X, -1): turn(Y, _BACK),
-    (Y, 1): turn(X, _BACK),
-    (Y, -1): turn(X, _QUARTER),
-    (Z, 1): Placement(),
-    (Z, -1): turn(X, _HALF),
-}
-"""Frames whose z axis lies along a coordinate axis, by axis and sign."""
+_FLIP = turn(X, Angle(Fraction(1)))
 
 
 class Additions:
@@ -109,7 +99,7 @@ class Additions:
             yield Actuator(name, terms)
 
     def _linear(self, entry: str | LinearTerms, path: str) -> tuple[tuple[str, Polynomial], ...]:
-        """A combination of coordinates that no coupling makes dependent; actuators may stand for what they are."""
+        """A combination of uncoupled coordinates; an actuator's name stands for its own combination."""
         moving = {m.name: m for m in self.mechanism.free_motions}
         single = {name: m for name, m in moving.items() if m.kind is not MotionKind.BALL}
         reader = CouplingReader(self.expressions, single)
@@ -224,14 +214,8 @@ class Additions:
         body, rides = self.find(entry.wrench, f"{path}.wrench")
         frame = rides @ self.expressions.frame(entry.frame, f"{path}.frame", f"_{entry.name or entry.wrench}")
         name = entry.name or entry.wrench
-        return [
-            plain(
-                f"{name}.{component}",
-                "N" if component[0] == "f" else "N·m",
-                Cut(body, frame, entry.fixed_to == "parent", "xyz".index(component[1]), component[0] == "t"),
-            )
-            for component in entry.components
-        ]
+        on_parent = entry.fixed_to == "parent"
+        return [wrench_output(name, component, body, frame, on_parent=on_parent) for component in entry.components]
 
     # -- loops -----------------------------------------------------------------------------------------------------
 
@@ -301,10 +285,10 @@ class Additions:
             return Placement()
         direction = self.expressions.direction(entry.axis, f"{path}.axis")
         mounting, axis, sign = self.expressions.snapping.direction(direction, f"{path}.axis", stem)
-        return mounting @ _Z_ALONG[axis, sign]
+        return mounting @ TO_AXIS[axis] @ (_FLIP if sign < 0 else Placement())
 
     def _met(self, kind: ClosureKind, first: int, second: int, frame: Placement, path: str) -> Placement:
-        """Where a frame of the first body is on the second one while all coordinates are zero."""
+        """The frame of the second body that coincides with that of the first one while all coordinates are zero."""
         bodies, symbols = self.mechanism.bodies, {**self.mechanism.symbols, **self.expressions.named}
         try:
             return second_frame(
@@ -332,7 +316,7 @@ class Additions:
         return found
 
     def _followed(self, mechanism: Mechanism) -> Mechanism:
-        """The mechanism with second frames that follow at the exact pose."""
+        """The mechanism with second frames of closures that are moved onto the first ones at the exact pose."""
         pose = {
             name: tuple(self.expressions.polynomial(text, f"closed_at.{name}[{k}]") for k, text in enumerate(position))
             for name, position in self.robot.closed_at.items()

@@ -142,7 +142,7 @@ _COMPILED = (
 
 @dataclass(frozen=True)
 class CompiledModel:
-    """What MuJoCo makes of a file."""
+    """A file as MuJoCo compiles it."""
 
     model: Any  # bodies and joints all have names
     spec: Any  # the same before compilation, with the numbers as written

@@ -10,10 +10,17 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
-from echelon.exact.expressions import STEPS_PER_HALF_TURN, parse_decimal
+from echelon.exact.expressions import parse_decimal
 from echelon.exact.polynomial import Rational
-from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralStep, Triple, rotation_matrix
-from echelon.formats.snapping import checked_size
+from echelon.formats.literal import (
+    LiteralMotion,
+    LiteralPlacement,
+    LiteralStep,
+    Triple,
+    roll_pitch_yaw,
+    rotation_matrix,
+)
+from echelon.formats.snapping import checked_size, nearest_step
 from echelon.inertia import rotation_of
 
 _NOISE = 1e-14  # what a few roundings of MuJoCo's compiler leave of a zero or of a multiple of 15°
@@ -48,9 +55,8 @@ def placements_of(element: str, xyz: Triple, matrix: npt.NDArray[np.float64]) ->
 
 
 def _rpy(matrix: npt.NDArray[np.float64]) -> Triple:
-    roll = atan2(matrix[2, 1], matrix[2, 2])
-    pitch = atan2(-matrix[2, 0], hypot(matrix[0, 0], matrix[1, 0]))
-    return exact_angle(roll), exact_angle(pitch), exact_angle(atan2(matrix[1, 0], matrix[0, 0]))
+    roll, pitch, yaw = map(exact_angle, roll_pitch_yaw(matrix))
+    return roll, pitch, yaw
 
 
 def displaced(
@@ -90,8 +96,7 @@ def exact_number(value: float) -> Rational:
 
 def exact_angle(value: float) -> Rational:
     """An angle in rad without the noise of computing it, if it is a multiple of 15°."""
-    step = pi / STEPS_PER_HALF_TURN
-    nearest = round(value / step) * step
+    nearest = nearest_step(value)
     return exact_number(nearest if abs(value - nearest) <= _NOISE else value)
 
 

@@ -264,7 +264,7 @@ class Sensors:
             self.notes.append(f"sensors of other quantities than drive forces and wrenches are left out: {counts}")
 
     def read(self, model: Any) -> Iterator[LiteralSensor]:
-        """Those that measure forces, in terms of the compiled model."""
+        """The force sensors in terms of the compiled model."""
         for label, name, site, angular in self._wrenches:
             link, placements = site_frame(model, site, label)
             if link:
@@ -274,7 +274,7 @@ class Sensors:
         yield from self._efforts
 
     def _named(self, stated: str, target: str) -> str:
-        """The sensor's name, or one after what it is on."""
+        """The sensor's name, or one made from the name of its site, joint or actuator."""
         if stated:
             return str(stated)
         self._taken.add(name := unused(target, self._taken))
@@ -311,7 +311,7 @@ _ANCHOR, _POSITION, _QUATERNION, _TORQUE_SCALE = slice(0, 3), slice(3, 6), slice
 _BALL = ("w", "x", "y", "z")
 
 
-_DRIVES = {"damping": "viscous", "frictionloss": "coulomb", "armature": "rotor_inertia", "stiffness": "spring"}
+DRIVES = {"damping": "viscous", "frictionloss": "coulomb", "armature": "rotor_inertia", "stiffness": "spring"}
 """Attributes of joints, and the effects that they are."""
 
 
@@ -319,7 +319,7 @@ def stated_drives(spec: Any) -> dict[str, dict[str, float]]:
     """Effects that joints state, and which of them actuators drive through gears."""
     found: dict[str, dict[str, float]] = {}
     for joint in spec.joints:
-        numbers = {kind: float(np.ravel(getattr(joint, key))[0]) for key, kind in _DRIVES.items()}
+        numbers = {kind: float(np.ravel(getattr(joint, key))[0]) for key, kind in DRIVES.items()}
         found[str(joint.name)] = {kind: value for kind, value in numbers.items() if value}
     for actuator in spec.actuators:
         if drives_joint(actuator) and abs(actuator.gear[0]) not in (0.0, 1.0):
@@ -328,7 +328,7 @@ def stated_drives(spec: Any) -> dict[str, dict[str, float]]:
 
 
 def read_poses(model: Any, keyframes: Mapping[str, Sequence[float]]) -> dict[str, dict[str, float]]:
-    """The coordinates of the reference pose, and of the keyframes, by what states them."""
+    """The coordinates of the reference pose and of the keyframes, by name of the pose."""
     names: list[str] = []
     for index in range(model.njnt):
         joint = model.joint(index)

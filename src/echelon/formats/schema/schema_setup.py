@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Discriminator, Tag, model_validator
 
@@ -18,7 +18,7 @@ from echelon.formats.schema.schema_types import (
     refusal,
     required,
 )
-from echelon.mechanism.effect import CONSTANTS
+from echelon.mechanism.effect import CONSTANTS, KINDS
 
 Side = Literal["joint", "actuator"]
 Component = Literal["fx", "fy", "fz", "tx", "ty", "tz"]
@@ -67,24 +67,10 @@ class LinearTerms(Model):
 # -- effects --------------------------------------------------------------------------------------------------------
 
 
-Ready = Literal[
-    "viscous",
-    "coulomb",
-    "asymmetric_viscous",
-    "asymmetric_coulomb",
-    "offset",
-    "stribeck",
-    "load_friction",
-    "temperature_friction",
-    "rotor_inertia",
-    "spring",
-    "counterbalance",
-    "cable",
-    "stop",
-    "ripple",
-    "drive_gain",
-    "servo",
-]
+if TYPE_CHECKING:
+    Ready = str
+else:
+    Ready = Literal[*KINDS]
 
 
 class ReadyEffect(Model):
@@ -179,7 +165,7 @@ def effect_list(value: object) -> object:
 
 def _of_one(key: str, value: object) -> list[object]:
     """Effects of one type, or at one place."""
-    if key in get_args(Ready):
+    if key in KINDS:
         return [{"type": key, **value} if isinstance(value, dict) else {"type": key, "at": value}]
     if isinstance(value, dict) and not {"type", "parameter"} & value.keys():
         value = [{"type": kind, **(options if isinstance(options, dict) else {})} for kind, options in value.items()]

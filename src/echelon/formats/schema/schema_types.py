@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import re
 from functools import partial
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
@@ -21,6 +21,7 @@ from pydantic_core import PydanticCustomError
 from echelon.exact.expressions import PI, is_whole, parse
 from echelon.formats.snapping import NOT_FINITE
 from echelon.hints import nearest
+from echelon.mechanism.closure import ClosureKind
 
 _INFINITE = re.compile(r"[+-]?inf(inity)?", re.IGNORECASE)
 _FLAGS = {"true": True, "false": False}
@@ -319,6 +320,10 @@ class CustomJoint(Model):
 Joint = Annotated[AxisJoint | HelicalJoint | UniversalJoint | PlainJoint | CustomJoint, Field(discriminator="type")]
 
 
+if TYPE_CHECKING:
+    LoopJoint = str
+else:
+    LoopJoint = Literal[*(kind.value for kind in ClosureKind), "points", "axes"]
 _WITHOUT_AXIS = ("weld", "spherical", "points")
 
 
@@ -326,19 +331,9 @@ class LoopEntry(Model):
     """A joint that closes a loop: it holds a frame of one body against a frame of another."""
 
     name: Name | None = optional(None, "Name of the loop; default loop1, loop2, …", "rocker")
-    joint: Literal[
-        "weld",
-        "revolute",
-        "prismatic",
-        "cylindrical",
-        "planar",
-        "universal",
-        "spherical",
-        "point_on_axis",
-        "point_on_plane",
-        "points",
-        "axes",
-    ] = required("Kind of the joint; points is another word for spherical, axes for cylindrical.", "revolute")
+    joint: LoopJoint = required(
+        "Kind of the joint; points is another word for spherical, axes for cylindrical.", "revolute"
+    )
     connects: PairOfParts = required(
         "Names of the first and the second body, or of frames on them; base for the base, null for the fixed world.",
         ["coupler", "rocker"],

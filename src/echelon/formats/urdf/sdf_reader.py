@@ -13,11 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from math import atan2, hypot, pi, radians
+from math import atan2, hypot, radians
 from typing import Any
 
 from echelon.errors import InputError
-from echelon.exact.expressions import STEPS_PER_HALF_TURN
 from echelon.exact.polynomial import as_polynomial
 from echelon.formats.literal import (
     LiteralClosure,
@@ -33,7 +32,7 @@ from echelon.formats.literal import (
     numeric_placements,
 )
 from echelon.formats.mjcf.mjcf_numbers import exact_angle, exact_number, placements, placements_of
-from echelon.formats.snapping import ANGLE_TOLERANCE
+from echelon.formats.snapping import ANGLE_TOLERANCE, nearest_step
 from echelon.formats.urdf.urdf_reader import ExactXml
 from echelon.hints import in_quotes, nearest_of
 from echelon.mechanism.closure import ClosureKind
@@ -134,7 +133,7 @@ class _Frames(ExactXml):
         return name
 
     def between(self, start: str, end: str, element: str) -> tuple[LiteralPlacement, ...]:
-        """Where one frame is in another one."""
+        """The placements from one frame to another one."""
         down, up = self._way(end, element), self._way(start, element)
         common = 0
         while common < min(len(down), len(up)) and down[common] == up[common]:
@@ -415,7 +414,7 @@ class _Reader(_Frames):
         return LiteralClosure(joint.element, joint.name, _CLOSURES[joint.kind], first, second, one, two)
 
     def _couplings(self) -> Iterator[StatedCoupling]:
-        """What mimic elements say."""
+        """The couplings that mimic elements state."""
         for joint in self.joints:
             mimic = joint.data.find("axis/mimic")
             if mimic is None:
@@ -438,5 +437,4 @@ class _Reader(_Frames):
 
 def _is_general(placement: LiteralPlacement) -> bool:
     """Whether a placement turns by angles that are no multiples of 15°."""
-    step = pi / STEPS_PER_HALF_TURN
-    return any(abs(a - step * round(a / step)) > ANGLE_TOLERANCE for a in map(float, placement.rpy))
+    return any(abs(angle - nearest_step(angle)) > ANGLE_TOLERANCE for angle in map(float, placement.rpy))

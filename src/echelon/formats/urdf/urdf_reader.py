@@ -31,7 +31,7 @@ from echelon.hints import in_quotes
 from echelon.mechanism.coupling import linear
 
 JOINT_TYPES = (*MOTIONS, "fixed")
-_SINGLE_AXIS = ("revolute", "continuous", "prismatic")
+SINGLE_AXIS = ("revolute", "continuous", "prismatic")
 _DEFAULT_AXIS: Triple = (1, 0, 0)
 _MOST_NAMED = 6  # links in messages
 _DYNAMICS = {"damping": "viscous", "friction": "coulomb", "armature": "rotor_inertia"}
@@ -258,7 +258,7 @@ class UrdfReader(ExactXml):
                 continue
             for role in (name, leader):
                 kind = self.joints[role].get("type")
-                if kind not in _SINGLE_AXIS:
+                if kind not in SINGLE_AXIS:
                     raise self.error(f"joint '{role}' is {kind}; only single-axis joints can be coupled", where)
             ratio, offset = (
                 as_polynomial(self.number(mimic.get(key, usual), where))

@@ -266,7 +266,7 @@ def _short_form(body: Body, joints: Joints) -> dict[str, Any] | None:
 
 
 def _guess(joint: Joint) -> dict[str, Any]:
-    """What the joint would be if it had the usual form: a placement, motions, a placement."""
+    """The joint written in the usual form: a placement, motions, a placement."""
     steps: list[Step] = list(joint.steps)
     origin = steps.pop(0) if steps and isinstance(steps[0], Placement) else Placement()
     frame = steps.pop() if steps and isinstance(steps[-1], Placement) else Placement()

@@ -23,7 +23,7 @@ from echelon.errors import InputError
 from echelon.formats.writers.xml_editor import comment
 from echelon.hints import in_quotes
 from echelon.inertia import convert, pseudo_inertia
-from echelon.mechanism.effect import Action, Side
+from echelon.mechanism.effect import KINDS, Action, Side
 from echelon.mechanism.joint import ALL, Body
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
@@ -40,7 +40,7 @@ _NEGLIGIBLE = 1e-12  # size of a body, relative to the largest, that is none but
 
 @dataclass(frozen=True)
 class Load:
-    """What a body weighs."""
+    """Mass properties of a body about its centre of mass."""
 
     mass: float  # kg
     centre: tuple[float, ...]  # centre of mass in the body's frame, m
@@ -157,9 +157,15 @@ def reading_notes(mechanism: Mechanism, values: IdentifiedValues, root: Any, fil
         yield "files that it refers to are looked for relative to the folder of the input"
 
 
-VISCOUS, COULOMB, ROTOR_INERTIA = "viscous friction", "Coulomb friction", "rotor inertia"
-STIFFNESS, OFFSET = "stiffness of springs", "constant forces"
-_TERMS = {"qd": VISCOUS, "sign(qd)": COULOMB, "qdd": ROTOR_INERTIA, "q": STIFFNESS, "1": OFFSET}
+CALLED = {
+    "viscous": "viscous friction",
+    "coulomb": "Coulomb friction",
+    "rotor_inertia": "rotor inertia",
+    "spring": "stiffness of springs",
+    "offset": "constant forces",
+}
+"""Kinds of effects that files may state as one number of a joint, and their names in notes."""
+_TERMS = {KINDS[kind][0].term: kind for kind in CALLED}
 
 
 @dataclass(frozen=True)
@@ -206,7 +212,7 @@ def joint_effects(
 
 
 def kept_notes(stated: Mapping[str, Mapping[str, float]], written: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
-    """What to say of numbers of joints that a file states and the identified model does not have."""
+    """Notes on numbers of joints that a file states and the identified model does not have."""
     kept: dict[str, list[str]] = {}
     for joint, numbers in stated.items():
         for name, value in numbers.items():
@@ -217,7 +223,7 @@ def kept_notes(stated: Mapping[str, Mapping[str, float]], written: Mapping[str, 
 
 
 def _simple(mechanism: Mechanism, action: Action, value: float) -> _Simple | None:
-    """What an effect does at a joint, if it is of a known kind and acts on one joint only."""
+    """An effect as one number of one joint; None for effects of other kinds, or on several joints."""
     term = "".join(action.term.split()).replace(f"[{action.at}]", "")
     kind = _TERMS.get(term)
     if kind is None:
@@ -230,19 +236,19 @@ def _simple(mechanism: Mechanism, action: Action, value: float) -> _Simple | Non
         return None
     coordinate, ratio = terms[0]
     gear = ratio.at(known)
-    return _Simple(kind, coordinate, value * {COULOMB: abs(gear), OFFSET: gear}.get(kind, gear * gear))
+    return _Simple(kind, coordinate, value * {"coulomb": abs(gear), "offset": gear}.get(kind, gear * gear))
 
 
 def _obstacle(
     simple: _Simple | None, supported: Mapping[str, str], coordinates: Collection[str], file_format: str
 ) -> str:
-    """Why an effect cannot be an attribute of a joint; empty if it can."""
+    """The reason why an effect cannot be an attribute of a joint; empty if it can."""
     if simple is None:
         return f"{file_format} has no place for these effects, left out"
     if simple.kind not in supported:
-        return f"{file_format} has no place for {simple.kind}, left out"
+        return f"{file_format} has no place for {CALLED[simple.kind]}, left out"
     if simple.coordinate not in coordinates:
         return f"{file_format} states effects of single-axis joints only, left out"
-    if simple.value < 0 and simple.kind != OFFSET:
-        return f"simulators refuse negative {simple.kind}, left out"
+    if simple.value < 0 and simple.kind != "offset":
+        return f"simulators refuse negative {CALLED[simple.kind]}, left out"
     return ""

@@ -17,13 +17,9 @@ import numpy as np
 
 from echelon.errors import InputError
 from echelon.formats.mjcf.mjcf_model import NO_MASS, MjcfDocument, checked_mjcf, compile_spec, import_mujoco, parse_spec
+from echelon.formats.mjcf.mjcf_reader import DRIVES
 from echelon.formats.writers.identified_values import (
-    COULOMB,
-    OFFSET,
     ROTOR,
-    ROTOR_INERTIA,
-    STIFFNESS,
-    VISCOUS,
     IdentifiedValues,
     Load,
     head_comment,
@@ -75,8 +71,8 @@ def _with_includes(text: str, source: str, included: Mapping[str, bytes]) -> str
 
 
 _FORMAT = "MJCF"
-_FRICTION = {VISCOUS: "damping", COULOMB: "frictionloss", ROTOR_INERTIA: "armature"}
-_ATTRIBUTES = {**_FRICTION, STIFFNESS: "stiffness", OFFSET: "springref"}
+_ATTRIBUTES = {kind: attribute for attribute, kind in DRIVES.items()} | {"offset": "springref"}
+_RUBBING = ("damping", "frictionloss", "armature")
 _HARMFUL = ("inertiafromgeom", "balanceinertia", "boundmass", "boundinertia", "settotalmass")
 """Settings of the compiler that may change stated inertias; without them it does not."""
 _HARMLESS = ("auto", "false")
@@ -92,21 +88,17 @@ class MjcfEditor:
 
     def written(self, remarks: Sequence[str]) -> tuple[str, tuple[str, ...]]:
         """The document, and notes."""
-        known = set(self.model.bodies.values())
-        strange = next((name for name in self.indices if name not in known), None)
+        fixed = {name for body, name in self.model.bodies.items() if not _has(body, JOINTS)}
+        strange = next((name for name in self.indices if name not in self.model.bodies.values()), None)
         if strange is not None:
             raise InputError("the model has no such body", source=self.source, element=f"body '{strange}'")
         notes = [*remarks, *self._write_bodies(), *self._write_joints(), *self._write_compiler()]
         notes += reading_notes(self.mechanism, self.values, self.editor.root, _FORMAT)
-        if self.mechanism.bodies and self.mechanism.bodies[0].joint.name == "base" and self._base_is_fixed:
+        base = self.mechanism.bodies[0] if self.mechanism.bodies else None
+        if base is not None and (base.joint.name, base.joint.kind) == ("base", "floating") and base.name in fixed:
             notes.append("the base is fixed in this file as in the input, although it was identified floating")
         self.editor.insert_first(self.editor.root, head_comment(notes))
         return self.editor.result(), tuple(notes)
-
-    @property
-    def _base_is_fixed(self) -> bool:
-        base = next(e for e, name in self.model.bodies.items() if name == self.mechanism.bodies[0].name)
-        return self.mechanism.bodies[0].joint.kind == "floating" and not _has(base, JOINTS)
 
     # -- bodies ----------------------------------------------------------------------------------------------------
 
@@ -160,10 +152,7 @@ class MjcfEditor:
         for element, name in self.model.joints.items():
             numbers = self._with_spring(stated[name], written[name]) if name in stated else {}
             self.editor.set_attributes(element, {key: number_text(value) for key, value in numbers.items()})
-        said = {
-            name: {key: _first(getattr(joint, key)) for key in (*_FRICTION.values(), "stiffness")}
-            for name, joint in stated.items()
-        }
+        said = {name: {key: _first(getattr(joint, key)) for key in DRIVES} for name, joint in stated.items()}
         yield from kept_notes(said, written)
         yield from effects.notes
         yield from self._lost_offsets(written)
@@ -173,7 +162,7 @@ class MjcfEditor:
         # the identified values of the joint that leads cover those
         cleared: dict[str, list[str]] = {}
         for name, joint in stated.items():
-            for key in _FRICTION.values() if name in self.mechanism.dependent else ("armature",):
+            for key in _RUBBING if name in self.mechanism.dependent else ("armature",):
                 if _first(getattr(joint, key)) and key not in written[name]:
                     written[name][key] = 0.0
                     cleared.setdefault(key, []).append(name)
@@ -196,7 +185,7 @@ class MjcfEditor:
             if numbers.get("springref") and not numbers.get("stiffness")
         ]
         if lost:
-            yield f"{_FORMAT} has no place for {OFFSET} without springs, left out (SI units): {', '.join(lost)}"
+            yield f"{_FORMAT} has no place for constant forces without springs, left out (SI units): {', '.join(lost)}"
 
     def _write_compiler(self) -> Iterator[str]:
         changed: list[str] = []

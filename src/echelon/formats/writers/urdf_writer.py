@@ -22,12 +22,10 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.exact.polynomial import as_polynomial
 from echelon.formats.literal import roll_pitch_yaw
-from echelon.formats.urdf.urdf_reader import stated_number
+from echelon.formats.urdf.urdf_reader import SINGLE_AXIS, stated_number
 from echelon.formats.writers.description_writer import expression_text
 from echelon.formats.writers.identified_values import (
-    COULOMB,
     ROTOR,
-    VISCOUS,
     IdentifiedValues,
     JointEffects,
     Load,
@@ -48,9 +46,8 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values, placement_matrix
 
 FORMAT = "URDF"
-DYNAMICS = {VISCOUS: "damping", COULOMB: "friction"}
+DYNAMICS = {"viscous": "damping", "coulomb": "friction"}
 """What the element <dynamics> can say; URDF has nothing for the inertia of a rotor."""
-SINGLE_AXIS = ("revolute", "continuous", "prismatic")
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
@@ -163,7 +160,7 @@ _USUAL_GRAVITY = (0, 0, Fraction(-981, 100))
 
 
 def urdf_obstacle(mechanism: Mechanism, values: IdentifiedValues) -> str:
-    """Why URDF cannot express a mechanism with these values; empty if it can."""
+    """The reason why URDF cannot express a mechanism with these values; empty if it can."""
     rotors = {m.name for body in mechanism.bodies if body.joint.kind == ROTOR for m in body.joint.motions}
     coupled = [c.coordinate for c in mechanism.couplings if c.coordinate not in rotors]
     if mechanism.closures:
