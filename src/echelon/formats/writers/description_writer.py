@@ -52,14 +52,19 @@ def expression_text(value: Polynomial) -> str:
     return format_polynomial(value) if number is None else decimal_text(number)
 
 
+def _stated(**entries: Any) -> dict[str, Any]:
+    """A mapping without the keys that are None."""
+    return {key: value for key, value in entries.items() if value is not None}
+
+
 def frame_data(placement: Placement) -> dict[str, Any]:
     """A frame, without what is zero."""
-    written: dict[str, Any] = {}
-    if placement.translation != ORIGIN:
-        written["xyz"] = [expression_text(part) for part in placement.translation]
-    if placement.rotation != IDENTITY:
-        written["rotation"] = [[expression_text(entry) for entry in row] for row in placement.rotation]
-    return written
+    xyz = [expression_text(part) for part in placement.translation]
+    rotation = [[expression_text(entry) for entry in row] for row in placement.rotation]
+    return _stated(
+        xyz=xyz if placement.translation != ORIGIN else None,
+        rotation=rotation if placement.rotation != IDENTITY else None,
+    )
 
 
 def _loops(mechanism: Mechanism) -> dict[str, Any]:
@@ -67,15 +72,13 @@ def _loops(mechanism: Mechanism) -> dict[str, Any]:
     if not mechanism.closures:
         return {}
     closures = mechanism.stated_closures or mechanism.closures
-    written: dict[str, Any] = {"loops": [_loop(closure, mechanism) for closure in closures]}
-    if mechanism.independent:
-        written["independent"] = list(mechanism.independent)
-    if mechanism.assembly:
-        written["assembly"] = {name: repr(float(value)) for name, value in mechanism.assembly.items()}
-    if mechanism.closed_at:
-        pose = mechanism.closed_at.items()
-        written["closed_at"] = {name: [expression_text(x) for x in position] for name, position in pose}
-    return written
+    pose = mechanism.closed_at.items()
+    return _stated(
+        loops=[_loop(closure, mechanism) for closure in closures],
+        independent=list(mechanism.independent) or None,
+        assembly={name: repr(float(value)) for name, value in mechanism.assembly.items()} or None,
+        closed_at={name: [expression_text(x) for x in position] for name, position in pose} or None,
+    )
 
 
 def _loop(closure: Closure, mechanism: Mechanism) -> dict[str, Any]:
@@ -97,23 +100,19 @@ def _part(body: int, mechanism: Mechanism) -> str | None:
 
 def _setup(mechanism: Mechanism) -> dict[str, Any]:
     """The keys ``actuators``, ``effects`` and ``outputs``, where there are any."""
-    written: dict[str, Any] = {}
-    if mechanism.actuators:
-        ratios = {a.name: {name: expression_text(ratio) for name, ratio in a.terms} for a in mechanism.actuators}
-        written["actuators"] = {name: {"terms": terms} for name, terms in ratios.items()}
-    if mechanism.effects:
-        written["effects"] = [_effect(effect) for effect in mechanism.effects]
-    if mechanism.measured is not None:
-        written["outputs"] = [_output(output, mechanism) for output in mechanism.measured]
-    return written
+    ratios = {a.name: {name: expression_text(ratio) for name, ratio in a.terms} for a in mechanism.actuators}
+    measured = mechanism.measured
+    return _stated(
+        actuators={name: {"terms": terms} for name, terms in ratios.items()} or None,
+        effects=[_effect(effect) for effect in mechanism.effects] or None,
+        outputs=None if measured is None else [_output(output, mechanism) for output in measured],
+    )
 
 
 def _effect(effect: Effect) -> dict[str, Any]:
     acts = [{"at": a.at, "side": a.side.value, "term": a.term} for a in effect.actions]
-    written: dict[str, Any] = {"parameter": effect.parameter, "unit": effect.unit, "acts": acts}
-    if effect.value is not None:
-        written["value"] = repr(float(effect.value))
-    return written
+    value = None if effect.value is None else repr(float(effect.value))
+    return _stated(parameter=effect.parameter, unit=effect.unit, acts=acts, value=value)
 
 
 def _output(output: Output, mechanism: Mechanism) -> dict[str, Any]:
@@ -153,20 +152,17 @@ def write_description(mechanism: Mechanism, *, elementary: bool = False) -> dict
         if names.count(name) > 1:
             raise InputError("two bodies have this name; a description needs unique names", element=f"body '{name}'")
     joints = None if elementary else _reader(mechanism)
-    document: dict[str, Any] = {"echelon": 1, "name": mechanism.name}
-    symbols = _symbols(mechanism)
-    if symbols:
-        document["symbols"] = symbols
-    document["gravity"] = _gravity(mechanism.gravity)
-    if mechanism.couplings:
-        document["couplings"] = [
-            {c.coordinate: {"terms": {name: _function(function) for name, function in c.terms}}}
-            for c in mechanism.couplings
-        ]
-    document |= _loops(mechanism)
-    document |= _setup(mechanism)
-    document["bodies"] = [_body(body, mechanism, joints) for body in mechanism.bodies]
-    return document
+    terms = {c.coordinate: {name: _function(function) for name, function in c.terms} for c in mechanism.couplings}
+    return _stated(
+        echelon=1,
+        name=mechanism.name,
+        symbols=_symbols(mechanism) or None,
+        gravity=_gravity(mechanism.gravity),
+        couplings=[{coordinate: {"terms": functions}} for coordinate, functions in terms.items()] or None,
+        **_loops(mechanism),
+        **_setup(mechanism),
+        bodies=[_body(body, mechanism, joints) for body in mechanism.bodies],
+    )
 
 
 def _gravity(gravity: Vector | None) -> str | list[str]:
@@ -178,10 +174,8 @@ def _gravity(gravity: Vector | None) -> str | list[str]:
 def _function(function: Spline) -> str | dict[str, Any]:
     if function.ratio is not None:
         return expression_text(function.ratio)
-    written: dict[str, Any] = {"coefficients": [expression_text(c) for c in function.coefficients]}
-    if function.knots:
-        written["knots"] = [[decimal_text(knot), expression_text(jump)] for knot, jump in function.knots]
-    return written
+    knots = [[decimal_text(knot), expression_text(jump)] for knot, jump in function.knots]
+    return _stated(coefficients=[expression_text(c) for c in function.coefficients], knots=knots or None)
 
 
 # -- symbols --------------------------------------------------------------------------------------------------------
@@ -204,13 +198,8 @@ def _symbols(mechanism: Mechanism) -> dict[str, Any]:
 
 
 def _symbol(symbol: Symbol) -> str | dict[str, str] | None:
-    entry: dict[str, str] = {}
-    if symbol.exact is not None:
-        entry["value"] = symbol.exact
-    elif symbol.value is not None:
-        entry["approximate"] = repr(float(symbol.value))
-    if symbol.meaning:
-        entry["meaning"] = symbol.meaning
+    approximate = None if symbol.value is None or symbol.exact is not None else repr(float(symbol.value))
+    entry = _stated(value=symbol.exact, approximate=approximate, meaning=symbol.meaning or None)
     return entry.get("value") if set(entry) <= {"value"} else entry
 
 
@@ -218,19 +207,17 @@ def _symbol(symbol: Symbol) -> str | dict[str, str] | None:
 
 
 def _body(body: Body, mechanism: Mechanism, joints: Joints | None) -> dict[str, Any]:
-    written: dict[str, Any] = {"name": body.name, "label": body.label}
-    if body.parent != GROUND:
-        written["parent"] = mechanism.bodies[body.parent].name
-    written |= (joints and _short_form(body, joints)) or {"joint": _custom(body.joint)}
-    if body.massless:
-        written["massless"] = True
-    elif body.carried != ALL:
-        written["parameters"] = [PARAMETERS[k] for k in body.carried]
-    if body.joint.is_fixed:
-        written["separate"] = True
-    if body.inertial is not None:
-        written["inertial"] = {"standard": [repr(float(value)) for value in body.inertial]}
-    return written
+    inertial = None if body.inertial is None else [repr(float(value)) for value in body.inertial]
+    return _stated(
+        name=body.name,
+        label=body.label,
+        parent=mechanism.bodies[body.parent].name if body.parent != GROUND else None,
+        **((joints and _short_form(body, joints)) or {"joint": _custom(body.joint)}),
+        massless=body.massless or None,
+        parameters=[PARAMETERS[k] for k in body.carried] if body.carried not in ((), ALL) else None,
+        separate=body.joint.is_fixed or None,
+        inertial=None if inertial is None else {"standard": inertial},
+    )
 
 
 def _axis(motion: Motion) -> str:
