@@ -180,12 +180,14 @@ def _escape(text: str) -> str:
 
 def render(expression: Expression, style: TextStyle) -> str:
     """An expression in a style."""
-    pieces = [_group(group, style) for group in expression.groups]
-    first_sign, first = pieces[0]
-    text = (style.minus if first_sign < 0 else "") + first
-    for sign, piece in pieces[1:]:
-        text += f" {style.minus if sign < 0 else '+'} {piece}"
-    return text
+    return _sum([_group(group, style) for group in expression.groups], style)
+
+
+def _sum(terms: Sequence[tuple[int, str]], style: TextStyle) -> str:
+    """A sum of terms, each by its sign and absolute value."""
+    (sign, first), *others = terms
+    text = (style.minus if sign < 0 else "") + first
+    return text + "".join(f" {style.minus if s < 0 else '+'} {term}" for s, term in others)
 
 
 def _group(group: Group, style: TextStyle) -> tuple[int, str]:
@@ -209,16 +211,12 @@ def _decimal_text(group: Group, style: TextStyle) -> tuple[int, str]:
 def coefficient_text(coefficient: RationalFunction, style: TextStyle) -> tuple[int, str]:
     """Sign and absolute value of a coefficient; the text is empty for ±1."""
     top, bottom = coefficient.numerator, coefficient.denominator
-    sign = -1 if _leading_is_negative(top) else 1
+    _, lead = next(top.sorted_terms(), ((), 1))
+    sign = -1 if is_negative(lead) else 1
     top = -top if sign < 0 else top
     if coefficient.is_polynomial:
         return sign, "" if top == 1 else _factor(top, style)
     return sign, style.fraction(_factor(top, style), _factor(bottom, style))
-
-
-def _leading_is_negative(polynomial: Polynomial) -> bool:
-    lead = next(polynomial.sorted_terms(), ((), 1))[1]
-    return is_negative(lead)
 
 
 def _factor(polynomial: Polynomial, style: TextStyle) -> str:
@@ -226,8 +224,7 @@ def _factor(polynomial: Polynomial, style: TextStyle) -> str:
     terms = [_term(m, c, style) for m, c in polynomial.sorted_terms()]
     if len(terms) == 1 and terms[0][0] > 0:
         return terms[0][1]
-    text = (style.minus if terms[0][0] < 0 else "") + terms[0][1]
-    return "(" + text + "".join(f" {style.minus if s < 0 else '+'} {t}" for s, t in terms[1:]) + ")"
+    return f"({_sum(terms, style)})"
 
 
 def _term(monomial: Monomial, coefficient: Number, style: TextStyle) -> tuple[int, str]:
