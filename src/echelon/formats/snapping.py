@@ -181,20 +181,18 @@ class Snapping:
 
     def rotation(self, angles: Triple, element: str, label: str) -> Placement:
         """A rotation by roll, pitch and yaw."""
-        placed, general = Placement(), self._is_general(angles, element)
+        placed, general = Placement(), self.options.looped and self._is_general(angles, element)
         for axis, word in ((2, "yaw"), (1, "pitch"), (0, "roll")):
             value = angles[axis]
-            if value:
+            if value:  # in a loop a frame of a general orientation is near a multiple of 15° by chance
                 chance = general and abs(value - nearest_step(float(value))) > _written(value)
                 read = self.named_angle if chance else self.angle
                 placed = placed @ turn(axis, read(value, f"{element} {word}", f"{word}{label}"))
         return placed
 
     def _is_general(self, angles: Iterable[Rational | float], element: str) -> bool:
-        """Whether a frame in a loop has a general orientation: then an angle is near a multiple of 15° by chance."""
-        return self.options.looped and any(
-            abs(float(a) - nearest_step(float(a))) > self.angle_tolerance(element) for a in angles
-        )
+        """Whether an angle is no multiple of 15°."""
+        return any(abs(float(a) - nearest_step(float(a))) > self.angle_tolerance(element) for a in angles)
 
     def placements(self, literal: Iterable[LiteralPlacement], label: str) -> Placement:
         """Several of them, one after the other."""
@@ -347,10 +345,11 @@ class Snapping:
                     self.snaps.append(Snap(element, f"({text})", "xyz"[axis], off))
                 return Placement(), axis, 1 if component > 0 else -1
         angles = atan2(y, x), atan2(hypot(x, y), z)
-        if any(abs(a - round(a / _STEP) * _STEP) > self.angle_tolerance(element) for a in angles):
+        general = self._is_general(angles, element)
+        if general:
             with suppress(ValueError):
                 return _turned_to(direction)
-        read = self.computed_angle if self._is_general(angles, element) else self.angle
+        read = self.computed_angle if general else self.angle
         azimuth = read(angles[0], f"{element} azimuth", f"azimuth{label}")
         elevation = read(angles[1], f"{element} inclination", f"inclination{label}")
         return turn(2, azimuth) @ turn(1, elevation), 2, 1
