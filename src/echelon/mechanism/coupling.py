@@ -9,6 +9,7 @@ from itertools import pairwise
 from math import inf, isfinite
 from typing import Any, TypeVar
 
+import flint
 import numpy as np
 
 from echelon.arrays import Floats
@@ -122,21 +123,14 @@ def linear(ratio: Polynomial) -> Spline:
 
 def natural_spline(points: Sequence[tuple[Rational, Rational]]) -> tuple[Spline, Rational]:
     """The natural cubic spline through points, straight beyond the first and the last, as a spline and a constant."""
-    # its second derivatives mₖ at the points solve the tridiagonal equations (de Boor, A Practical Guide to Splines,
-    # IV) hₖ₋₁ mₖ₋₁ + 2 (hₖ₋₁ + hₖ) mₖ + hₖ mₖ₊₁ = 6 (dₖ − dₖ₋₁), with steps h, slopes d of the chords and zero at the
-    # ends
     ordered = sorted((Fraction(x), Fraction(y)) for x, y in points)
     if len(ordered) < 2 or any(a[0] == b[0] for a, b in pairwise(ordered)):
         raise ValueError("a spline needs two points or more, each with an x of its own")
     x, y = zip(*ordered, strict=True)
-    steps = [b - a for a, b in pairwise(x)]
-    chords = [(b - a) / h for (a, b), h in zip(pairwise(y), steps, strict=True)]
-    bends = [Fraction(0), *_bends(steps, chords), Fraction(0)]
-    thirds = [Fraction(0), *((b - a) / h for (a, b), h in zip(pairwise(bends), steps, strict=True)), Fraction(0)]
-    jumps = [(b - a) / (2 * _CUBIC) for a, b in pairwise(thirds)]
-    # before the first point it is straight; from the left, every knot adds c (x − xₖ)³
-    slope = chords[0] - steps[0] * bends[1] / (2 * _CUBIC)
-    pieces = [y[0] - slope * x[0], slope, Fraction(0), Fraction(0)]
+    # from the left it is a line to which every knot adds c (x − xₖ)³; beyond the last, Σ c = Σ c xₖ = 0 leave a line
+    rows = [[1, point, *(max(point - knot, 0) ** _CUBIC for knot in x)] for point in x]
+    start, slope, *jumps = _solved([*rows, [0, 0, *(1 for _ in x)], [0, 0, *x]], [*y, 0, 0])
+    pieces = [start, slope, Fraction(0), Fraction(0)]
     for knot, jump in zip(x, jumps, strict=True):
         if knot < 0:
             pieces = [p + jump * q for p, q in zip(pieces, (-(knot**3), 3 * knot**2, -3 * knot, 1), strict=True)]
@@ -145,22 +139,13 @@ def natural_spline(points: Sequence[tuple[Rational, Rational]]) -> tuple[Spline,
     return replace(found, knots=knots), pieces[0]
 
 
-def _bends(steps: Sequence[Fraction], chords: Sequence[Fraction]) -> list[Fraction]:
-    """Second derivatives at the inner points, by elimination."""
-    diagonal: list[Fraction] = []
-    right: list[Fraction] = []
-    for k in range(1, len(steps)):
-        middle, value = 2 * (steps[k - 1] + steps[k]), 6 * (chords[k] - chords[k - 1])
-        if diagonal:
-            factor = steps[k - 1] / diagonal[-1]
-            middle, value = middle - factor * steps[k - 1], value - factor * right[-1]
-        diagonal.append(middle)
-        right.append(value)
-    found: list[Fraction] = []
-    for k in reversed(range(len(diagonal))):
-        later = steps[k + 1] * found[0] if found else Fraction(0)
-        found.insert(0, (right[k] - later) / diagonal[k])
-    return found
+def _solved(rows: Sequence[Sequence[Rational]], right: Sequence[Rational]) -> list[Fraction]:
+    """The solution of linear equations in rational numbers."""
+    left, column = (
+        flint.fmpq_mat([[flint.fmpq(number.numerator, number.denominator) for number in row] for row in table])
+        for table in (rows, [[number] for number in right])
+    )
+    return [Fraction(int(number.p), int(number.q)) for number in left.solve(column).entries()]
 
 
 def _horner(coefficients: Sequence[Polynomial], x: T, number: Callable[[Polynomial], T]) -> T:
