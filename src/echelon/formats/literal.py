@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import reduce
+from graphlib import CycleError, TopologicalSorter
 from math import atan2, cos, hypot, sin
 
 import numpy as np
@@ -171,18 +172,13 @@ def resolved(couplings: Iterable[StatedCoupling], error: Callable[[str, str], In
         if earlier is not coupling:
             raise error(coupling.element, f"'{coupling.coordinate}' is already coupled in {earlier.element}")
     known: dict[str, StatedCoupling] = {}
-    for name in stated:
-        path = [] if name in known else [name]
-        while path:
-            coupling = stated[path[-1]]
-            later = next((leader for leader in coupling.terms if leader in stated and leader not in known), None)
-            if later is None:
-                known[path.pop()] = substituted(coupling, known, error)
-            elif later in path:
-                circle = " -> ".join([*path[path.index(later) :], later])
-                raise error(coupling.element, f"the couplings form a circle: {circle}")
-            else:
-                path.append(later)
+    order = TopologicalSorter({name: [n for n in c.terms if n in stated] for name, c in stated.items()})
+    try:
+        for name in order.static_order():
+            known[name] = substituted(stated[name], known, error)
+    except CycleError as found:
+        *_, last, _ = circle = found.args[1][::-1]
+        raise error(stated[last].element, f"the couplings form a circle: {' -> '.join(circle)}") from None
     return {name: known[name] for name in stated}
 
 
