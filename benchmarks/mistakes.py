@@ -1,6 +1,6 @@
 """Mistakes that are planted in set-ups of simulated arms: which of them `identify` names, and what it says without any.
 
-python benchmarks/mistakes.py                 eleven mistakes for each of five arms, and the same set-ups without any
+python benchmarks/mistakes.py                 twelve mistakes for each of five arms, and the same set-ups without any
 python benchmarks/mistakes.py --robots ur5    of some
 
 Arms move as Pinocchio computes, with masses, centres and inertias up to 40 % off those of their files, with friction,
@@ -102,7 +102,7 @@ def _exchanged(values: Floats, i: int, j: int) -> Floats:
 
 
 def mistakes(log: Log, names: list[str], rng: np.random.Generator) -> Iterator[tuple[str, Log, tuple[str, ...]]]:
-    """Eleven mistakes: what was done, the log that it gives, and words that have to be in the finding."""
+    """Twelve mistakes: what was done, the log that it gives, and words that have to be in the finding."""
     n = len(names)
     first, second, third, fourth = rng.permutation(n)[:4]
     i, j = sorted(rng.permutation(n)[:2])
@@ -110,6 +110,7 @@ def mistakes(log: Log, names: list[str], rng: np.random.Generator) -> Iterator[t
     sign, exchanged = "sign of the", "exchanged"
     yield "sign of a torque", Log(log.q, _flipped(log.tau, first)), (sign, "output", f"'{names[first]}'")
     yield "sign of another torque", Log(log.q, _flipped(log.tau, second)), (sign, "output", f"'{names[second]}'")
+    yield "signs of all torques", Log(log.q, -log.tau), ("signs of all outputs",)
     yield "sign of a position", Log(_flipped(log.q, third), log.tau), (sign, "position", f"'{names[third]}'")
     yield "sign of another position", Log(_flipped(log.q, fourth), log.tau), (sign, "position", f"'{names[fourth]}'")
     yield "exchanged torques", Log(log.q, _exchanged(log.tau, i, j)), (exchanged, "output", names[i], names[j])

@@ -64,6 +64,8 @@ def clock(factor: float) -> Plant:
 
 PLANTED: dict[str, tuple[str, Plant, str]] = {
     "sign of a torque": ("arm", outputs(lambda y: by(y, 4)), "the sign of the output of 'j5' is wrong"),
+    "signs of all torques": ("arm", outputs(lambda y: -y), "the signs of all outputs are wrong"),
+    "signs of all positions": ("arm", states(lambda q: -q), "the signs of all positions are wrong"),
     "sign of a position": ("arm", states(lambda q: by(q, 3)), "the sign of the position of 'j4' is wrong"),
     "a joint that turns back": (
         "arm",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from echelon.identification.survey import with_delays
 from echelon.logs.preparation.choices import Signals, chosen
 from echelon.logs.preparation.prepare import Preparation
 from echelon.logs.recording import Segment
-from support.paths import ROOT
+from support.paths import EXAMPLES, ROOT
 
 RATE, COUNT = 500.0, 6000
 VALUES = [0.31, 0.9, 0.01, 0.07, 0.25, -0.02]
@@ -45,6 +47,22 @@ def test_a_planted_delay_is_found(base: ec.BaseModel, delay: float) -> None:
     assert set(found.delays) == {"j1", "j2"}
     assert all(value == pytest.approx(delay, abs=3e-4) for value in found.delays.values())
     assert f"{1e3 * found.delays['j1']:.2g} ms" in found.reasons["delays"]
+
+
+@pytest.mark.parametrize("delay", [0.0004, 0.0095])
+def test_the_delay_of_dry_friction_is_found_between_samples(delay: float, base: ec.BaseModel, tmp_path: Path) -> None:
+    """It turns at an instant, which a clock that is just fast enough for the band would place some milliseconds off."""
+    text = (EXAMPLES / "double_pendulum.yaml").read_text().replace("effects: none", "effects: [viscous, coulomb]")
+    (tmp_path / "dry.yaml").write_text(text)
+    rubbed, swing, t = ec.base_parameters(ec.load(tmp_path / "dry.yaml")), run(base, delay), np.arange(COUNT) / RATE
+    qd = np.gradient(swing.signals["q"], 1 / RATE, axis=0)
+    late = np.stack([np.interp(t - delay, t, some) for some in qd.T], axis=1)
+    y = swing.signals["y"] + [3.0, 2.0] * late + [4.0, 3.0] * np.sign(late)
+    segment = Segment("run.csv", 0.0, RATE, {"q": swing.signals["q"], "y": y})
+    made = prepared(rubbed, segment).model_copy(update={"delays": None, "band": 6.0})
+    found = with_delays(made, [segment], rubbed).delays
+    assert found is not None
+    assert [*found.values()] == [pytest.approx(delay, abs=1e-4)] * 2
 
 
 def test_slow_logs_may_be_two_samples_late(base: ec.BaseModel) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 import echelon as ec
 from echelon.formats.snapping import ReadingOptions
-from echelon.identification.current_fit import contradicting_gains, gain_names
+from echelon.identification.current_fit import _usual_gain, contradicting_gains, gain_names
 from echelon.identification.estimators.least_squares import irls
 from echelon.identification.gains import drive_gains
 from echelon.identification.payload import JoinedRows, Payload, loaded_rows, with_zeros
@@ -291,6 +291,12 @@ def test_gains_from_logs(three: Truth, tmp_path: Path) -> None:
         ec.gains_from_logs(setup, [free], [carrying])
     with pytest.raises(ec.InputError, match=r"common factor|ratios"):
         ec.gains_from_logs(setup, [free])
+
+
+def test_half_of_the_drives_with_another_gain_contradict_each_other() -> None:
+    """The median of gains would be that of the drive between, which the data hardly tell."""
+    assert _usual_gain(np.array([0.66, 0.67, 0.83, 0.99, 1.0, 1.01])) == pytest.approx(1.0, abs=0.02)
+    assert _usual_gain(np.array([0.3, 0.5, 1.2, 2.5, 3.0])) == 1.2
 
 
 @pytest.mark.parametrize(("robot", "wrong", "factor"), [("cart_pole", "pole", 7.0), ("scara", "forearm", 50.0)])

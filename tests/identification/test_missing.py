@@ -21,7 +21,9 @@ BODIES = """4 0 0 3 0 2 1 0.5 0.2 9   0.4 0 0 1.2 0 1.1 1.5 0.1 0.3 5   0.1 0 0 
 VALUES = {"Fv": 2.0, "Fc": 1.5, "Fo": 0.3, "Ia": 0.3}
 
 
-def missing(planted: str, values: dict[str, float], folder: Path, *, warm: bool = False) -> list[Finding]:
+def missing(
+    planted: str, values: dict[str, float], folder: Path, *, warm: bool = False, harmonics: int = 8, digits: int = 18
+) -> list[Finding]:
     """What is said of a log of an arm whose second joint has an effect that the set-up does not list."""
     columns = {"time": "t", "position": "q{n}", "output": "tau{n}", **({"input": {"j2": "warmth"}} if warm else {})}
     for name, more in (("true", f", {planted}" if planted else ""), ("known", "")):
@@ -31,12 +33,12 @@ def missing(planted: str, values: dict[str, float], folder: Path, *, warm: bool 
     known = VALUES | values
     effects_of = [known.get(name, known.get(name[:2])) for name in base.parameters[30:]]
     zeta = base.values([*map(float, BODIES.split()), *effects_of])
-    q, qd, qdd = fourier(np.random.default_rng(1), 3, 0.9)
+    q, qd, qdd = fourier(np.random.default_rng(1), 3, 0.9, harmonics=harmonics)
     tau, warmth = np.zeros_like(q), np.linspace(0, 8, len(q))
     for _ in range(20):  # friction that grows with the load depends on itself
         tau = base.predict(q, qd, qdd, zeta, inputs={"j2": warmth if warm else tau[:, 1]})
     tau += 0.05 * np.random.default_rng(2).normal(size=q.shape)
-    table = np.column_stack([np.arange(len(q)) / RATE, q, tau, warmth])
+    table = np.column_stack([np.arange(len(q)) / RATE, np.round(q, digits), tau, warmth])
     np.savetxt(folder / "run.csv", table, delimiter=",", header="t,q1,q2,q3,tau1,tau2,tau3,warmth", comments="")
     setup = ec.load_setup(folder / "known.yaml").with_settings(physical=False)
     return [f for f in ec.identify(setup, [folder / "run.csv"]).findings if f.kind == "missing effect"]
@@ -69,6 +71,11 @@ def test_planted_effects_are_named(name: str, tmp_path: Path) -> None:
     assert len(found) == bool(planted)
 
 
+def test_dry_friction_of_slow_motion_is_no_stribeck_friction(tmp_path: Path) -> None:
+    """The band is so low that effects are looked for on a clock many times slower than the log's."""
+    assert not missing("", {"Fc": 40.0}, tmp_path, harmonics=5, digits=3)
+
+
 def test_friction_that_follows_a_temperature(tmp_path: Path) -> None:
     planted = "{type: temperature_friction, at: j2}"
     (found,) = missing(planted, {"FvT2": 0.3, "FcT2": 0.2}, tmp_path, warm=True)
@@ -85,14 +92,17 @@ def test_rotors_that_are_left_out_are_the_first_remark(tmp_path: Path) -> None:
     assert "{type: rotor_inertia, at: [j3, j4, j5]}" in first.text
 
 
-def test_rotors_that_nobody_mentioned_are_tried(tmp_path: Path) -> None:
+@pytest.mark.parametrize("stated", [{}, {"effects": ["usual"]}])
+def test_rotors_that_nobody_mentioned_are_tried(stated: dict[str, list[str]], tmp_path: Path) -> None:
     system = replace(SYSTEMS["arm"], setup={k: v for k, v in SYSTEMS["arm"].setup.items() if k != "effects"})
-    setup = system.load(tmp_path)
+    setup = system.load(tmp_path, **stated)
     log = system.log(motion_of(system), tmp_path / "run", setup.mechanism)
     result = ec.identify(setup.with_settings(physical=False), [log])
     assert {"Ia3", "Ia4", "Ia5"} <= {*result.base.mechanism.parameters}
     assert min(score.r2 for score in result.validations[-1].scores) > 0.998
-    assert "write effects: [usual, {type: rotor_inertia, at: [j3, j4, j5]}]" in result.findings[0].text
+    line = "add {type: rotor_inertia, at: [j3, j4, j5]} to 'effects'"
+    line = line if stated else "write effects: [usual, {type: rotor_inertia, at: [j3, j4, j5]}]"
+    assert line in result.findings[0].text
     assert [finding.kind for finding in result.findings].count("missing effect") == 1
 
 

@@ -181,6 +181,15 @@ def test_lengths_of_hundreds_are_millimetres() -> None:
     assert "are taken to be in mm" in notes[0].text
 
 
+def test_velocities_of_slides_are_in_what_their_positions_say() -> None:
+    """Names of joints may be the last hump of a column's."""
+    text = "echelon: 1\nbodies: [{name: cart, joint: {name: X, type: prismatic, axis: x}}]\n"
+    t, robot = np.arange(500) / 1000, ec.load(text)
+    content = {"Time": t, "PosX": 300 * np.sin(9 * t), "VelX": 2700 * np.cos(9 * t), "ForceX": np.ones(500)}
+    found, _ = with_units(guess_columns(list(content), robot), Table("log.csv", content), robot)
+    assert (found.positions["X"].unit, found.velocities["X"].unit) == ("mm", "mm/s")
+
+
 def test_motors_are_told_from_joints() -> None:
     names = ["t_s"] + [f"q_motor_rad_{n}" for n in range(1, 7)] + [f"tau_motor_Nm_{n}" for n in range(1, 7)]
     found = guess_columns(names, TX40)

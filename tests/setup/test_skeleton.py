@@ -93,6 +93,12 @@ def test_what_is_missing_is_asked_for(motion: Motion, tmp_path: Path) -> None:
     assert '  # output: "…_{n}"' in text
 
 
+def test_a_row_for_every_joint_is_no_row_for_every_time(motion: Motion, tmp_path: Path) -> None:
+    parts = {"time": motion["t"].repeat(2), "joint": ["shoulder", "elbow"] * len(motion["t"])}
+    log = pd.DataFrame(parts | {name: motion[key].ravel() for name, key in (("position", "q"), ("effort", "tau"))})
+    assert "the log has one position, position, but arm has 2" in written(tmp_path, log)
+
+
 def test_logs_without_time_ask_for_the_rate(motion: Motion, tmp_path: Path) -> None:
     log = pd.DataFrame(np.hstack([motion["q"], motion["tau"]]))
     text = written(tmp_path, log, header=False)

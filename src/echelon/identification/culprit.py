@@ -38,6 +38,7 @@ output."""
 BETTER = 0.75  # residual that a change leaves, relative to what was read, from which on it is named
 _MUCH_BETTER = 0.5  # the same for the prediction of a log that was not fitted, which may be of another day
 APART = 0.93  # the same relative to every other change
+_EXPLAINED = 0.5  # residual of any parameters, relative to that of a physical robot, of one mistake among several
 _FOREIGN = 50.0
 """Ratio of an output to what the prior predicts that no robot explains: below that of units, above errors of priors."""
 _ALTERNATIVES = 2  # changes that are named together, because nothing tells them apart
@@ -158,7 +159,7 @@ class _Search:
         if best > before + log(BETTER if self.values is None else _MUCH_BETTER):
             return None
         alike = self._likely([change for mark, change in marks if mark <= best - log(APART)])
-        if len(alike) > _ALTERNATIVES:
+        if len(alike) > _ALTERNATIVES or best > min(map(self._free, alike)) - log(_EXPLAINED):
             return None
         return Culprit(", or ".join(change.text for change in alike), exp(before), exp(best), alike[0].rate)
 
@@ -197,7 +198,7 @@ class _Search:
 
     def _of_outputs(self) -> Iterator[_Change]:
         m, label = len(self.outputs), self._named("output", self.outputs, self.columns.outputs)
-        yield from _flips(label, lambda text, matrix: _Change(text, outputs=matrix))
+        yield from _flips("outputs", label, lambda text, matrix: _Change(text, outputs=matrix))
         for i in range(m):
             for factor, prefix in ((1e-3, "m"), (1e3, "k")):
                 if not abs(log(self._sizes[i] * factor)) > log(_FOREIGN):  # also where it is nan
@@ -206,7 +207,7 @@ class _Search:
 
     def _of_positions(self) -> Iterator[_Change]:
         label, n = self._position_labels, len(self._position_labels)
-        yield from _flips(label, _Change)
+        yield from _flips("positions", label, _Change)
         for i, name in enumerate(self.names if n == len(self.names) else ()):
             if name in self.outputs:
                 text = f"'{name}' turns the other way: position and output have the wrong sign, or its axis has"
@@ -228,7 +229,7 @@ class _Search:
 
     def _of_velocities(self) -> Iterator[_Change]:
         label, n = self._named("velocity", self._keys, self.columns.velocities), len(self._keys)
-        yield from _flips(label, lambda text, matrix: _Change(text, velocities=matrix))
+        yield from _flips("velocities", label, lambda text, matrix: _Change(text, velocities=matrix))
         for i in range(n):
             yield _Change(f"{label[i]} is in degrees (unit: deg/s)", velocities=_scaled(n, i, radians(1)))
 
@@ -366,10 +367,12 @@ class _Search:
         return replace(rows, qd=qd, qdd=qdd)
 
 
-def _flips(label: Sequence[str], change: Callable[[str, Floats], _Change]) -> Iterator[_Change]:
+def _flips(kind: str, label: Sequence[str], change: Callable[[str, Floats], _Change]) -> Iterator[_Change]:
     """Wrong signs and exchanges of columns."""
     for i, name in enumerate(label):
         yield change(f"the sign of {name} is wrong (scale: -1)", _scaled(len(label), i, -1.0))
+    if len(label) > 1:
+        yield change(f"the signs of all {kind} are wrong (scale: -1)", -np.eye(len(label)))
     for i, j in combinations(range(len(label)), 2):
         yield change(f"{label[i]} and {label[j]} are exchanged", _exchanged(len(label), i, j))
 

@@ -240,7 +240,7 @@ def _one_scale(observation: Observation, outputs: Sequence[int]) -> list[list[in
 def _contradicting(
     observation: Observation, units: Sequence[str], noise: Floats, group: Sequence[int]
 ) -> tuple[dict[str, float], float]:
-    """Of outputs with one scale: each unit is an unknown gain, but for one; gains are compared with their median."""
+    """Of outputs with one scale: each unit is an unknown gain, but for one; gains are compared with the usual one."""
     layout, scaled = observation.layout, group[1:]
     names = tuple(f"gain of {layout.outputs[k]}" for k in scaled)
     try:
@@ -257,10 +257,16 @@ def _contradicting(
     left = np.abs(found.noise[group] / gains / noise[group])
     if not (1 - left[told] ** 2 > _REMOVED).any():
         return {}, 0.0
-    factors = gains / np.sort(gains[told])[(told.sum() - 1) // 2]
+    factors = gains / _usual_gain(np.sort(gains[told]))
     some = zip(group, factors, told, strict=True)
     apart = {layout.outputs[k]: float(f) for k, f, clear in some if clear and not 1 / _APART < f < _APART}
     return apart, -float(np.log(left).sum())
+
+
+def _usual_gain(gains: Floats) -> float:
+    """Of gains in their order the one that half of them or more are like, else the median."""
+    alike = np.sum(np.abs(np.log(np.divide.outer(gains, gains))) < 0.5 * np.log(_APART), axis=1)
+    return float(gains[np.argmax(alike) if 2 * alike.max() >= len(gains) else (len(gains) - 1) // 2])
 
 
 def _with_gains(observation: Observation, scaled: Sequence[int], names: tuple[str, ...]) -> Observation:

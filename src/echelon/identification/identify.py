@@ -118,14 +118,15 @@ def identify(
     remarks = [missing.finding(lists_effects=setup.states_effects) for missing in lacking]
     drives = {place for missing in lacking if missing.is_rotor for place in missing.places}
     lifted = _lifted(result) - drives
-    if (drives or lifted) and not setup.states_effects:
+    if (drives or lifted) and setup.usual:
         # nobody has said that there are none, so they are taken in
         step("trying rotors in the drives")
-        remarks = [missing.finding(lists_effects=False, taken=True) for missing in lacking if missing.is_rotor]
+        lists = setup.states_effects
+        remarks = [missing.finding(lists_effects=lists, taken=True) for missing in lacking if missing.is_rotor]
         remarks += [note("rotor", "", _ROTOR.format(", ".join(sorted(lifted))))] if lifted else []
         setup = replace(setup, mechanism=with_rotors(setup.mechanism, drives | lifted))
         result, lacking = _fitted(setup, given, others, client, step, memory)
-        remarks += [missing.finding(lists_effects=setup.states_effects) for missing in lacking]
+        remarks += [missing.finding(lists_effects=lists) for missing in lacking]
     return replace(result, findings=limited([*remarks, *result.findings]))
 
 

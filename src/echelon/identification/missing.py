@@ -242,7 +242,7 @@ class _Trial:
 
     def rows(self, samples: Iterable[Samples]) -> _Rows | None:
         """What is known of some samples, as R-factors of [W C y]."""
-        pieces = [self._piece(some) for some in begun(samples, self.band, _SAMPLES)]
+        pieces = [self._piece(some) for some in begun(samples, self.band, _SAMPLES, self._left)]
         layout = ModelRows.of(self.base, ()).layout
         parts, outputs, spread = [], [], np.zeros(len(layout.outputs))
         names = [column[0].output for column in self.columns]
@@ -263,13 +263,20 @@ class _Trial:
         stacked, n = np.concatenate(parts), len(layout.parameters)
         return _Rows(stacked[:, :n], stacked[:, n:-1], stacked[:, -1], np.array(outputs), spread)
 
+    def _left(self, samples: Samples) -> Samples:
+        """Samples whose outputs are what the model leaves of them: on a slow clock directions change too late."""
+        assert samples.y is not None
+        return replace(samples, y=samples.y - ModelRows.of(self.base, ()).predict(samples, self.values))
+
     def _piece(self, samples: Samples) -> list[Floats]:
-        """[W C y] of every output."""
+        """[W C y] of every output, from what the model leaves of it."""
         load = self.base.predict(samples.q, samples.qd, samples.qdd, self.values, None, dict(samples.inputs))
         blocks = list(ModelRows.of(self.base, [samples]).blocks())
         found = [np.concatenate([b.matrices[k] for b in blocks]) for k in range(load.shape[1])]
-        y = [np.concatenate([b.y[k] for b in blocks]) for k in range(load.shape[1])]
-        columns: list[tuple[_Place, _Effect]] = []
+        columns = ModelRows.of(self.base, ()).layout.columns
+        left = [np.concatenate([b.y[k] for b in blocks]) for k in range(load.shape[1])]
+        y = [r + w @ self.values[[*some]] for r, w, some in zip(left, found, columns, strict=True)]
+        tried: list[tuple[_Place, _Effect]] = []
         for place in self.places:
             others = [other for other in self.places if other is not place]
             usual = self.usual.setdefault(place.name, _Usual.of(place, samples))
@@ -277,8 +284,8 @@ class _Trial:
             _, forces, moving = rows_taken(samples, np.stack([f for e in effects for f in e.forces], axis=1))
             used = slice(None) if moving is None else moving[:, place.output]
             found[place.output] = np.column_stack([found[place.output], forces[used]])
-            columns += [(place, replace(effect, forces=())) for effect in effects for _ in effect.forces]
-        self.columns = self.columns or columns
+            tried += [(place, replace(effect, forces=())) for effect in effects for _ in effect.forces]
+        self.columns = self.columns or tried
         return [np.column_stack([table, values]) for table, values in zip(found, y, strict=True)]
 
 

@@ -305,8 +305,8 @@ def limited(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
 def _of_culprit(culprit: Culprit) -> Finding:
     gain = (
-        f"; with this one change a physical robot explains the data, and what is left of the outputs falls from "
-        f"{culprit.before:.2%} to {culprit.after:.2%} of their spread"
+        f"; with this one change what a physical robot leaves of the outputs falls from {culprit.before:.2%} to "
+        f"{culprit.after:.2%} of their spread"
     )
     return warning("culprit", "", culprit.text + gain * (culprit.before < 1))
 

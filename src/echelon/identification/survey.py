@@ -25,6 +25,7 @@ from echelon.arrays import Floats
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
+from echelon.extras import extra
 from echelon.identification.band import Noisy, slower, with_band
 from echelon.identification.conditioning import Conditioning, conditioning, without_rounding
 from echelon.identification.culprit import culprit
@@ -45,11 +46,14 @@ from echelon.signals.clock import shift_reach, shifted
 _LONGEST = 0.02  # longest delay that is looked for, s: beyond it the log is at fault
 _PERIODS = 2.5
 """The same in periods, where that is longer: slow recorders pair positions with outputs of the sample before."""
-_STEPS = 20  # delays to either side that are tried before the parabola through the best ones
+_STEPS, _BETWEEN = 20, 40
+"""Delays to either side that are tried, and values between two: squares are smooth, their logarithms are not."""
+_LEFT = 1e-3  # least squares between two delays, relative to those at all of them
 _GAIN = 0.1  # least share of the residual's squares that a delay must remove
 _SHORTEST = 10 * _LONGEST  # segments are at least so long, s
-_SAMPLES = 10_000
-"""Samples that are looked at, on a clock that is no faster than the band needs: a delay shows in any motion."""
+_SAMPLES, _WHOLE = 10_000, 40_000
+"""Samples that are looked at, on a clock that is no faster than the band needs: a delay shows in any motion.  Shorter
+logs are looked at as a whole, on their own clock if it gives no more: between samples of a slow one friction turns."""
 
 
 def with_delays(preparation: Preparation, segments: Sequence[Segment], base: BaseModel) -> Preparation:
@@ -60,6 +64,7 @@ def with_delays(preparation: Preparation, segments: Sequence[Segment], base: Bas
     longest = max(_LONGEST, _PERIODS / rate)
     tried = np.linspace(-longest, longest, 2 * _STEPS + 1)
     squares = _residuals(preparation.model_copy(update={"delays": {}}), segments, base, tried)
+    tried, squares = _between(tried, squares)
     delay, gain = _best(tried, squares)
     delay = delay if gain >= _GAIN else 0.0
     found = {output.name: delay for output in base.mechanism.outputs if delay}
@@ -79,11 +84,12 @@ def _residuals(preparation: Preparation, segments: Sequence[Segment], base: Base
     count = len(base.mechanism.outputs)
     matrices: list[list[Floats]] = [[] for _ in range(count)]
     values: list[list[Floats]] = [[] for _ in range(count)]
-    left = _SAMPLES
+    least, fast = SAMPLED * (preparation.band or np.inf), _WHOLE / sum(len(segment) for segment in segments)
+    left = _WHOLE if fast * segments[0].rate > least else _SAMPLES
     for segment in segments:
         if len(segment) / segment.rate < _SHORTEST or left <= 0:
             continue
-        begun = slower(segment, SAMPLED * (preparation.band or np.inf), left)
+        begun = slower(segment, max(least, fast * segment.rate), left)
         left -= len(begun)
         if len(begun) <= PreparationPlan(preparation, base.mechanism, begun.rate).needed + 2 * _margin(begun, delays):
             continue
@@ -132,6 +138,14 @@ def _rest(matrix: Floats, values: Floats) -> Floats:
     return squares
 
 
+def _between(delays: Floats, squares: Floats) -> tuple[Floats, Floats]:
+    """Many more delays, and the squares of each output there by cubic splines."""
+    with extra("identify"):
+        from scipy.interpolate import CubicSpline
+    many = np.linspace(delays[0], delays[-1], _BETWEEN * (len(delays) - 1) + 1)
+    return many, np.maximum(CubicSpline(delays, squares)(many), _LEFT * squares.min(axis=0))
+
+
 def _best(delays: Floats, squares: Floats, before: float | None = None) -> tuple[float, float]:
     """The delay with the smallest residuals, and the share it removes of the squares ``before``, or at delay zero."""
     told = squares[:, (squares > 0).all(axis=0)]
@@ -141,12 +155,8 @@ def _best(delays: Floats, squares: Floats, before: float | None = None) -> tuple
     least = int(np.argmin(errors))
     if least in (0, len(delays) - 1):
         return 0.0, 0.0  # no minimum within reach: something else is wrong
-    left, middle, right = errors[least - 1 : least + 2]
-    bend = left - 2 * middle + right
-    offset = 0.5 * (left - right) / bend if bend > 0 else 0.0
-    step = delays[1] - delays[0]
     reference = errors[len(delays) // 2] if before is None else np.log(before)
-    return float(delays[least] + offset * step), float(1 - np.exp(middle - reference))
+    return float(delays[least]), float(1 - np.exp(errors[least] - reference))
 
 
 _LOGS = 64  # logs that are looked at; of a long log, its first piece

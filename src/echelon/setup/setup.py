@@ -53,6 +53,8 @@ class Setup:
         The URDF, SDF or MJCF file that holds the robot, if one does.
     states_effects : bool
         Whether the file says what effects there are; without, the usual ones are identified.
+    usual : bool
+        Whether the usual effects are among them, so that rotors are tried where data ask for them.
     assumed : tuple of str
         What was taken for granted where the file is silent, in sentences.
     excitation : ExcitationEntry
@@ -68,6 +70,7 @@ class Setup:
     prior: Mechanism | None = None
     robot_file: RobotFile | None = None
     states_effects: bool = True
+    usual: bool = False
     assumed: tuple[str, ...] = ()
     excitation: ExcitationEntry = field(default_factory=ExcitationEntry.model_construct)
     seed: int = DEFAULT_SEED
@@ -127,7 +130,7 @@ def load_setup(robot: Any, *, prior: Any = None, **reading: Any) -> Setup:
 
 def _bare(file: RobotFile, options: ReadingOptions) -> Setup:
     mechanism = file.mechanism(replace(options, usual_effects=True))
-    return Setup(file.source, mechanism, robot_file=file, states_effects=False, assumed=_assumed(mechanism))
+    return Setup(file.source, mechanism, robot_file=file, states_effects=False, usual=True, assumed=_assumed(mechanism))
 
 
 def with_usual(setup: Setup) -> Setup:
@@ -136,7 +139,7 @@ def with_usual(setup: Setup) -> Setup:
         return setup
     drives = {} if setup.robot_file is None else setup.robot_file.tree().drives
     mechanism = with_usual_effects(setup.mechanism, drives)
-    return replace(setup, mechanism=mechanism, assumed=(*_assumed(mechanism), *setup.assumed))
+    return replace(setup, mechanism=mechanism, usual=True, assumed=(*_assumed(mechanism), *setup.assumed))
 
 
 def _assumed(mechanism: Mechanism) -> tuple[str, ...]:
@@ -170,6 +173,7 @@ def _described(file: RobotFile, options: ReadingOptions) -> Setup:
         stated,
         file.robot,
         states_effects=robot.effects is not None,
+        usual="usual" in (robot.effects or ()),
         excitation=robot.excitation,
     )
 

@@ -11,7 +11,7 @@ that logs can be spread over several.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -60,15 +60,20 @@ def part_of(samples: Samples, begin: int, end: int) -> Samples:
 SAMPLED = 12.0  # rate at which a band is looked at, by its edge: filters of states pass a quarter of it unchanged
 
 
-def begun(samples: Iterable[Samples], band: float, count: int) -> Iterator[Samples]:
-    """The beginnings of some stretches, on clocks no faster than a band needs: any motion shows what is wrong."""
+def begun(
+    samples: Iterable[Samples], band: float, count: int, seen: Callable[[Samples], Samples] = lambda some: some
+) -> Iterator[Samples]:
+    """The beginnings of some stretches, on clocks no faster than a band needs: any motion shows what is wrong.
+
+    ``seen`` is what is looked at of samples on the clock of the log.
+    """
     left = count
     for stretch in samples:
         if left <= 0:
             return
         factor = max(1, int(stretch.rate / (SAMPLED * band)))
         end = min(len(stretch), stretch.first + factor * count // 3)
-        yield _slower(part_of(stretch, 0, end), factor, band)
+        yield _slower(seen(part_of(stretch, 0, end)), factor, band)
         left -= end // factor
 
 

@@ -291,20 +291,21 @@ def _moves(mechanism: Mechanism, name: str, kind: MotionKind) -> bool:
 
 
 def _with_rates(columns: ColumnMap, table: Table, mechanism: Mechanism) -> dict[str, Channel]:
-    """Velocities in deg/s where they are to positions as degrees are to radians."""
+    """Velocities in deg/s or mm/s where they are to positions as degrees are to radians, or mm to m."""
     found = dict(columns.velocities)
     times = None if columns.time is None else table.columns.get(columns.time.column)
     for name, channel in columns.velocities.items():
         position = columns.positions.get(name)
-        if channel.unit or position is None or times is None or not _moves(mechanism, name, MotionKind.ROTATION):
+        if channel.unit or position is None or times is None:
             continue
-        q, v = table.columns[position.column] * factor(position.unit, "rad"), table.columns[channel.column]
+        unit = "deg/s" if _moves(mechanism, name, MotionKind.ROTATION) else "mm/s"
+        q, v = table.columns[position.column] * factor(position.unit, None), table.columns[channel.column]
         if len(q) != len(v) or len(q) != len(times):
             continue
         step = np.diff(times) * factor(columns.time.unit if columns.time else "", "s")
         moved, area = np.diff(q), 0.5 * (v[1:] + v[:-1]) * step
         usable = np.isfinite(moved) & np.isfinite(area)
         ratio = np.linalg.norm(area[usable]) / max(float(np.linalg.norm(moved[usable])), 1e-300)
-        if abs(ratio * math.pi / 180 - 1) < _ROUGHLY:
-            found[name] = replace(channel, unit="deg/s")
+        if abs(ratio * factor(unit, None) - 1) < _ROUGHLY:
+            found[name] = replace(channel, unit=unit)
     return found

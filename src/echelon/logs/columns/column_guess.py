@@ -304,7 +304,8 @@ def _by_values(
 ) -> dict[str, Family]:
     """Families of columns by kind; positions that are known by their names are among them."""
     valid = _valid(mechanism, "position")
-    lengths = {len(columns[name]) for name in names if name in columns}
+    names = [name for name in names if name in columns]  # the others hold words
+    lengths = {len(columns[name]) for name in names}
     if len(_valid(mechanism, "output")) != len(valid) or len(lengths) != 1:
         return {}
     stamps = clock(columns, names)

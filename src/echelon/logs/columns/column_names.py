@@ -86,6 +86,7 @@ _GREEK = str.maketrans({"θ": "theta", "ϑ": "theta", "τ": "tau", "ω": "omega"
 _RATES = {"position": "velocity", "velocity": "acceleration"}
 _BY_UNIT = {"output": ("N·m", "N"), "velocity": ("rad/s", "m/s"), "current": ("A",)}  # joint 1 (Nm)
 _HUMPS = (re.compile(r"(?<=[a-z])(?=[A-Z][a-z])"), re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])"))
+_BEGINS, _ENDS = r"(?:(?<![a-z0-9])|(?-i:(?<=[a-z])(?=[A-Z])))", r"(?:(?![a-z0-9])|(?-i:(?<=[a-z])(?=[A-Z])))"
 _AFFIX = re.compile(r"^(?:joint|jnt|motor|axis)[_-]|[_-](?:joint|jnt|motor|axis)$", re.IGNORECASE)
 _BARE = frozenset({"joint", "state", "neutral"})
 _STRONG = frozenset(_KINDS) - _WEAK
@@ -122,7 +123,7 @@ def meaning(column: str, known: Mapping[str, str]) -> Meaning | None:
     for alias in sorted(known, key=lambda n: (-len(n), n)):
         # a name that could also be a quantity's, such as q1, is left to its number
         spelt = r"[\W_]*".join(map(re.escape, re.findall(r"[^\W_]+", alias)))
-        parted = re.split(rf"(?<![A-Za-z0-9]){spelt}(?![a-z0-9])", rest, flags=re.IGNORECASE)
+        parted = re.split(rf"{_BEGINS}{spelt}{_ENDS}", rest, flags=re.IGNORECASE)
         whole = rest.lower() == alias.lower() and _by_words(alias, "", "") is None
         if len(parted) == 2 and (re.search("[A-Za-z]", "".join(parted)) or whole):
             rest, name = "_".join(parted), known[alias]
