@@ -173,7 +173,7 @@ def test_groups_of_an_hdf5_file(tmp_path: Path) -> None:
         file["observations/images/top"] = np.zeros((30, 4, 4, 3), dtype=np.uint8)
         file["elsewhere"] = h5py.ExternalLink("other.h5", "/q")
         file.create_virtual_dataset("virtual", h5py.VirtualLayout((30,), float))
-        file.attrs["sim"] = True
+        file.attrs["sim"], file["notes"], file["words"] = True, "hello", ["left", "right"]
     log = open_log(path)
     assert [name for name in log.names if "images" not in name] == [
         *("action[0]", "action[1]", "observations/effort[0]", "observations/effort[1]"),

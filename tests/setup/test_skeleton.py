@@ -93,6 +93,17 @@ def test_what_is_missing_is_asked_for(motion: Motion, tmp_path: Path) -> None:
     assert '  # output: "…_{n}"' in text
 
 
+def test_words_count_beside_words_that_nobody_knows(motion: Motion, tmp_path: Path) -> None:
+    """Torques of viscous friction look like velocities."""
+    log = pd.DataFrame({"Zeit": motion["t"]})
+    for k in (0, 1):
+        log[f"GVL.Axis{k + 1}.NcToPlc.ActPos"] = motion["q"][:, k]
+        log[f"GVL.Axis{k + 1}.NcToPlc.ActTorque"] = 5 * motion["qd"][:, k]
+    found = written(tmp_path, log)
+    assert "output: 'GVL.Axis{n}.NcToPlc.ActTorque'" in found
+    assert "\n  velocity:" not in found
+
+
 def test_a_row_for_every_joint_is_no_row_for_every_time(motion: Motion, tmp_path: Path) -> None:
     parts = {"time": motion["t"].repeat(2), "joint": ["shoulder", "elbow"] * len(motion["t"])}
     log = pd.DataFrame(parts | {name: motion[key].ravel() for name, key in (("position", "q"), ("effort", "tau"))})

@@ -10,6 +10,7 @@ import pytest
 
 import echelon as ec
 from echelon.logs.columns.column_guess import guess
+from echelon.logs.files.log_file import Table
 from echelon.setup.logs import with_logs
 from echelon.setup.skeleton import skeleton
 from support.robot_files import robot_file
@@ -116,6 +117,20 @@ def test_an_arm_is_not_cut_short() -> None:
     found = guess(names, ec.load("examples/panda.yaml"))
     assert "the log has 6 positions (numbers 1, 2, 3, 4, 5, 6)" in found.problems[0]
     assert not found.unlogged
+
+
+def test_a_joint_called_alike_is_no_part_of_the_robot() -> None:
+    """An elbow among columns that are called otherwise than the robot's joints says nothing of the other joints."""
+    joints = ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3")
+    angles, moments = ([f"{name} {word}" for name in joints] for word in ("angle", "moment"))
+    names, rng = [*angles, *moments], np.random.default_rng(1)
+    robot, table = ec.load(robot_file("ur5_robot")), Table("", dict(zip(names, rng.normal(size=(12, 50)), strict=True)))
+    found = guess(names, robot)
+    assert found.problems
+    assert not found.unlogged
+    found = guess(names, robot, lambda: table, by_values=True)
+    assert [channel.column for channel in found.columns.positions.values()] == angles
+    assert [channel.column for channel in found.columns.outputs.values()] == moments
 
 
 def test_locked_joints_are_read_in_every_form() -> None:

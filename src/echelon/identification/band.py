@@ -27,7 +27,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from echelon.arrays import Floats
+from echelon.arrays import Flags, Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
@@ -249,7 +249,7 @@ class Trials:
                 predicted = ModelRows.of(self.base, ()).predict(samples, values)
                 assert samples.y is not None
                 measured += _powers(samples.y, samples.rate, self.bands)
-                rest += _powers(samples.y - predicted, samples.rate, self.bands)
+                rest += _powers(_bridged(samples.y - predicted, samples.moving), samples.rate, self.bands)
         told = (measured > 0) & (rest > 0)
         ratios = np.log(np.where(told, rest, 1.0) / np.where(told, measured, 1.0))
         return np.asarray(1 - np.exp(ratios.sum(axis=1) / np.maximum(told.sum(axis=1), 1)))
@@ -292,6 +292,16 @@ def _inverse(A: Floats) -> Floats:
     values, vectors = np.linalg.eigh(A * np.outer(scale, scale))
     told = values > _OPEN * values[-1]
     return np.asarray((vectors[:, told] / values[told]) @ vectors[:, told].T * np.outer(scale, scale))
+
+
+def _bridged(signal: Floats, moving: Flags | None) -> Floats:
+    """A signal (N, outputs) with straight lines where its output is near standstill, which no fit explains."""
+    if moving is None:
+        return signal
+    every, found = np.arange(len(signal)), signal.copy()
+    for k, kept in enumerate(moving.T):
+        found[:, k] = np.interp(every, every[kept], signal[kept, k]) if kept.any() else signal[:, k]
+    return found
 
 
 def _powers(signal: Floats, rate: float, bands: Sequence[float]) -> Floats:

@@ -197,7 +197,8 @@ def _along(q: Floats, usual: _Usual) -> Iterator[_Effect]:
     for k in _HARMONICS:
         angle = "q" if k == 1 else f"{k}q"
         entry = f"{{type: ripple, at: {{at}}, harmonic: {k}}}"
-        yield _Effect(f"sin({angle}) and cos({angle})", entry, (np.sin(k * q), np.cos(k * q)))
+        words = f"sin({angle}) and cos({angle})" + ", as of springs or another direction of gravity" * (k == 1)
+        yield _Effect(words, entry, (np.sin(k * q), np.cos(k * q)))
 
 
 def _elsewhere(place: _Place, others: Sequence[_Place], samples: Samples) -> Iterator[_Effect]:

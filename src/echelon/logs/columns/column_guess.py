@@ -20,6 +20,7 @@ from echelon.logs.columns.column_names import (
     Meaning,
     aliases,
     meaning,
+    spoken,
     stated_unit,
     unlogged_joints,
     words,
@@ -134,7 +135,8 @@ def _of_all(
     needed = _NEEDED[: 1 + outputs]
     absent = [kind for kind in needed if not groups[kind]]
     if absent and look is not None and (by_values or (headerless and not problems)):
-        if len(absent) == len(needed):  # A1 beside M1 is no acceleration
+        partial = 0 < len(groups["output"]) < len(_valid(mechanism, "output")) and "position" in absent
+        if len(absent) == len(needed) or partial:  # A1 beside M1 is no acceleration, and wrist1 is not every joint
             groups = {kind: {} for kind in groups}
         known = [kind for kind, some in groups.items() if some]
         clear = [name for name, said in meanings.items() if said.kind in ("time", *known) and not headerless]
@@ -317,20 +319,22 @@ def _by_values(
     known = {kind: Family(tuple(channel.column for channel in some.values())) for kind, some in groups.items()}
     fixed = {kind: family for kind, family in known.items() if len(family.columns) == len(valid)}
     times = columns[stamps] if stamps else None
-    found = classified(new, columns, times, fixed)
-    if "output" not in found and "output" not in fixed:
-        forces = [family for family in new if family not in found.values() and _is_force(family)]
-        found |= {"output": forces[0]} if len(forces) == 1 else {}
+    said = {family: _said(family) for family in new}
+    named = {kind: family for family, kind in said.items() if kind not in fixed and [*said.values()].count(kind) == 1}
+    named.pop("", None)
+    left = [family for family in new if family not in named.values()]
+    found = named | classified(left, columns, times, fixed | named)
     complete = {"position", "output"} <= {*found, *fixed}
     return found if complete else in_order(rest, len(valid), columns, times, fixed) or found
 
 
-def _is_force(family: Family) -> bool:
-    """Whether names say that these are forces, beside words that nobody knows, and not another's or a part of them."""
-    return all(
-        any(words().get(part) == "output" for part in parts) and not any(part in _NOT_MEASURED for part in parts)
-        for parts in (re.findall(r"[a-z]+", column.lower()) for column in family.columns)
-    )
+def _said(family: Family) -> str:
+    """The kind that all names say beside words that nobody knows; empty if they say none, or a part of a force."""
+    parts = [spoken(column) for column in family.columns]
+    kinds = {words().get(part, "") for some in parts for part in some} - {""}
+    every = all(any(part in words() for part in some) for some in parts)
+    mixed = len(kinds) > 1 or any(part in _NOT_MEASURED for some in parts for part in some)
+    return kinds.pop() if every and kinds and not mixed else ""
 
 
 def _question(

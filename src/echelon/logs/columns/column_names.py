@@ -145,6 +145,11 @@ def stated_unit(column: str) -> str:
     return text if text in SHARES or (len(text) > 1 and fits(text, None)) else ""
 
 
+def spoken(column: str) -> list[str]:
+    """The words of a name, but for single letters, in small letters."""
+    return re.findall(r"[a-z]{2,}", _HUMPS[1].sub("_", column).lower())
+
+
 def _by_words(text: str, name: str, unit: str) -> Meaning | None:
     kinds: list[str] = []
     weak: list[str] = []
@@ -225,10 +230,18 @@ def unlogged_joints(
     told = {name for alias, name in known.items() if any(_says(column, alias) for column in names)}
     said = {m.name for m in motions if told & {m.name, *m.positions, *m.velocities}}
     if said:
-        kept = [said]
+        kept = [said] if len(_strangers(names, known)) <= len(said) else []
     else:
         kept = next(filter(None, (list(_kept(mechanism, count)) for count in _counts(names, meanings))), [])
     return [tuple(m.name for m in motions if m.name not in some) for some in kept if len(some) < len(motions)]
+
+
+def _strangers(names: Sequence[str], known: Mapping[str, str]) -> set[str]:
+    """Words in the places of joints that no joint is called, as ``base angle`` beside ``elbow angle``."""
+    told = [(name, alias) for name in names for alias in known if _says(name, alias)]
+    patterns = {re.escape(name.replace(alias, "\0")).replace("\0", "(.+)") for name, alias in told}
+    found = (re.fullmatch(pattern, name) for pattern in patterns for name in names if name not in dict(told))
+    return {match[1] for match in found if match is not None}
 
 
 def _says(column: str, alias: str) -> bool:

@@ -247,6 +247,7 @@ class _Inside:
         self._count += 1
         COLUMNS.check(self._count)
         kind = bytes(item.attrs.get(_CLASS, b"double")) if self._matlab else b"double"
+        refers = not isinstance(item, h5py.Group) and h5py.check_ref_dtype(item.dtype) is not None
         if depth > _DEPTH:
             self.left_out[name] = "lies too deep inside other groups"
         elif isinstance(item, h5py.Group):
@@ -256,9 +257,9 @@ class _Inside:
                     yield from self.arrays(item[key], inner, depth + 1)
         elif item.is_virtual or item.external:
             self.left_out[name] = "is stored in another file"
-        elif item.dtype == h5py.ref_dtype and item.size > MANY:
+        elif refers and item.size > MANY:
             self.left_out[name] = f"has {item.size} structs or cells; at most {MANY} are opened"
-        elif item.dtype == h5py.ref_dtype:  # cells, or the fields of an array of structs
+        elif refers:  # cells, or the fields of an array of structs
             for k, reference in enumerate(item[()].ravel()):
                 yield from self.arrays(self._file[reference], f"{name}[{k}]" if item.size > 1 else name, depth + 1)
         elif not kind.startswith(_CLASSES) or (self._matlab and "MATLAB_empty" in item.attrs):
