@@ -17,7 +17,7 @@ from echelon.exact.field import PrimeField, reduced_echelon
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.effect import Side, ready_made
 from echelon.mechanism.joint import ALL, GROUND, MotionKind, ball, floating_motions, rotation, translation
-from echelon.mechanism.mechanism import Actuator, Cut, JointForce, Mechanism, Output, plain
+from echelon.mechanism.mechanism import Actuator, Cut, Force, Mechanism, Output, plain
 from echelon.regressor import linear_forms
 from echelon.regressor.linear_forms import FEW_COLUMNS, virtual_power_form
 from support import textbook_arms as arms
@@ -111,7 +111,7 @@ def sensed(draw: st.DrawFn) -> Mechanism:
     """A tree with some joint forces, and some components of wrenches at sensors anywhere."""
     mechanism = draw(mechanisms(4))
     outputs = [
-        plain(f"joint {name}", "N·m", JointForce(name))
+        plain(f"joint {name}", "N·m", Force(name, Side.JOINT))
         for name in mechanism.independent_velocities
         if draw(st.booleans())
     ]
@@ -144,7 +144,7 @@ def test_sensor_between_a_body_and_its_parent_sees_what_would_move(on_parent: bo
 def test_sensor_in_a_weighted_sum_is_watched_too() -> None:
     arm = arms.rx90()
     cut = Cut(4, arms.place(), False, 2, False)
-    total = Output("sum", "N·m", ((JointForce("q1"), ONE), (cut, ONE)))
+    total = Output("sum", "N·m", ((Force("q1", Side.JOINT), ONE), (cut, ONE)))
     agree(replace(arm, measured=(total, *arm.outputs[1:])))
 
 

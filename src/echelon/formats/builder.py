@@ -36,8 +36,9 @@ from echelon.formats.literal import (
 from echelon.formats.snapping import ReadingOptions, Snapping, gravity_vector, symbol_stem
 from echelon.mechanism.closed_pose import parted
 from echelon.mechanism.closure import Closure
+from echelon.mechanism.effect import Side
 from echelon.mechanism.joint import ALL, GROUND, Motion, MotionKind, Placement, Step, merge
-from echelon.mechanism.mechanism import JointForce, Mechanism, Output, Snap, setup_placements, wrench_output
+from echelon.mechanism.mechanism import Force, Mechanism, Output, Snap, setup_placements, wrench_output
 
 Ride = tuple[int, tuple[LiteralPlacement, ...]]
 """The body that carries something, or GROUND, and the placements from its frame to what it carries."""
@@ -151,7 +152,7 @@ class _Builder:
             yield from (wrench_output(sensor.name, f"{letter}{axis}", body, frame) for axis in "xyz")
         elif sensor.joint in motions:
             unit = "N" if motions[sensor.joint].kind is MotionKind.TRANSLATION else "N·m"
-            yield Output(sensor.name, unit, ((JointForce(sensor.joint), Polynomial.constant(sensor.weight)),))
+            yield Output(sensor.name, unit, ((Force(sensor.joint, Side.JOINT), Polynomial.constant(sensor.weight)),))
         else:
             self.notes.append(f"{sensor.element} is left out: joint '{sensor.joint}' does not move freely")
 

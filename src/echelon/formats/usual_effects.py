@@ -14,7 +14,7 @@ from math import isfinite
 
 from echelon.mechanism.effect import Effect, Side, ready_made
 from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Cut, JointForce, Mechanism
+from echelon.mechanism.mechanism import Force, Mechanism
 
 DriveNumbers = Mapping[str, Mapping[str, float]]
 """What a file states of the drives of coordinates: kinds of effects with values, nan where only the kind is known."""
@@ -53,14 +53,11 @@ def _measured_places(mechanism: Mechanism) -> Iterator[tuple[str, Side]]:
     """Drives whose force is measured, and joints whose torque is; a floating base has neither."""
     free, seen = floating_velocities(mechanism), set[str]()
     channels = [channel for output in mechanism.outputs for channel, _ in output.terms]
-    for channel in sorted(channels, key=lambda channel: isinstance(channel, JointForce)):
-        if isinstance(channel, Cut):
-            continue
-        joint = isinstance(channel, JointForce)
-        name = channel.coordinate if isinstance(channel, JointForce) else channel.actuator
-        if name not in free | seen:
-            yield name, Side.JOINT if joint else Side.ACTUATOR
-        seen.add(name)
+    forces = [channel for channel in channels if isinstance(channel, Force)]
+    for force in sorted(forces, key=lambda force: force.side is Side.JOINT):
+        if force.at not in free | seen:
+            yield force.at, force.side
+        seen.add(force.at)
 
 
 def floating_velocities(mechanism: Mechanism) -> frozenset[str]:

@@ -21,7 +21,8 @@ from echelon.identification.rows.plan import begun
 from echelon.identification.rows.rows import ModelRows, rows_taken
 from echelon.logs.finding import Finding, note, warning
 from echelon.logs.recording import Samples
-from echelon.mechanism.mechanism import ActuatorForce, JointForce, Mechanism
+from echelon.mechanism.effect import Side
+from echelon.mechanism.mechanism import Force, Mechanism
 from echelon.mechanism.stated import known_values
 from echelon.observe.triangle import column_norms, safe_norms, upper_triangle
 
@@ -118,18 +119,14 @@ def _places(mechanism: Mechanism) -> Iterator[_Place]:
     )
     known, drives = known_values(mechanism), {a.name: a.terms for a in mechanism.transmission.actuators}
     for k, output in enumerate(mechanism.outputs):
-        channel = output.terms[0][0]
-        if len(output.terms) == 1 and isinstance(channel, ActuatorForce):
-            name, ratios = (
-                channel.actuator,
-                {n: r.at(known) for n, r in drives[channel.actuator] if known.keys() >= set(r.symbols())},
-            )
-        elif len(output.terms) == 1 and isinstance(channel, JointForce):
-            name, ratios = channel.coordinate, {channel.coordinate: 1.0}
-        else:
+        force = output.terms[0][0]
+        if len(output.terms) > 1 or not isinstance(force, Force):
             continue
+        ratios = {force.at: 1.0}
+        if force.side is Side.ACTUATOR:
+            ratios = {n: r.at(known) for n, r in drives[force.at] if known.keys() >= set(r.symbols())}
         if ratios and all(n in positions and n in velocities for n in ratios):
-            yield _Place(k, name, tuple((positions.index(n), velocities.index(n), r) for n, r in ratios.items()))
+            yield _Place(k, force.at, tuple((positions.index(n), velocities.index(n), r) for n, r in ratios.items()))
 
 
 @dataclass(frozen=True)

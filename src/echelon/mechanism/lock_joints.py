@@ -13,8 +13,8 @@ from echelon.exact.polynomial import as_polynomial, circle_point
 from echelon.hints import nearest_of
 from echelon.mechanism.coupling import Coupling, Spline
 from echelon.mechanism.effect import Effect
-from echelon.mechanism.joint import Body, Joint, Motion, MotionKind, Placement, Step, merge, moved_by
-from echelon.mechanism.mechanism import Actuator, ActuatorForce, Cut, Mechanism, Output
+from echelon.mechanism.joint import Body, Joint, Motion, MotionKind, Placement, merge, moved_by
+from echelon.mechanism.mechanism import Actuator, Cut, Mechanism, Output
 from echelon.mechanism.stated import known_values
 
 _DENOMINATOR = 10**8  # of tangents of half angles: a rational point of the circle within 2e-8 rad of any angle
@@ -84,15 +84,10 @@ def _known(coupling: Coupling, function: Spline) -> Spline:
 
 
 def _body(body: Body, positions: Mapping[str, float]) -> Body:
-    steps: list[Step] = []
-    for step in body.joint.steps:
-        if isinstance(step, Motion) and step.name in positions:
-            steps.append(_placed(step, positions[step.name]))
-        else:
-            steps.append(step)
-    joint = body.joint
-    kind = joint.kind if any(isinstance(step, Motion) for step in steps) else "fixed"
-    return replace(body, joint=Joint(joint.name, kind, merge(tuple(steps))))
+    held = {m.name: _placed(m, positions[m.name]) for m in body.joint.motions if m.name in positions}
+    kind = body.joint.kind if len(held) < len(body.joint.motions) else "fixed"
+    steps = tuple(held.get(step.name, step) if isinstance(step, Motion) else step for step in body.joint.steps)
+    return replace(body, joint=Joint(body.joint.name, kind, merge(steps)))
 
 
 def _placed(motion: Motion, position: float) -> Placement:
@@ -154,10 +149,7 @@ def _still(mechanism: Mechanism, gone: set[str], positions: Mapping[str, float])
 def _outputs(outputs: Iterable[Output], gone: set[str]) -> Iterable[Output]:
     for output in outputs:
         terms = tuple(
-            (channel, weight)
-            for channel, weight in output.terms
-            if isinstance(channel, Cut)
-            or (channel.actuator if isinstance(channel, ActuatorForce) else channel.coordinate) not in gone
+            (channel, weight) for channel, weight in output.terms if isinstance(channel, Cut) or channel.at not in gone
         )
         if terms:
             yield replace(output, terms=terms)

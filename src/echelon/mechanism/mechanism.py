@@ -25,17 +25,13 @@ from echelon.mechanism.joint import GROUND, Body, Motion, MotionKind, Placement,
 
 
 @dataclass(frozen=True)
-class JointForce:
-    """Generalised force of a joint coordinate, on the joint's side of its drive: rigid bodies and effects there."""
+class Force:
+    """Torque or force on one side of a drive."""
 
-    coordinate: str
-
-
-@dataclass(frozen=True)
-class ActuatorForce:
-    """Torque or force of an actuator: everything that its motion moves, and the effects in the drive."""
-
-    actuator: str
+    at: str  # joint coordinate or actuator
+    # at a joint: that of rigid bodies and of effects there; of an actuator: that of everything that its motion moves,
+    # and of the effects in the drive
+    side: Side
 
 
 @dataclass(frozen=True)
@@ -49,7 +45,7 @@ class Cut:
     angular: bool  # moment (N·m) or force (N)
 
 
-Channel = JointForce | ActuatorForce | Cut
+Channel = Force | Cut
 
 
 @dataclass(frozen=True)
@@ -300,7 +296,7 @@ class Mechanism:
             return self.measured
         sliding = {n for m in self.motions if m.kind is MotionKind.TRANSLATION for n in m.velocities}
         return tuple(
-            plain(a.name, "N" if a.terms[0][0] in sliding else "N·m", ActuatorForce(a.name))
+            plain(a.name, "N" if a.terms[0][0] in sliding else "N·m", Force(a.name, Side.ACTUATOR))
             for a in self.transmission.actuators
         )
 
@@ -475,11 +471,7 @@ def _check_outputs(mechanism: Mechanism) -> None:
                 if not GROUND <= channel.body < len(mechanism.bodies):
                     raise InputError("it is at a body that does not exist", element=f"output '{output.name}'")
                 continue
-            name, valid = (
-                (channel.coordinate, mechanism.independent_velocities)
-                if isinstance(channel, JointForce)
-                else (channel.actuator, drives)
-            )
-            if name not in valid:
-                problem = f"'{name}' is not measurable here (valid: {', '.join(valid) or 'none'})"
+            valid = mechanism.independent_velocities if channel.side is Side.JOINT else drives
+            if channel.at not in valid:
+                problem = f"'{channel.at}' is not measurable here (valid: {', '.join(valid) or 'none'})"
                 raise InputError(problem, element=f"output '{output.name}'")

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from echelon.mechanism.effect import Action, Effect, Side
 from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement, transpose, turned
-from echelon.mechanism.mechanism import ActuatorForce, Cut, JointForce, Mechanism
+from echelon.mechanism.mechanism import Cut, Mechanism
 from echelon.program.tape import Program, Scalar
 from echelon.program.text import heaviside, record_expression
 
@@ -303,11 +303,11 @@ def virtual_motion(
             speed = speeds[output.name] * program.polynomial(weight)
             if isinstance(channel, Cut):
                 increase(freedoms, probes.names[channel], speed)
-            elif isinstance(channel, JointForce):
-                increase(freedoms, channel.coordinate, speed)
-            elif isinstance(channel, ActuatorForce):
-                increase(drives, channel.actuator, speed)
-                for joint, inverse in mechanism.transmission.inverse[channel.actuator].items():
+            elif channel.side is Side.JOINT:
+                increase(freedoms, channel.at, speed)
+            else:
+                increase(drives, channel.at, speed)
+                for joint, inverse in mechanism.transmission.inverse[channel.at].items():
                     factor = program.polynomial(inverse.numerator) / program.polynomial(inverse.denominator)
                     increase(freedoms, joint, speed * factor)
     chosen = dict(freedoms)

@@ -28,7 +28,8 @@ from echelon.errors import InputError
 from echelon.excite.problem.information import StateRegressor
 from echelon.hints import nearest_of
 from echelon.machine.kernel import Kernel
-from echelon.mechanism.mechanism import ActuatorForce, JointForce, Mechanism, Output, plain
+from echelon.mechanism.effect import Side
+from echelon.mechanism.mechanism import Force, Mechanism, Output, plain
 from echelon.program.derivatives import derivatives
 from echelon.program.function import Argument, Function
 from echelon.program.intervals import Interval, interval_values
@@ -319,8 +320,8 @@ def check_model(mechanism: Mechanism, model: EffortModel) -> None:
 def effort_output(mechanism: Mechanism, limit: EffortLimit) -> Output:
     """The effort of an actuator, or of a coordinate that none of its name drives, as an output."""
     drives = {actuator.name for actuator in mechanism.transmission.actuators}
-    channel = ActuatorForce(limit.name) if limit.name in drives else JointForce(limit.name)
-    return plain(limit.name, limit.unit, channel)
+    force = Force(limit.name, Side.ACTUATOR if limit.name in drives else Side.JOINT)
+    return plain(limit.name, limit.unit, force)
 
 
 @dataclass(frozen=True, eq=False)

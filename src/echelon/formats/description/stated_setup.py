@@ -42,9 +42,8 @@ from echelon.mechanism.effect import Action, Effect, Side, ready_made
 from echelon.mechanism.joint import GROUND, Body, Joint, Motion, MotionKind, Placement, X, merge, turn
 from echelon.mechanism.mechanism import (
     Actuator,
-    ActuatorForce,
     Channel,
-    JointForce,
+    Force,
     Mechanism,
     Output,
     plain,
@@ -183,32 +182,33 @@ class Additions:
         if isinstance(entry, WrenchOutput):
             return self._wrench(entry, path)
         if isinstance(entry, JointOutput):
-            every = self.mechanism.independent_velocities if entry.joint == EVERY else (entry.joint,)
-            return [self._plain(self._joint(n, f"{path}.joint"), n, entry.name, len(every)) for n in every]
+            return self._plain(Side.JOINT, entry.joint, entry.name, f"{path}.joint")
         if isinstance(entry, ActuatorOutput):
-            every = self._drives if entry.actuator == EVERY else (entry.actuator,)
-            return [self._plain(self._drive(n, f"{path}.actuator"), n, entry.name, len(every)) for n in every]
+            return self._plain(Side.ACTUATOR, entry.actuator, entry.name, f"{path}.actuator")
         terms: list[tuple[Channel, Polynomial]] = []
         for k, term in enumerate(entry.sum):
             where = f"{path}.sum[{k}]"
-            channel = (
-                self._joint(term.joint, where) if term.joint is not None else self._drive(term.actuator or "", where)
-            )
-            terms.append((channel, self.expressions.polynomial(term.weight, f"{where}.weight")))
+            side = Side.ACTUATOR if term.joint is None else Side.JOINT
+            force = self._force(side, term.joint or term.actuator or "", where)
+            terms.append((force, self.expressions.polynomial(term.weight, f"{where}.weight")))
         return [Output(entry.name, entry.unit, tuple(terms))]
 
-    def _plain(self, channel: Channel, at: str, name: str | None, count: int) -> Output:
-        chosen = at if name is None else name if count == 1 else f"{name}.{at}"
-        return plain(chosen, "N" if slides(self.mechanism, at) else "N·m", channel)
+    def _plain(self, side: Side, stated: str, name: str | None, path: str) -> list[Output]:
+        """The force at one place, or those at all places, each as an output."""
+        places = self._places(side) if stated == EVERY else (stated,)
+        forces = {at: self._force(side, at, path) for at in places}
+        names = {at: at if name is None else name if len(places) == 1 else f"{name}.{at}" for at in places}
+        return [plain(names[at], "N" if slides(self.mechanism, at) else "N·m", force) for at, force in forces.items()]
 
-    def _joint(self, name: str, path: str) -> JointForce:
-        kind = "independent joint coordinate" if self.mechanism.closures else "joint coordinate"
-        self.expressions.check(name, self.mechanism.independent_velocities, path, kind)
-        return JointForce(name)
+    def _places(self, side: Side) -> tuple[str, ...]:
+        """Coordinates or actuators whose forces can be measured."""
+        return self.mechanism.independent_velocities if side is Side.JOINT else self._drives
 
-    def _drive(self, name: str, path: str) -> ActuatorForce:
-        self.expressions.check(name, self._drives, path, "actuator")
-        return ActuatorForce(name)
+    def _force(self, side: Side, at: str, path: str) -> Force:
+        kind = "actuator" if side is Side.ACTUATOR else "joint coordinate"
+        loops = "independent " * (side is Side.JOINT and bool(self.mechanism.closures))
+        self.expressions.check(at, self._places(side), path, f"{loops}{kind}")
+        return Force(at, side)
 
     def _wrench(self, entry: WrenchOutput, path: str) -> list[Output]:
         body, rides = self.find(entry.wrench, f"{path}.wrench")

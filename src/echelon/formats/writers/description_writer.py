@@ -33,9 +33,8 @@ from echelon.mechanism.joint import (
     Vector,
 )
 from echelon.mechanism.mechanism import (
-    ActuatorForce,
     Cut,
-    JointForce,
+    Force,
     Mechanism,
     Output,
     setup_placements,
@@ -126,16 +125,10 @@ def _output(output: Output, mechanism: Mechanism) -> dict[str, Any]:
             "fixed_to": "parent" if channel.on_parent else "body",
             "components": [component],
         }
-    if len(output.terms) == 1 and weight == 1 and isinstance(channel, JointForce):
-        return {"joint": channel.coordinate, "name": output.name}
-    if len(output.terms) == 1 and weight == 1 and isinstance(channel, ActuatorForce):
-        return {"actuator": channel.actuator, "name": output.name}
-    summed = [
-        ({"joint": c.coordinate} if isinstance(c, JointForce) else {"actuator": c.actuator})
-        | {"weight": expression_text(w)}
-        for c, w in output.terms
-        if not isinstance(c, Cut)
-    ]
+    if len(output.terms) == 1 and weight == 1:
+        return {channel.side.value: channel.at, "name": output.name}
+    terms = [(c, expression_text(weight)) for c, weight in output.terms if isinstance(c, Force)]
+    summed = [{force.side.value: force.at, "weight": weight} for force, weight in terms]
     return {"name": output.name, "unit": output.unit, "sum": summed}
 
 

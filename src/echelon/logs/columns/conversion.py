@@ -26,8 +26,7 @@ from echelon.logs.finding import listed
 from echelon.logs.recording import Recording
 from echelon.logs.units import factor
 from echelon.mechanism.effect import KINDS, Side
-from echelon.mechanism.mechanism import Channel as Force
-from echelon.mechanism.mechanism import JointForce, Mechanism, Output
+from echelon.mechanism.mechanism import Cut, Force, Mechanism, Output
 from echelon.mechanism.motor_side import transmission_matrix
 from echelon.mechanism.stated import symbol_values
 from echelon.signals.clock import GAP, nominal_period
@@ -353,17 +352,17 @@ def _from_motors(mechanism: Mechanism, output: Output, motors: Given, used: set[
     return total
 
 
-def _shares(mechanism: Mechanism, output: Output, channel: Force) -> dict[str, float]:
+def _shares(mechanism: Mechanism, output: Output, channel: Force | Cut) -> dict[str, float]:
     """Actuators whose forces make a channel, with their ratios."""
     where = f"output '{output.name}'"
-    if not isinstance(channel, JointForce):
+    if not isinstance(channel, Force) or channel.side is not Side.JOINT:
         raise InputError(
             "a column is missing for it; only forces of joints follow from those of actuators", element=where
         )
     driven, matrix = transmission_matrix(mechanism)
-    found = {channel.coordinate: 1.0}
-    if channel.coordinate in driven:
-        column = matrix[:, driven.index(channel.coordinate)]
+    found = {channel.at: 1.0}
+    if channel.at in driven:
+        column = matrix[:, driven.index(channel.at)]
         found = {a.name: float(r) for a, r in zip(mechanism.actuators, column, strict=True) if r}
     for effect in mechanism.effects:
         lossy = next((a.at for a in effect.actions if a.side is Side.ACTUATOR and a.at in found), None)

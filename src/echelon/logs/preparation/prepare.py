@@ -30,7 +30,7 @@ from echelon.logs.columns.column_map import motion_of, quaternion_columns, signa
 from echelon.logs.recording import Samples, Segment
 from echelon.mechanism.effect import Side
 from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import ActuatorForce, Cut, JointForce, Mechanism, Output
+from echelon.mechanism.mechanism import Cut, Mechanism, Output
 from echelon.mechanism.stated import symbol_values
 from echelon.signals.clock import shift_reach, shifted
 from echelon.signals.filters import (
@@ -185,10 +185,12 @@ def speed_rows(mechanism: Mechanism, output: Output, names: Sequence[str]) -> Fl
         return None
     rows = np.zeros((len(output.terms), len(names)))
     for row, (channel, _) in zip(rows, output.terms, strict=True):
-        if isinstance(channel, JointForce):
-            row[names.index(channel.coordinate)] = 1.0
-        elif isinstance(channel, ActuatorForce):
-            actuator = next(a for a in mechanism.transmission.actuators if a.name == channel.actuator)
+        if isinstance(channel, Cut):
+            continue
+        if channel.side is Side.JOINT:
+            row[names.index(channel.at)] = 1.0
+        else:
+            actuator = next(a for a in mechanism.transmission.actuators if a.name == channel.at)
             for name, ratio in actuator.terms:
                 known = symbol_values(mechanism, sorted(ratio.symbols()))
                 row[names.index(name)] = ratio.at(known)
@@ -203,13 +205,9 @@ def rubs(mechanism: Mechanism, output: Output) -> bool:
             continue
         if mechanism.closures:
             return bool(dry)
-        if isinstance(channel, JointForce):
-            if (channel.coordinate, Side.JOINT) in dry:
-                return True
-        else:
-            moved = mechanism.transmission.inverse[channel.actuator]
-            if (channel.actuator, Side.ACTUATOR) in dry or any((name, Side.JOINT) in dry for name in moved):
-                return True
+        moved = mechanism.transmission.inverse[channel.at] if channel.side is Side.ACTUATOR else ()
+        if (channel.at, channel.side) in dry or any((name, Side.JOINT) in dry for name in moved):
+            return True
     return False
 
 
