@@ -180,32 +180,26 @@ class Audit:
 
     def to_text(self) -> str:
         """The audit as plain text: verdict, wrong rows with witnesses, redundant rows, missing directions."""
-        return _text(self)
+        lines = [
+            f"{self.name}: {self.verdict.value.upper()}: {_MEANING[self.verdict]}",
+            f"{len(self.findings)} claimed, {self.rank} exact base parameters; naming: {self.naming}; "
+            f"coefficients: {self.precision}",
+            *_counts(self),
+        ]
+        for finding in self.of(Agreement.WRONG):
+            lines += ["", f"wrong: {_title(finding)}"]
+            lines += [f"  {text}" for text in (*finding.differences, *_proof(finding))]
+        redundant = [f"redundant: {_title(finding)}" for finding in self.findings if finding.redundant]
+        lines += ["", *redundant] if redundant else []
+        for missing in self.missing:
+            lines += ["", f"missing: {missing.expression}", *(f"  {text}" for text in _blindness(missing))]
+        return "\n".join(one_line(line) for line in lines) + "\n"
 
     def __str__(self) -> str:
         return self.to_text()
 
     def __repr__(self) -> str:
         return f"Audit({self.name}: {self.verdict.value}; {len(self.findings)} claimed, {self.rank} exact)"
-
-
-def _text(audit: Audit) -> str:
-    """Plain text: verdict, counts, then every row that is not right, with a witness."""
-    lines = [
-        one_line(f"{audit.name}: {audit.verdict.value.upper()}: {_MEANING[audit.verdict]}"),
-        f"{len(audit.findings)} claimed, {audit.rank} exact base parameters; naming: {audit.naming}; "
-        f"coefficients: {audit.precision}",
-        *_counts(audit),
-    ]
-    for finding in audit.of(Agreement.WRONG):
-        lines += ["", f"wrong: {_title(finding)}"]
-        lines += [f"  {difference}" for difference in finding.differences]
-        lines += [f"  {text}" for text in _proof(finding)]
-    lines += [""] * any(finding.redundant for finding in audit.findings)
-    lines += [f"redundant: {_title(finding)}" for finding in audit.findings if finding.redundant]
-    for missing in audit.missing:
-        lines += ["", f"missing: {missing.expression}", *(f"  {text}" for text in _blindness(missing))]
-    return "\n".join(one_line(line) for line in lines) + "\n"
 
 
 def _counts(audit: Audit) -> list[str]:
@@ -221,11 +215,10 @@ def _counts(audit: Audit) -> list[str]:
     texts += [f"{len(wrong)} wrong"] * bool(wrong)
     redundant = [finding for finding in audit.findings if finding.redundant]
     texts += [f"{len(redundant)} redundant"] * bool(redundant)
-    lines = [f"rows: {', '.join(texts)}", f"missing: {len(audit.missing)}"]
+    lines = [f"rows: {', '.join(texts)}", *([f"missing: {len(audit.missing)}"] if audit.missing else [])]
     if audit.ignored:
         lines.append(f"ignored: {len(audit.ignored)} rows ({', '.join(claim.text for claim in audit.ignored)})")
-    lines += [f"note: {note}" for note in audit.notes]
-    return lines if audit.missing else [line for line in lines if not line.startswith("missing")]
+    return lines + [f"note: {note}" for note in audit.notes]
 
 
 def _title(finding: Finding) -> str:
