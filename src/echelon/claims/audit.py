@@ -279,7 +279,7 @@ class WitnessSearch:
         felt = self.claimed @ change
         q, qd, qdd = (tuple(float(v) for v in part[loudest]) for part in self.states)
         return Witness(
-            _named(self.matrix.parameters, change),
+            {name: float(v) for name, v in zip(self.matrix.parameters, change, strict=True) if v},
             {i + 1: float(v) for i, v in enumerate(felt) if abs(v) > _NEGLIGIBLE},
             {"q": q, "qd": qd, "qdd": qdd, **{f"i[{k}]": (float(v[loudest]),) for k, v in self.measured.items()}},
             {
@@ -288,10 +288,6 @@ class WitnessSearch:
             },
             self.assumed,
         )
-
-
-def _named(names: Sequence[str], values: Floats) -> Mapping[str, float]:
-    return {name: float(v) for name, v in zip(names, values, strict=True) if v}
 
 
 def random_states(

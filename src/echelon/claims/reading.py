@@ -251,9 +251,11 @@ class LinearReader:
                 return self._sum(node)
             case ast.Constant(value=int() | float()):
                 return {"": RationalFunction(parse_decimal(self._source(node)))}
+            case ast.Name(id="pi"):
+                return {"": RationalFunction(Polynomial.generator("pi"))}
             case ast.Name(id=name):
                 parameter = self.parameter(name)
-                return {parameter: _ONE} if parameter else {"": RationalFunction(self._named(name))}
+                return {parameter: _ONE} if parameter else {"": RationalFunction(self.symbol(name))}
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 return _scaled(self._terms(operand), RationalFunction(-1))
             case ast.UnaryOp(op=ast.UAdd(), operand=operand):
@@ -283,9 +285,6 @@ class LinearReader:
                 signed = value if sign > 0 else -value
                 total[name] = total[name] + signed if name in total else signed
         return total
-
-    def _named(self, name: str) -> Polynomial:
-        return Polynomial.generator(name) if name == "pi" else self.symbol(name)
 
     def _function(self, node: ast.expr) -> Polynomial:
         value = parse(self._source(node))

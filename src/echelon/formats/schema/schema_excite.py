@@ -26,6 +26,7 @@ from echelon.formats.schema.schema_types import (
     optional,
     refusal,
     required,
+    sized,
 )
 from echelon.formats.snapping import NOT_FINITE
 
@@ -65,10 +66,6 @@ def _normal(value: object) -> tuple[float, ...]:
     if not length:
         raise refusal("the normal is zero; it needs a direction such as [0, 0, 1]")
     return tuple(part / length for part in direction)
-
-
-def _pair(value: object) -> tuple[object, ...]:
-    return of_size(value, 2, "a pair of names such as [link1, link3]")
 
 
 def _shape(value: object) -> object:
@@ -113,7 +110,7 @@ Range = Annotated[tuple[float, float], BeforeValidator(_range), WithJsonSchema(_
 Point = Annotated[tuple[float, float, float], BeforeValidator(_corner), _THREE]
 Unit = Annotated[tuple[float, float, float], BeforeValidator(_normal), _THREE]
 Shape = Annotated[dict[str, Any], BeforeValidator(_shape)]
-Pair = Annotated[tuple[Name, Name], BeforeValidator(_pair), WithJsonSchema(_NAMES)]
+Pair = Annotated[tuple[Name, Name], sized(2, "a pair of names such as [link1, link3]"), WithJsonSchema(_NAMES)]
 Limits = Annotated[dict[str, Limit], BeforeValidator(_by_name), _one_or_each(SCALAR)]
 Ranges = Annotated[dict[str, Range], BeforeValidator(_by_name), _one_or_each(_INTERVAL)]
 Deviations = Annotated[dict[str, Positive], BeforeValidator(_by_name), _one_or_each(SCALAR)]

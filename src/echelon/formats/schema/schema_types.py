@@ -98,8 +98,8 @@ def of_size(value: object, size: int, what: str) -> tuple[object, ...]:
 
 
 def sized(size: int, what: str) -> BeforeValidator:
-    """A list of known size."""
-    return BeforeValidator(lambda value: of_size(value, size, f"a list of {what}"))
+    """A check of a list of known size."""
+    return BeforeValidator(partial(of_size, size=size, what=what))
 
 
 Expression = Annotated[
@@ -112,15 +112,19 @@ Expression = Annotated[
 Name = Annotated[str, BeforeValidator(_name), WithJsonSchema({"type": ["string", "integer"]})]
 Flag = Annotated[bool, BeforeValidator(_flag)]
 Version = Annotated[Literal[1], BeforeValidator(_version)]
-Triple = Annotated[tuple[Expression, Expression, Expression], sized(3, "three expressions such as [0, 0, 0.333]")]
-Matrix = Annotated[tuple[Triple, Triple, Triple], sized(3, "three rows such as [[1, 0, 0], [0, 0, -1], [0, 1, 0]]")]
-Ten = Annotated[tuple[Expression, ...], sized(10, "ten numbers: XX XY XZ YY YZ ZZ MX MY MZ M")]
+Triple = Annotated[
+    tuple[Expression, Expression, Expression], sized(3, "a list of three expressions such as [0, 0, 0.333]")
+]
+Matrix = Annotated[
+    tuple[Triple, Triple, Triple], sized(3, "a list of three rows such as [[1, 0, 0], [0, 0, -1], [0, 1, 0]]")
+]
+Ten = Annotated[tuple[Expression, ...], sized(10, "a list of ten numbers: XX XY XZ YY YZ ZZ MX MY MZ M")]
 Part = Annotated[
     str | None,
     BeforeValidator(lambda value: None if value is None else _name(value)),
     WithJsonSchema({"type": ["string", "integer", "null"]}),
 ]
-PairOfParts = Annotated[tuple[Part, Part], sized(2, "two names of bodies such as [coupler, rocker]")]
+PairOfParts = Annotated[tuple[Part, Part], sized(2, "a list of two names of bodies such as [coupler, rocker]")]
 
 AS_LIST = BeforeValidator(_items)
 AS_ROWS = BeforeValidator(_rows)
