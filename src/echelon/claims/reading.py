@@ -22,6 +22,7 @@ import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from decimal import Decimal
 from difflib import get_close_matches
 from fractions import Fraction
 from math import floor, log10
@@ -44,7 +45,7 @@ _HEADERS = (
 _COMMENT = re.compile(r"\s*(#|%|//).*$")
 _NAMED = re.compile(r"^\s*([^\W\d][\w .\[\]-]*?)\s*[=:]\s*(.+)$")
 _SCHEMA = "echelon.base-model/1"
-_DECIMAL = re.compile(r"(?<![\w.])(\d*)\.(\d*)(?:[eE]([+-]?\d+))?(?![\w.])|(?<![\w.])(\d+)[eE]([+-]?\d+)")
+_DECIMAL = re.compile(r"(?<![\w.])(?:(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)(?![\w.])")
 _MOST_DIGITS = 9
 
 
@@ -181,21 +182,10 @@ def precision_of(texts: Iterable[str]) -> Precision:
     >>> precision_of(["Ixx2 - 1.0*Iyy2 - 0.050625*m3 + 0.07*mz3"])
     Precision(decimals=6, significant=5)
     """
-    found = [_digits(*match.groups()) for text in texts for match in _DECIMAL.finditer(text)]
-    if not found:
-        return Precision(None)
-    decimals, significant = (min(_MOST_DIGITS, max(column)) for column in zip(*found, strict=True))
-    return Precision(decimals, significant) if decimals else Precision(None)
-
-
-def _digits(
-    whole: str | None, part: str | None, power: str | None, mantissa: str | None, raised: str | None
-) -> tuple[int, int]:
-    """Decimals and significant digits of a literal."""
-    if mantissa is not None:
-        return max(0, -int(raised or 0)), len(mantissa)
-    digits = f"{whole or ''}{part or ''}"
-    return max(0, len((part or "").rstrip("0")) - int(power or 0)), len(digits.strip("0")) or 1
+    found = [Decimal(match[0]).normalize().as_tuple() for text in texts for match in _DECIMAL.finditer(text)]
+    decimals = max((-int(number.exponent) for number in found), default=0)
+    significant = max((len(number.digits) for number in found), default=0)
+    return Precision(min(decimals, _MOST_DIGITS), min(significant, _MOST_DIGITS)) if decimals > 0 else Precision(None)
 
 
 # -- expressions that are linear in the parameters ---------------------------------------------------------------------
