@@ -127,8 +127,6 @@ class Language:
     # whether the templates make results that start as zeros; otherwise zeros are assigned, or filled in if there are
     # many
     zeroed: bool = False
-    # whether sines and cosines are computed several at once, from consecutive entries of q where possible
-    windows: bool = False
     splits: bool = False  # whether long functions are cut into parts
 
     def literal(self, value: Number, precision: Precision) -> str:
@@ -172,7 +170,6 @@ C = Language(
     real={Precision.DOUBLE: "double", Precision.SINGLE: "float"},
     define="const {real} {name} = {value};",
     assign="{name} = {value};",
-    windows=True,
     splits=True,
 )
 
@@ -186,15 +183,12 @@ CPP = Language(
     number="T({x})",
     define="const T {name} = {value};",
     assign="{name} = {value};",
-    windows=True,
     splits=True,
     zeroed=True,
 )
 
 # CUDA C++: device functions, and kernels with one thread for each sample; compiled by nvcc or NVRTC
-CUDA = replace(
-    C, name="cuda", files={"{robot}.cu": "cuda.cu.j2"}, comment="// ", entry="result[{index}*stride]", windows=False
-)
+CUDA = replace(C, name="cuda", files={"{robot}.cu": "cuda.cu.j2"}, comment="// ", entry="result[{index}*stride]")
 
 # Python with NumPy: functions of arrays with any leading axes
 PYTHON = Language(

@@ -69,11 +69,6 @@ def plan(function: Function, longest_part: int) -> Plan:
     return Plan(function, angles, parts, names, waiting_places(made, used))
 
 
-def coordinates(function: Function) -> tuple[int, ...]:
-    """The nodes of q."""
-    return next((argument.nodes for argument in function.arguments if argument.name == "q"), ())
-
-
 def homes(parts: Sequence[Sequence[Statement]]) -> dict[int, int]:
     """For every temporary, the number of the part that it is written in."""
     return {s.node: k for k, part in enumerate(parts) for s in part if s.entry is None}
@@ -87,7 +82,7 @@ def _angles(function: Function) -> tuple[Angle, ...]:
     program = function.program
     found = dict.fromkeys(program.lhs[n] for n in function.needed if program.ops[n] in (Op.SIN, Op.COS))
     simple = [n for n in found if _inlined_leaves(program, n, _MOST_LEAVES_OF_ANGLE) > 0]
-    place = {node: k for k, node in enumerate(coordinates(function), 1)}
+    place = {node: k for a in function.arguments if a.name == "q" for k, node in enumerate(a.nodes, 1)}
     joints = sorted((n for n in simple if n in place), key=place.__getitem__)
     others = [n for n in simple if n not in place]
     named = [Angle(n, str(place[n])) for n in joints]

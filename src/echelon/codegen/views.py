@@ -13,7 +13,7 @@ from math import prod
 from sys import maxsize
 
 from echelon.codegen.language import Language, Precision
-from echelon.codegen.plan import LONGEST_PART, Plan, Statement, coordinates, homes, plan, used_names
+from echelon.codegen.plan import LONGEST_PART, Plan, Statement, homes, plan, used_names
 from echelon.exact.polynomial import Number, is_negative
 from echelon.program.function import Argument, Function
 from echelon.program.operations import Op
@@ -107,7 +107,7 @@ class Trig:
 
     name: str  # ``"s2"``
     kind: str  # ``"sine"`` or ``"cosine"``
-    index: int  # place of the angle, from 0: in the vector of angles, or in the window on q
+    index: int  # place of the angle in the vector of angles, from 0
 
 
 @dataclass(frozen=True)
@@ -135,9 +135,6 @@ class FunctionView:
     function: Function
     unused: tuple[Argument, ...]  # arguments without influence on the result
     angles: tuple[str, ...]  # expressions of the angles whose sines and cosines are needed
-    # for languages that compute several sines at once, the consecutive entries of q that hold all angles, where there
-    # are at least :data:`LANES`; code reads them in place, because gathering them first stalls processors
-    window: range | None
     parts: tuple[PartView, ...]
     slots: int  # number of values that parts share
     fills: bool  # whether the result is to be filled with zeros first
@@ -154,15 +151,13 @@ class FunctionView:
 
     @property
     def places(self) -> int:
-        """Length of the vectors of sines and cosines, at least :data:`LANES` unless there are none."""
-        if self.window is not None:
-            return len(self.window)
+        """Length of the vectors of sines and cosines, a multiple of :data:`LANES`."""
         return -(-len(self.angles) // LANES) * LANES
 
     @property
-    def blocks(self) -> list[int]:
-        """Where blocks of :data:`LANES` angles start; the last may overlap the one before."""
-        return [min(k, self.places - LANES) for k in range(0, self.places, LANES)]
+    def blocks(self) -> range:
+        """Where blocks of :data:`LANES` angles start."""
+        return range(0, self.places, LANES)
 
     @property
     def size(self) -> int:
@@ -176,8 +171,7 @@ def view(function: Function, language: Language, precision: Precision) -> Functi
     places = () if language.zeroed else product(*map(range, function.shape))
     empty = [place for place in places if place not in function.entries]
     fills = len(empty) > _MOST_ZEROS
-    window = _window(planned) if language.windows else None
-    printer = _Printer(planned, language, precision, window)
+    printer = _Printer(planned, language, precision)
     parts = [printer.part(k) for k in range(len(planned.parts))]
     if empty and not fills:
         zero = language.literal(0, precision)
@@ -187,23 +181,11 @@ def view(function: Function, language: Language, precision: Precision) -> Functi
     angles = tuple(printer.expressions({}).reference(angle.node) for angle in planned.angles)
     used = {a.name for part in parts for a in part.arguments} | printer.arguments_of(a.node for a in planned.angles)
     unused = tuple(a for a in function.arguments if a.name not in used)
-    return FunctionView(function, unused, angles, window, tuple(parts), len(planned.slots), fills)
-
-
-def _window(planned: Plan) -> range | None:
-    """The consecutive entries of q that hold all angles."""
-    q = coordinates(planned.function)
-    places = [q.index(angle.node) for angle in planned.angles if angle.node in q]
-    if len(places) < len(planned.angles) or not places:
-        return None
-    first, last = min(places), max(places)
-    first = max(0, min(first, last + 1 - LANES))
-    last = min(len(q) - 1, max(last, first + LANES - 1))
-    return range(first, last + 1) if last + 1 - first >= LANES else None
+    return FunctionView(function, unused, angles, tuple(parts), len(planned.slots), fills)
 
 
 class _Printer:
-    def __init__(self, planned: Plan, language: Language, precision: Precision, window: range | None) -> None:
+    def __init__(self, planned: Plan, language: Language, precision: Precision) -> None:
         self._plan, self._language, self._precision = planned, language, precision
         self._program = planned.function.program
         self._owner: dict[int, Argument] = {}
@@ -213,9 +195,7 @@ class _Printer:
                 self._owner[node], self._inputs[node] = argument, language.at(argument.name, k)
         self._home = homes(planned.parts)
         self._slots = {n: language.at(WORK, slot) for n, slot in planned.slots.items()}
-        angles = [angle.node for angle in planned.angles]
-        listed = angles if window is None else coordinates(planned.function)[window.start : window.stop]
-        self._places = {node: k for k, node in enumerate(listed)}
+        self._places = {angle.node: k for k, angle in enumerate(planned.angles)}
 
     def expressions(self, names: Mapping[int, str]) -> Expressions:
         return Expressions(self._program, {**self._inputs, **names}, self._language, self._precision)
