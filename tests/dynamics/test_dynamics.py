@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import echelon as ec
-from echelon.dynamics.functions import FUNCTIONS, inverse_dynamics, robot_function
+from echelon.dynamics.functions import FUNCTIONS, robot_function, vector
 from echelon.dynamics.outputs import RecordedOutputs
 from echelon.errors import InputError
 from echelon.mechanism.effect import Action, Effect, Side
@@ -283,6 +283,9 @@ def test_angles_are_summed_only_where_that_pays() -> None:
         columns = range(len(mechanism.parameters))
         without, chosen = (
             counted(build(mechanism, columns))
-            for build in (lambda *given: inverse_dynamics(RecordedOutputs(*given, sums=False)), FUNCTIONS[NAME])
+            for build in (
+                lambda *given: vector(NAME, RecordedOutputs(*given, sums=False)),
+                FUNCTIONS[NAME],
+            )
         )
         assert (sum(chosen) < sum(without)) == (mechanism is arm)

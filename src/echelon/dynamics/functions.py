@@ -9,6 +9,7 @@ dependently, and the forces of closures.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -69,8 +70,8 @@ def constraint_forces(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
     recorded = RecordedOutputs(mechanism, range(len(mechanism.parameters)), dependent=True)
     motion = recorded.dependent_motion
     assert motion is not None
-    forces = (a + b for a, b in zip(recorded.inertial(True), recorded.effects(), strict=True))
-    found = dict(_labelled(mechanism, motion.closing_wrenches(dict(zip(motion.dependent, forces, strict=True)))))
+    forces = dict(zip(motion.dependent, recorded.forces(), strict=True))
+    found = dict(_labelled(mechanism, motion.closing_wrenches(forces)))
     shares = _determined(mechanism, motion)
     kept = tuple(name for name, share in shares.items() if share > 1 - _DETERMINED)
     if not kept:
@@ -135,27 +136,24 @@ def motion_function(
 Builder = Callable[[Mechanism, Sequence[int]], Function]
 
 
-def inverse_dynamics(recorded: RecordedOutputs) -> Function:
-    """Record y(q, q̇, q̈): inertial forces with gravity, and all effects."""
-    forces = [a + b for a, b in zip(recorded.inertial(True), recorded.effects(), strict=True)]
-    return _vector("inverse_dynamics", recorded, forces, "q qd qdd inputs", "outputs that a motion needs")
+Parts = Callable[[RecordedOutputs], Sequence[Scalar]]  # what every output is, or a part of it
+
+_VECTORS: Mapping[str, tuple[Parts, str, str]] = {
+    "inverse_dynamics": (RecordedOutputs.forces, "q qd qdd inputs", "outputs that a motion needs"),
+    "gravity": (RecordedOutputs.weight, "q", "outputs that hold the bodies' weight"),
+    "coriolis": (lambda r: r.inertial(False, "qdd"), "q qd", "Coriolis and centrifugal outputs"),
+    "effects": (lambda r: r.effects("qdd"), "q qd inputs", "outputs of friction, springs and other effects"),
+}
+"""Functions with one value for each output: what is recorded, of which arguments, and its meaning."""
 
 
-def gravity(recorded: RecordedOutputs) -> Function:
-    """Record the inertial forces at rest."""
-    return _vector("gravity", recorded, recorded.weight(), "q", "outputs that hold the bodies' weight")
-
-
-def coriolis(recorded: RecordedOutputs) -> Function:
-    """Record the inertial forces that depend on the velocities, C(q, q̇) q̇."""
-    forces = recorded.inertial(False, "qdd")
-    return _vector("coriolis", recorded, forces, "q qd", "Coriolis and centrifugal outputs")
-
-
-def effects(recorded: RecordedOutputs) -> Function:
-    """Record the forces of all effects while accelerations are zero."""
-    forces = recorded.effects("qdd")
-    return _vector("effects", recorded, forces, "q qd inputs", "outputs of friction, springs and other effects")
+def vector(name: str, recorded: RecordedOutputs) -> Function:
+    """Record one of the functions in :data:`_VECTORS`."""
+    parts, arguments, meaning = _VECTORS[name]
+    entries: dict[Index, Scalar] = {(row,): force for row, force in enumerate(parts(recorded))}
+    units = tuple(output.unit for output in recorded.mechanism.outputs)
+    arguments = f"{arguments} parameters symbols"
+    return recorded.arguments.function(name, entries, (recorded.names,), arguments, meaning, units)
 
 
 def mass_matrix(recorded: RecordedOutputs) -> Function:
@@ -215,10 +213,7 @@ _FUNCTION_PRICE = 25
 """Of a sine or cosine; in vectorised machine code a pair takes as long as about fifty multiplications."""
 
 FUNCTIONS: Mapping[str, Builder] = {
-    "inverse_dynamics": _cheapest(inverse_dynamics),
-    "gravity": _cheapest(gravity),
-    "coriolis": _cheapest(coriolis),
-    "effects": _cheapest(effects),
+    **{name: _cheapest(partial(vector, name)) for name in _VECTORS},
     "mass_matrix": _cheapest(mass_matrix),
     "inverse_dynamics_derivatives": _cheapest(inverse_dynamics_derivatives),
     "regressor": regressor,
@@ -247,13 +242,3 @@ def robot_function(name: str, mechanism: Mechanism, pivots: Sequence[int]) -> Fu
     if name not in ALL_FUNCTIONS:
         raise InputError(f"there is no function '{name}' (valid: {', '.join(ALL_FUNCTIONS)})")
     return ALL_FUNCTIONS[name](mechanism, pivots)
-
-
-# -- putting together --------------------------------------------------------------------------------------------------
-
-
-def _vector(name: str, recorded: RecordedOutputs, forces: Sequence[Scalar], arguments: str, meaning: str) -> Function:
-    entries: dict[Index, Scalar] = {(row,): force for row, force in enumerate(forces)}
-    units = tuple(output.unit for output in recorded.mechanism.outputs)
-    arguments = f"{arguments} parameters symbols"
-    return recorded.arguments.function(name, entries, (recorded.names,), arguments, meaning, units)

@@ -85,6 +85,10 @@ class RecordedOutputs:
         """
         return self._rows(efforts(self._inertias, self._motion(*still, gravity=gravity)))
 
+    def forces(self) -> list[Scalar]:
+        """Inertial forces with gravity, and all effects, one for each row."""
+        return [a + b for a, b in zip(self.inertial(True), self.effects(), strict=True)]
+
     def weight(self) -> list[Scalar]:
         """Forces that hold the bodies' weight at rest, one for each row."""
         return self._rows(efforts_at_rest(self._inertias, self._motion("qd", "qdd")))
