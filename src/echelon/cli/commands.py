@@ -67,7 +67,7 @@ def derive(
         raise typer.BadParameter("--regressor prints formulas and takes no --format")
     ordered = prefer or order != "base-to-tip"
     if asked and regressor is None and (ordered or chosen in ("latex", "markdown")):
-        raise typer.BadParameter(f"{asked[0]} counts, as text or JSON, and takes no --order or --prefer")
+        raise typer.BadParameter(f"{asked[0]} prints numbers; it takes no --order, --prefer, LaTeX or Markdown")
 
     from echelon.cli import derive
     from echelon.cli.destination import output_file

@@ -51,9 +51,9 @@ def verdict(found: ExcitingTrajectory) -> str:
     """Whether all limits are kept, in a sentence."""
     broken = [margin.label for margin in found.margins if not margin.kept]
     if not broken:
-        untouched = any(finding.text.startswith(UNCHECKED) for finding in found.findings)
+        unchecked = any(finding.text.startswith(UNCHECKED) for finding in found.findings)
         kept = f"all {len(found.margins)} limits are kept {when_kept(found.margins)}"
-        return f"{kept}; whether bodies touch was not looked at" if untouched else kept
+        return f"{kept}; collisions were not checked" if unchecked else kept
     more = f" and {len(broken) - 6} more" if len(broken) > 6 else ""
     return f"broken limits: {', '.join(map(one_line, broken[:6]))}{more}"
 

@@ -62,7 +62,7 @@ class Margin:
     def margin(self) -> float:
         """Distance to the nearer end, negative if the limit is broken."""
         if isnan(self.least) or isnan(self.largest):
-            return -inf  # what nobody knows is not kept
+            return -inf  # an unknown value counts as broken
         below = inf if self.low == -inf else self.least - self.low
         return min(below, inf if self.high == inf else self.high - self.largest)
 

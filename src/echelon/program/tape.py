@@ -232,7 +232,7 @@ def _integer_power(base: Scalar, count: int) -> Scalar:
     """By repeated squaring, from the lowest bit on."""
     value = base.number
     if isinstance(value, int | Fraction) and count * _bits(value) > _MOST_BITS:
-        raise InputError(f"a power with more than {_MOST_BITS} bits")
+        raise InputError(f"a power of a number would have more than {_MOST_BITS} bits; its exponent is too large")
     return repeated(base, count, base.program.one, mul)
 
 

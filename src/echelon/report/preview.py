@@ -137,8 +137,8 @@ def _header(found: ExcitingTrajectory) -> Context:
     }
 
 
-def verdict(margins: tuple[Margin, ...], untouched: bool = False) -> str:
-    """Whether limits are kept, in words; ``untouched`` if nobody looked whether bodies touch.
+def verdict(margins: tuple[Margin, ...], unchecked: bool = False) -> str:
+    """Whether limits are kept, in words; ``unchecked`` if collisions were not checked.
 
     >>> verdict((Margin("velocity of j1", "rad/s", -2.0, 2.0, -1.0, 1.5),))
     'Every limit is kept at every time.'
@@ -149,8 +149,8 @@ def verdict(margins: tuple[Margin, ...], untouched: bool = False) -> str:
     if not margins:
         return "No limit was checked."
     if not broken:
-        checked = "Every limit that was checked" if untouched else "Every limit"
-        return f"{checked} is kept {when_kept(margins)}{'; whether bodies touch was not looked at' * untouched}."
+        checked = "Every limit that was checked" if unchecked else "Every limit"
+        return f"{checked} is kept {when_kept(margins)}{'; collisions were not checked' * unchecked}."
     return f"Do not run this: {broken} of {len(margins)} limits {'is' if broken == 1 else 'are'} broken."
 
 

@@ -317,7 +317,7 @@ def clearance_of(
         raise InputError(f"the reach must be larger than the clearance of {clearance} m, got {farthest}")
     balls = [motion.name for motion in mechanism.motions if motion.kind is MotionKind.BALL]
     if balls:
-        raise InputError(f"clearances are for joints with single coordinates; '{balls[0]}' rotates freely")
+        raise InputError(f"distances are not computed with ball joints: '{balls[0]}' rotates freely")
     found = _clearance(mechanism, tuple(shapes), checked_pairs(mechanism, shapes, exclude), clearance, farthest)
     return _without_touching(found, clearance, reference) if ignore_touching else found
 

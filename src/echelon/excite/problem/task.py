@@ -205,7 +205,7 @@ def _drives(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Floats]:
 
 # -- the task ----------------------------------------------------------------------------------------------------------
 
-UNCHECKED = "collisions are not checked"  # how the finding begins that nobody looked whether bodies touch
+UNCHECKED = "collisions are not checked"  # how the finding begins
 _SMOOTH = 0.02  # share of the smallest speed limit within which dry friction changes sign gradually
 
 
