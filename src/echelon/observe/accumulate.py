@@ -158,9 +158,7 @@ def _check_uniform(arguments: tuple[Argument, ...], given: Batch, earlier: list[
         if not np.isfinite(value):
             raise InputError(f"{name} of '{label}' is {value}; expected a finite number")
     if earlier and not np.array_equal(earlier[0].uniform, given.uniform):
-        raise InputError(
-            "arguments that are the same for all samples, such as symbols, have changed between two pieces"
-        )
+        raise InputError("uniform arguments, such as symbols, have changed between two pieces")
 
 
 def _not_finite(arguments: tuple[Argument, ...], block: _Block) -> InputError:

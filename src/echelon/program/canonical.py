@@ -435,9 +435,7 @@ class CanonicalForms:
     def _refine(self, name: str, unit: int) -> None:
         if unit > _LARGEST_UNIT:
             digits = len(str(unit))
-            raise UnknownRelationsError(
-                f"the common denominator of numbers in functions has {digits} digits; round them"
-            )
+            raise UnknownRelationsError(f"numbers in functions have a denominator of {digits} digits; round them")
         if unit != self.unit(name):
             self.units[name] = unit
             self._changed = True

@@ -51,10 +51,7 @@ def information_of_logs(setup: Setup, logs: Sequence[str | os.PathLike[str]]) ->
         problem = "logs determine other parameters than a trajectory that holds coordinates; let all of them move"
         raise InputError(problem, source=setup.source, element="excitation")
     if any(body.joint.kind == "floating" for body in setup.mechanism.bodies):
-        raise InputError(
-            "trajectories hold a floating base still, logs move it: their information does not add up",
-            source=setup.source,
-        )
+        raise InputError("logs move a floating base, and trajectories hold it", source=setup.source)
     moved = setup.mechanism.velocities
     setup, paths, _ = with_logs(setup, logs, usual=False)
     if setup.mechanism.velocities != moved:
