@@ -79,7 +79,7 @@ FAULTS = (
     Fault("codegen/views.py", "_at_least(Binding.PRODUCT, b)", "b[0]", "a − (b + c)", CODE),
     Fault("codegen/views.py", "_at_least(Binding.ATOM, b)", "b[0]", "a / (b·c)", CODE),
     Fault("codegen/language.py", 'Op.ABS: "ca.fabs({x})"', 'Op.ABS: "ca.sign({x})"', "absolute values in CasADi", CODE),
-    Fault("codegen/views.py", "min(k, self.places - LANES)", "k", "blocks of angles", CODE),
+    Fault("codegen/views.py", "range(0, self.places, LANES)", "range(0, LANES, LANES)", "blocks of angles", CODE),
     Fault("inertia.py", "(square - centre[..., :, None]", "(square + centre[..., :, None]", "Steiner", CONVERT),
     Fault(
         "inertia.py",
