@@ -78,6 +78,7 @@ PLANTED: dict[str, tuple[str, Plant, str]] = {
     "zero": ("arm", lambda s: replace(s, q=s.q - np.eye(5)[2] * np.pi / 2), "zero of the position of 'j3'"),
     "unit of a torque": ("arm", outputs(lambda y: by(y, 2, 1e3)), "the output of 'j3' is in mN·m"),
     "rate": ("arm", clock(0.5), "the rate is about 2 times"),
+    "milliseconds": ("arm", clock(1e3), "the rate is about 0.001 times"),
     "side of a gear": ("motor side", outputs(lambda y: by(y, 2, 40.0)), "the output of 'm3' is on the joints' side"),
     "sign of a motor": ("motor side", outputs(lambda y: by(y, 3)), "the sign of the output of 'm4' is wrong"),
     "loops": ("five-bar", outputs(lambda y: y[:, ::-1]), "are exchanged"),

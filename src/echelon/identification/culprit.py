@@ -268,7 +268,7 @@ class _Search:
         """The rate that explains most, if it is not the one that was taken."""
         rate = 1.0
         for width, count in _RATES:
-            tried = rate * width ** np.linspace(-1, 1, count)
+            tried = np.append(rate * width ** np.linspace(-1, 1, count), [1e-3, 1e3])  # ms for s, and s for ms
             rate = min(map(float, tried), key=lambda r: self._free(_Change("", rate=r)))
         if abs(log(rate)) > _SAME_RATE:
             stated = self.columns.rate
