@@ -46,7 +46,7 @@ from echelon.signals.clock import shift_reach, shifted
 _LONGEST = 0.02  # longest delay that is looked for, s: beyond it the log is at fault
 _PERIODS = 2.5
 """The same in periods, where that is longer: slow recorders pair positions with outputs of the sample before."""
-_STEPS, _BETWEEN = 20, 40
+_STEPS, _BETWEEN = 10, 80
 """Delays to either side that are tried, and values between two: squares are smooth, their logarithms are not."""
 _LEFT = 1e-3  # least squares between two delays, relative to those at all of them
 _GAIN = 0.1  # least share of the residual's squares that a delay must remove
