@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -137,6 +138,26 @@ def test_the_band_ends_where_the_model_explains_no_more() -> None:
     assert found.band is not None
     assert 1.5 < found.band < 5
     assert "explains less than half" in found.reasons["band"]
+
+
+def test_dry_friction_at_rest_does_not_narrow_the_band() -> None:
+    """Quintic moves with rests between them, in which there is no friction and encoders tell any direction."""
+    rng, rate, rest = np.random.default_rng(5), 125.0, np.zeros((100, 1))
+    t, via = np.linspace(0, 1, 250, endpoint=False)[:, None], rng.uniform(-1.2, 1.2, (20, 2))
+    shapes = (10 * t**3 - 15 * t**4 + 6 * t**5, 15 * t**2 * (1 - t) ** 2, 15 * t * (1 - t) * (1 - 2 * t))
+    q, qd, qdd = (
+        np.concatenate([np.vstack([shape, rest + end]) * (b - a) + offset * a for a, b in pairwise(via)])
+        for shape, end, offset in zip(shapes, (1, 0, 0), (1, 0, 0), strict=True)
+    )
+    y = pendulum().predict(q, qd, qdd, TRUE) + FRICTION[0] * qd + FRICTION[1] * np.sign(qd)
+    y = y + 0.01 * y.std(axis=0) * rng.standard_normal(y.shape)
+    segment = Segment("planted", 0.0, rate, {"q": np.round(q, 4), "y": y})
+    signals = Signals.of([segment], pendulum(True).mechanism)
+    widest = chosen(Preparation(), signals)
+    made, _ = with_band(widest, signals, pendulum(True))
+    assert made.band == widest.band
+    found, truth = fitted(segment, made, friction=True), np.array([*TRUE, *FRICTION.ravel()])
+    assert np.abs((found.values - truth) / found.std).max() < 4
 
 
 def test_noise_that_no_band_mends_is_said() -> None:

@@ -7,12 +7,13 @@ hold vibrations, elasticity and noise of sensors rather than what the model expl
 and fit them to something else.
 
 So the band ends, first, where the residuals hold more than half of what is measured (the mean of the outputs in
-logarithms; by the spectra of outputs and residuals, of a fit to a narrower band), and second, before any base
-parameter is biased by more than a third of its standard deviation, which leaves intervals of 95 % with 94 %.  It is
-never narrower than the motion, twice the mean frequency of the fastest velocity, nor wider than what the signals
-allow (:mod:`echelon.logs.preparation.choices`), and of a short log it leaves ten rows per parameter.  Where even the
-narrowest band is biased by more, that is said, and A⁻¹ D ζ is given back.  Noise that turns the direction of dry
-friction counts for nothing: rows so near rest leave the fit, and encoders that round keep the direction.
+logarithms; by the spectra of outputs and residuals, of a fit to a narrower band, without what residuals are near
+standstill), and second, before any base parameter is biased by more than a third of its standard deviation, which
+leaves intervals of 95 % with 94 %.  It is never narrower than the motion, twice the mean frequency of the fastest
+velocity, nor wider than what the signals allow (:mod:`echelon.logs.preparation.choices`), and of a short log it leaves
+ten rows per parameter.  Where even the narrowest band is biased by more, that is said, and A⁻¹ D ζ is given back.
+Noise that turns the direction of dry friction counts for nothing: rows so near rest leave the fit, and encoders that
+round keep the direction.
 
 Sources: Fuller, Measurement Error Models, 1987; Cook and Stefanski, J. Amer. Stat. Assoc. 89, 1994 (noise added to
 data); Janot, Vandanjon and Gautier, IEEE Trans. Control Syst. Technol. 22, 2014 (bandwidth of identified robots).
