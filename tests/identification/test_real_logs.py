@@ -178,8 +178,8 @@ def test_pendulum_on_the_last_third(pendulum: tuple[Setup, Identification]) -> N
     setup, result = pendulum
     unseen = result.validations[1]
     assert unseen.role == "validation"
-    assert rms(unseen)[0] <= 0.082
-    assert rms(unseen)[1] <= 0.076
+    assert rms(unseen)[0] <= 0.087
+    assert rms(unseen)[1] <= 0.083
     assert_as_good_as_by_hand(setup, result, PENDULUM, "pendulum")
     plan = Plan(result.base, setup.columns, result.preparation, setup.settings.holdout)
     for model in MODELS:

@@ -250,7 +250,7 @@ class Trials:
                 predicted = ModelRows.of(self.base, ()).predict(samples, values)
                 assert samples.y is not None
                 measured += _powers(samples.y, samples.rate, self.bands)
-                rest += _powers(_bridged(samples.y - predicted, samples.moving), samples.rate, self.bands)
+                rest += _powers(_where_moving(samples.y - predicted, samples.moving), samples.rate, self.bands)
         told = (measured > 0) & (rest > 0)
         ratios = np.log(np.where(told, rest, 1.0) / np.where(told, measured, 1.0))
         return np.asarray(1 - np.exp(ratios.sum(axis=1) / np.maximum(told.sum(axis=1), 1)))
@@ -295,14 +295,12 @@ def _inverse(A: Floats) -> Floats:
     return np.asarray((vectors[:, told] / values[told]) @ vectors[:, told].T * np.outer(scale, scale))
 
 
-def _bridged(signal: Floats, moving: Flags | None) -> Floats:
-    """A signal (N, outputs) with straight lines where its output is near standstill, which no fit explains."""
+def _where_moving(signal: Floats, moving: Flags | None) -> Floats:
+    """A signal (N, outputs) where its output moves, else zero: no fit explains rest.  It has the power of all rows."""
     if moving is None:
         return signal
-    every, found = np.arange(len(signal)), signal.copy()
-    for k, kept in enumerate(moving.T):
-        found[:, k] = np.interp(every, every[kept], signal[kept, k]) if kept.any() else signal[:, k]
-    return found
+    share = moving.mean(axis=0)
+    return np.asarray(np.where(moving & (share > 0), signal / np.sqrt(np.where(share > 0, share, 1.0)), 0.0))
 
 
 def _powers(signal: Floats, rate: float, bands: Sequence[float]) -> Floats:
