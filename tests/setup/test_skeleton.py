@@ -99,6 +99,7 @@ def test_words_count_beside_words_that_nobody_knows(motion: Motion, tmp_path: Pa
     for k in (0, 1):
         log[f"GVL.Axis{k + 1}.NcToPlc.ActPos"] = motion["q"][:, k]
         log[f"GVL.Axis{k + 1}.NcToPlc.ActTorque"] = 5 * motion["qd"][:, k]
+        log[f"GVL.Axis{k + 1}.NcToPlc.MotorTemperature"] = 30 + 0.1 * motion["t"]
     found = written(tmp_path, log)
     assert "output: 'GVL.Axis{n}.NcToPlc.ActTorque'" in found
     assert "\n  velocity:" not in found

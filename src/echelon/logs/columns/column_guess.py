@@ -320,8 +320,8 @@ def _by_values(
     fixed = {kind: family for kind, family in known.items() if len(family.columns) == len(valid)}
     times = columns[stamps] if stamps else None
     said = {family: _said(family) for family in new}
-    named = {kind: family for family, kind in said.items() if kind not in fixed and [*said.values()].count(kind) == 1}
-    named.pop("", None)
+    once = {kind for kind in said.values() if [*said.values()].count(kind) == 1} & groups.keys() - fixed.keys()
+    named = {kind: family for family, kind in said.items() if kind in once}
     left = [family for family in new if family not in named.values()]
     found = named | classified(left, columns, times, fixed | named)
     complete = {"position", "output"} <= {*found, *fixed}
