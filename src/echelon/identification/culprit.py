@@ -38,7 +38,6 @@ output."""
 BETTER = 0.75  # residual that a change leaves, relative to what was read, from which on it is named
 _MUCH_BETTER = 0.5  # the same for the prediction of a log that was not fitted, which may be of another day
 APART = 0.93  # the same relative to every other change
-_EXPLAINED = 0.5  # residual of any parameters, relative to that of a physical robot, of one mistake among several
 _FOREIGN = 50.0
 """Ratio of an output to what the prior predicts that no robot explains: below that of units, above errors of priors."""
 _ALTERNATIVES = 2  # changes that are named together, because nothing tells them apart
@@ -159,7 +158,7 @@ class _Search:
         if best > before + log(BETTER if self.values is None else _MUCH_BETTER):
             return None
         alike = self._likely([change for mark, change in marks if mark <= best - log(APART)])
-        if len(alike) > _ALTERNATIVES or best > min(map(self._free, alike)) - log(_EXPLAINED):
+        if len(alike) > _ALTERNATIVES:
             return None
         return Culprit(", or ".join(change.text for change in alike), exp(before), exp(best), alike[0].rate)
 
