@@ -149,6 +149,101 @@ def test_numbers_of_descriptions_may_be_rounded() -> None:
     assert found(CARDAN) == (1, 6)
 
 
+SPHERICAL = """
+echelon: 1
+bodies:
+  - {name: a, joint: {type: revolute, axis: [-0.910792, -0.112744, 0.397173],
+      origin: {xyz: [0.1, 0.2, 0.3], rpy: [-0.276589, 1.145199, -2.802113]}}}
+  - {name: b, parent: a, joint: {type: revolute, axis: [0.418317, -0.105901, -0.902107],
+      origin: {rpy: [0.568528, 0.006882, -2.881950]}}}
+  - {name: c, parent: b, joint: {type: revolute, axis: [-0.044693, 0.387251, 0.920891],
+      origin: {rpy: [1.119728, 0.431289, 0.565322]}}}
+loops:
+  - {joint: revolute, connects: [c, base], at: {rpy: [-0.127290, -0.161825, -1.868360]},
+      on_second: {xyz: [0.1, 0.2, 0.3], rpy: [0.375674, 0.531808, 0.197396]}}
+"""
+DOUBLE_CARDAN = """
+echelon: 1
+bodies:
+  - {name: in, joint: {type: revolute, axis: [-0.962215, 0.242722, -0.123404],
+      origin: {xyz: [-0.18, 0, -0.24], rpy: [-0.276589, 1.145199, -2.802113]}}}
+  - {name: cross1, parent: in, joint: {type: revolute, axis: [0.348264, 0.347150, -0.870746],
+      origin: {xyz: [-0.288665, 0.072816, -0.037021], rpy: [0.568528, 0.006882, -2.881950]}}}
+  - {name: mid, parent: cross1, joint: {type: revolute, axis: [-0.154636, -0.735679, 0.659442],
+      origin: {rpy: [1.119728, 0.431289, 0.565322]}}}
+  - {name: cross2, parent: mid, joint: {type: revolute, axis: [-0.019097, 0.895832, 0.443982],
+      origin: {xyz: [0.289800, 0.236495, 0.331792], rpy: [0.297829, 0.314848, -3.086813]}}}
+  - {name: out, parent: cross2, joint: {type: revolute, axis: [0.571403, 0.603266, 0.556389],
+      origin: {rpy: [2.983873, 0.633064, -2.337472]}}}
+loops:
+  - {joint: revolute, connects: [out, base], at: {xyz: [-0.072273, 0.231421, -0.176695],
+      rpy: [2.384644, -0.626255, 2.888976]}, on_second: {xyz: [0.18, 0, 0.74], rpy: [0, 0.643501, 0]}}
+"""
+
+
+@pytest.mark.parametrize(("text", "rank"), [(SPHERICAL, 9), (DOUBLE_CARDAN, 9)])
+def test_angles_of_general_frames_are_not_near_multiples_of_15_degrees_by_intent(text: str, rank: int) -> None:
+    """The first axes are along gravity, which is a relation, too."""
+    assert found(text) == (1, rank)
+
+
+PARALLELOGRAM = """<robot name="bars"><link name="floor"/><link name="crank"/><link name="bar"/><link name="rocker"/>
+<link name="one"/><link name="two"/>
+<joint name="crank" type="continuous"><parent link="floor"/><child link="crank"/><axis xyz="0 0 1"/>
+  <origin xyz="0.1 -0.2 0.3" rpy="0.647633 0.271271 0.199993"/></joint>
+<joint name="bar" type="continuous"><parent link="crank"/><child link="bar"/><axis xyz="0 0 1"/>
+  <origin xyz="0.1 0.2 0"/></joint>
+<joint name="rocker" type="continuous"><parent link="floor"/><child link="rocker"/><axis xyz="0 0 1"/>
+  <origin xyz="0.572114 -0.063615 0.195084" rpy="0.647633 0.271271 0.199993"/></joint>
+<joint name="f1" type="fixed"><parent link="bar"/><child link="one"/><origin xyz="0.5 0.05 0"/></joint>
+<joint name="f2" type="fixed"><parent link="rocker"/><child link="two"/><origin xyz="0.1 0.2 0"/></joint></robot>"""
+
+
+def test_loops_in_general_frames_that_are_open_by_rounding_alone_are_restored(tmp_path: Path) -> None:
+    """Sides of a parallelogram are equal but for the place where it closes."""
+    (tmp_path / "bars.urdf").write_text(PARALLELOGRAM)
+    file = tmp_path / "loop.yaml"
+    file.write_text("echelon: 1\nrobot: bars.urdf\nloops: [{joint: revolute, connects: [one, two]}]\n")
+    assert ec.base_structure(ec.load(file)).rank == 3
+
+
+def tilted_delta() -> str:
+    """Rods between a cross and a ball, in six decimals."""
+    whole, loops, at = rotation_of(np.array([0.8, 0.2, 0.4, 0.4])), "", {"base": np.zeros(3)}
+    text = "echelon: 1\nbodies:\n"
+
+    def shown(numbers: np.ndarray) -> str:
+        return f"[{', '.join(f'{x:.6f}' for x in numbers)}]"
+
+    def body(name: str, parent: str, place: np.ndarray, axis: np.ndarray | None) -> str:
+        at[name], along = place, "type: spherical" if axis is None else f"type: revolute, axis: {shown(axis)}"
+        origin, light = shown(place - at[parent]), ", massless: true" * name.startswith("cross")
+        return f"  - {{name: {name}, parent: {parent}, joint: {{{along}, origin: {{xyz: {origin}}}}}{light}}}\n"
+
+    for k, angle in enumerate(2 * np.pi * np.arange(3) / 3):
+        out, along, up = (
+            whole @ v for v in ((np.cos(angle), np.sin(angle), 0), (-np.sin(angle), np.cos(angle), 0), AXES["z"])
+        )
+        text += body(f"arm{k}", "base", 0.2 * out, along)
+        for name, side in ((f"{k}a", 0.05 * along), (f"{k}b", -0.05 * along)):
+            low, high = 0.45 * out - 0.1 * up + side, 0.1 * out - 0.6 * up + side
+            across = np.cross(along, high - low)
+            text += body(f"cross{name}", f"arm{k}", low, along)
+            text += body(f"rod{name}", f"cross{name}", low, across / np.linalg.norm(across))
+            if "top" in at:
+                frames = f"at: {{xyz: {shown(high - low)}}}, on_second: {{xyz: {shown(high - at['top'])}}}"
+                loops += f"  - {{joint: spherical, connects: [rod{name}, top], {frames}}}\n"
+            else:
+                text += body("top", f"rod{name}", high, None)
+    return f"{text}loops:\n{loops}"
+
+
+@pytest.mark.slow
+def test_parallel_rods_of_a_tilted_delta_are_restored() -> None:
+    """Its arms are in no coordinate plane; a rod ends in a cross, whose centre is on the other side of the joint."""
+    assert found(tilted_delta()) == (3, 34)
+
+
 @pytest.mark.slow
 def test_restored_loops_that_are_open_at_zero_are_read_again() -> None:
     turned = CARDAN.replace("[0.7, 0.12, 0.05]}", "[0.7, 0.12, 0.05], rpy: [0.400037, 0, 0]}")

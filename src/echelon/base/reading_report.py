@@ -27,7 +27,7 @@ from echelon.errors import DegenerateSampleError, InputError
 from echelon.exact.field import ARRAY_BITS, DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.field import rank as rank_modulo
 from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism, Reading, Snap
+from echelon.mechanism.mechanism import UNEQUAL, Mechanism, Reading, Snap
 from echelon.mechanism.stated import StatedValues, characteristic_length, inexact_symbols, stated_values, symbol_values
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program
@@ -185,6 +185,13 @@ def _faint(mechanism: Mechanism, rank: int, moved: Sequence[float]) -> str:
 
     Relations such as three points on a line may be broken by rounding, and not among those that are restored.
     """
+    snaps = () if mechanism.reading is None else mechanism.reading.snaps
+    if unequal := next((snap for snap in snaps if snap.literal == UNEQUAL), None):
+        return (
+            f"{unequal.element}: lengths that are nearly equal could not be made so (they differ by "
+            f"{unequal.difference:.0e} of the largest): if they are meant to be equal, fewer than {rank} base "
+            "parameters may show; state them with more digits"
+        )
     fine = [difference for difference in moved if difference < _ROUNDED]
     if not (mechanism.closures and fine):
         return ""

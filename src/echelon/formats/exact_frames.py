@@ -18,7 +18,7 @@ from echelon.formats.closure_frames import rational_frame
 from echelon.formats.exact_places import DIGITS, SPACE, ExactPlaces, Feature
 from echelon.formats.snapping import PRECISION
 from echelon.mechanism.closed_pose import rational_rotation
-from echelon.mechanism.joint import Placement, shift, turn
+from echelon.mechanism.joint import GROUND, Placement, shift, turn
 from echelon.mechanism.stated import placement_matrix
 
 NEAR = 1e-4  # of directions that are meant to be parallel or perpendicular, rad; of frames that meet
@@ -76,7 +76,11 @@ class ExactFrames:
         self._frames = [Placement()]
         self._turned: dict[Station, Placement] = {}
         self._coarse = 0.1 / noise
-        axes = sorted((s for s in stations if s.axis is not None), key=lambda s: -self._related(s, stations))
+        axes = sorted(
+            (s for s in stations if s.axis is not None),
+            key=lambda s: (min(s.bodies) != GROUND, -self._related(s, stations)),
+        )
+        self._directions = np.array([s.direction for s in axes]).reshape(-1, 3)
         for station in sorted(axes, key=lambda s: self._turns(s) is None):
             self._turned[station] = (
                 self._stated(station) or self._known(station) or self._aligned(self._mean(station, axes))
@@ -136,7 +140,9 @@ class ExactFrames:
 
     def _aligned(self, direction: Floats) -> Placement:
         """An exact frame whose z axis is next to a direction and breaks the fewest relations to others."""
-        turned = np.array([_floats(frame)[:, 2] for frame in self._turned.values()]).reshape(-1, 3)
+        turned = np.array([_floats(frame)[:, 2] for frame in dict.fromkeys(self._turned.values())]).reshape(-1, 3)
+        normals = np.array([np.cross(a, b) for a, b in combinations(turned, 2)]).reshape(-1, 3)
+        turned = np.concatenate([turned, normals])  # it may be in the plane of two others, too
         square = turned[np.abs(turned @ direction) < self._tolerance]
 
         def worth(choice: tuple[Placement, list[Placement]]) -> tuple[int, int]:
@@ -162,14 +168,19 @@ class ExactFrames:
             frame = rational_rotation((1 + z, -y, x, 0) if z > 0 else (-y, 1 - z, 0, x), self._fine)
             yield frame, [frame]
         elif not choices:
-            x, y, z = _floats(self._frames[1]).T @ direction
-            frame = self._frames[1] @ _about_z(atan2(y, x), self._fine)
+            base = max(self._turned.values(), key=lambda frame: self._in_plane(_floats(frame)[:, 2], direction))
+            x, y, z = _floats(base).T @ direction
+            frame = base @ _about_z(atan2(y, x), self._fine)
             found = frame @ rational_rotation((1 + z, 0, hypot(x, y), 0), self._fine)
             yield found, [frame, found]
 
+    def _in_plane(self, one: Floats, two: Floats) -> int:
+        """How many axes are in the plane of two directions."""
+        return int((np.abs(self._directions @ np.cross(one, two)) < self._tolerance).sum())
+
     def _planes(self) -> Iterator[Placement]:
-        """The frames that directions were built on, with each of their axes as z."""
-        for frame in self._frames:
+        """The frames that directions were built on, and their own, with each of their axes as z."""
+        for frame in dict.fromkeys((*self._frames, *self._turned.values())):
             yield from (frame @ back.inverse() for back in _FROM_AXIS)
 
     def _on_grid(self, frame: Placement, direction: Floats) -> Placement | None:
@@ -263,7 +274,7 @@ class ExactFrames:
         return start, frame @ _about_z(angle, self._fine) if angle else frame
 
     def _shortest(self, value: float) -> Polynomial:
-        digits = next((d for d in range(DIGITS) if abs(round(value, d) - value) <= self._length), DIGITS)
+        digits = next((d for d in range(DIGITS) if abs(round(value, d) - value) <= self._length / 4), DIGITS)
         return as_polynomial(Fraction(f"{value:.{digits}f}"))
 
     def _decimals(self, place: Floats) -> Placement:

@@ -122,6 +122,7 @@ class ExactPlaces:
         self._features, self._slides = features, slides
         self._points = sorted({f.place for f in features if f.along == SPACE})
         self._lines = list({(f.place, f.along): f for f in features if f.along != SPACE}.values())
+        self._held = [{b for f in features if f.place == k for b in f.bodies} for k in range(len(places))]
         self._ratios, self._mirrors = list[Fraction](), dict[tuple[int, int], list[Fraction]]()
         self.unknowns = Unknowns(places, length)
         sides = list(self._sides())
@@ -149,18 +150,22 @@ class ExactPlaces:
     def _is_small(self, one: int, two: int, along: int) -> bool:
         return float(np.linalg.norm(self._seen(one, two, along))) < self._length
 
+    def _on_one_body(self, one: int, two: int) -> bool:
+        """Whether two places are different, and something at each is fixed in the same body."""
+        return one != two and not self._held[one].isdisjoint(self._held[two])
+
     def _on_lines(self) -> Iterator[Sequence[Polynomial]]:
         """Points on lines, and lines that are one."""
         for line in self._lines:
             parallel = (f.place for f in self._lines if f.along == line.along)
             for place in dict.fromkeys((*self._points, *parallel)):
-                if place != line.place and self._is_small(line.place, place, line.along):
+                if self._on_one_body(place, line.place) and self._is_small(line.place, place, line.along):
                     yield self._across(line.place, place, line.along)
 
     def _met(self) -> Iterator[Sequence[Polynomial]]:
         """Lines that meet."""
         for one, two in combinations(self._lines, 2):
-            if one.place != two.place:
+            if self._on_one_body(one.place, two.place):
                 yield from self._in_plane(one.place, two.place, one.along, two.along)
 
     def _in_plane(self, one: int, two: int, *axes: int) -> Iterator[Sequence[Polynomial]]:
@@ -173,21 +178,22 @@ class ExactPlaces:
             yield [Polynomial.sum(n * v for n, v in zip(exact, self._apart(one, two), strict=True))]
 
     def _beside(self) -> Iterator[Sequence[Polynomial]]:
-        """Points and parallel lines that are beside others along an axis on the same or the next body."""
+        """What is beside another along an axis on the same or the next body, or level with it."""
         for axis in (*(f for f in self._features if f.along != SPACE), *self._slides):
-            near = dict.fromkeys((f.place, f.along) for f in self._features if not {*f.bodies}.isdisjoint(axis.bodies))
-            for (one, along), (two, other) in combinations(near, 2):
+            for (one, along), (two, other) in combinations(self._on(*axis.bodies), 2):
                 across = max(along, other)
-                if across == SPACE and self._is_small(one, two, axis.along):
-                    yield self._across(one, two, axis.along)
-                elif one != two and min(along, other) in (across, SPACE):
+                if across != SPACE and min(along, other) in (across, SPACE):
                     yield from self._in_plane(one, two, across, axis.along)
+                elif across == SPACE and self._is_small(one, two, axis.along):
+                    yield self._across(one, two, axis.along)
+                elif across == SPACE and abs(self._seen(one, two, SPACE) @ self._axes[axis.along][2]) < self._length:
+                    yield [rotate(self._back[axis.along], self._apart(one, two))[2]]
 
-    def _on(self, body: int) -> list[tuple[int, int]]:
-        """Places of points on a body, and of lines with their directions; crossing lines make a point."""
+    def _on(self, *bodies: int) -> list[tuple[int, int]]:
+        """Places of points on bodies, and of lines with their directions; crossing lines make a point."""
         found = dict[int, int]()
         for feature in self._features:
-            if body in feature.bodies:
+            if not set(bodies).isdisjoint(feature.bodies):
                 known = found.setdefault(feature.place, feature.along)
                 found[feature.place] = known if known == feature.along else SPACE
         return list(found.items())

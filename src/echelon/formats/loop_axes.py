@@ -27,12 +27,13 @@ from echelon.formats.snapping import LENGTH_TOLERANCE, PRECISION, Snapping
 from echelon.mechanism.closed_pose import counted_from, parted, shown_loops
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import GROUND, Body, MotionKind, Placement, Step, merge
-from echelon.mechanism.mechanism import ClosedAt, Mechanism, Snap
+from echelon.mechanism.mechanism import UNEQUAL, ClosedAt, Mechanism, Snap
 from echelon.mechanism.stated import has_values, known_values, placement_matrix, stated_values
 
 _MOVED = 40  # times the largest miss that is seen, axes and points may move
 _TURNS = (MotionKind.ROTATION, MotionKind.SCREW)
 _LINES = (ClosureKind.REVOLUTE, ClosureKind.CYLINDRICAL, ClosureKind.POINT_ON_AXIS)
+_BASE = (GROUND, GROUND)  # what gravity is fixed in
 _POINTS = (ClosureKind.WELD, ClosureKind.SPHERICAL, ClosureKind.UNIVERSAL, *_LINES[2:], ClosureKind.POINT_ON_PLANE)
 
 
@@ -52,7 +53,7 @@ def with_exact_axes(mechanism: Mechanism, snapping: Snapping, *, needed: bool = 
         return mechanism
     from_pose = counted_from(mechanism, pose)
     known = len(snapping.snaps)
-    there = _AtZero(from_pose, snapping)
+    there = _AtZero(from_pose, snapping, at_pose=True)
     mended = _mended(there)
     # the pose adds digits of doubles, which are no reason to restore some relations and not others
     if mended is None or mended is from_pose or (there.noise < PRECISION and _AtZero(mended, snapping).noise):
@@ -86,12 +87,12 @@ def _mended(found: _AtZero) -> Mechanism | None:
     mended = found.mended
     if found.kept_by(left := _AtZero(mended, snapping)):
         snapping.snaps.append(found.snap)
-        if left.noise:
+        if unequal := found.unequal(left):
             doubt = "different: if they are meant to be equal, fewer parameters may show than are counted"
-            snapping.snaps.append(Snap(found.snap.element, "lengths nearly equal", doubt, left.noise))
+            snapping.snaps.append(Snap(found.snap.element, UNEQUAL, doubt, unequal))
         return mended
     # digits of doubles, equal lengths alone, or numbers that are taken as they stand
-    as_it_is = found.noise < PRECISION or not found.is_general or snapping.literal
+    as_it_is = found.broken < PRECISION or not found.is_general or snapping.literal
     return mechanism if as_it_is else None
 
 
@@ -117,8 +118,8 @@ class _Pose:
 class _AtZero:
     """All axes and points of a mechanism, in the base frame, where all coordinates are zero."""
 
-    def __init__(self, mechanism: Mechanism, snapping: Snapping) -> None:
-        self.mechanism, self.snapping = mechanism, snapping
+    def __init__(self, mechanism: Mechanism, snapping: Snapping, at_pose: bool = False) -> None:
+        self.mechanism, self.snapping, self._at_pose = mechanism, snapping, at_pose
         self._known, self._values = known_values(mechanism), stated_values(mechanism)
         self.poses: dict[int, _Pose] = {GROUND: _Pose(exact=Placement())}
         self.motions: dict[str, Station] = {}
@@ -126,7 +127,9 @@ class _AtZero:
         for body in range(len(mechanism.bodies)):
             self._follow(body)
         self._open = set[str]()  # closures
+        self._gap = 0.0  # by how much closures that meet are open by rounding, rad or lengths
         self.ends = {closure.name: tuple(self._ends(closure)) for closure in mechanism.closures}
+        self._join_points()
 
     @cached_property
     def is_general(self) -> bool:
@@ -142,23 +145,40 @@ class _AtZero:
     def stations(self) -> list[Station]:
         """All axes and points."""
         ends = [station for ends in self.ends.values() for station in ends]
-        return [*self.motions.values(), *ends, *self._hinges(ends)]
+        return [*self.motions.values(), *ends, *self._gravity]
 
-    def _hinges(self, ends: Sequence[Station]) -> Iterator[Station]:
-        """Axes through two points at which the same bodies are joined."""
-        for one, two in combinations([s for s in ends if s.is_point and s.axis is None], 2):
-            others = [s for s in ends if {*s.bodies} == {*one.bodies} and s not in (one, two)]
-            apart = two.place - one.place
-            if {*one.bodies} == {*two.bodies} and not others and apart.any():
-                floats, residues = one.pose.copy(), [list(row) for row in one.residues]
+    @property
+    def _gravity(self) -> Iterator[Station]:
+        """Its direction, if that is a coordinate axis."""
+        axes = [k for k, part in enumerate(self.mechanism.gravity or ()) if part]
+        if len(axes) == 1:
+            yield self._station(self.poses[GROUND], axes[0], False, False, _BASE)
+
+    def _join_points(self) -> None:
+        """Two points at which the same bodies are joined are a hinge: the axis through them takes their place."""
+        joined = dict[frozenset[int], list[Closure]]()
+        for closure in self.mechanism.closures:
+            joined.setdefault(frozenset((closure.first, closure.second)), []).append(closure)
+        for pair in joined.values():
+            if [closure.kind for closure in pair] != [ClosureKind.SPHERICAL] * 2:
+                continue
+            start, end = (self.ends[closure.name][0] for closure in pair)
+            if (apart := end.place - start.place).any():
+                floats, residues = start.pose.copy(), [list(row) for row in start.residues]
                 floats[:3, 2] = apart / np.linalg.norm(apart)
-                for row, a, b in zip(residues, one.modulo(3), two.modulo(3), strict=False):
+                for row, a, b in zip(residues, start.modulo(3), end.modulo(3), strict=False):
                     row[2] = b - a
-                yield Station(floats, residues, 2, True, False, one.bodies, None, is_between=True)
+                hinge = Station(floats, residues, 2, True, False, start.bodies, None, is_between=True)
+                self.ends |= {pair[0].name: (hinge,), pair[1].name: ()}
 
-    @cached_property
+    @property
     def noise(self) -> float:
         """By how much relations in loops are missed that are nearly true; 0 if all are exact, rad or lengths."""
+        return max(self.broken, self._gap if self.is_general else 0.0)
+
+    @cached_property
+    def broken(self) -> float:
+        """The same of relations beside those that close the loops."""
         lengths = sorted(self._lengths())
         apart = (b - a for (a, u), (b, v) in pairwise(lengths) if b - a < LENGTH_TOLERANCE and u != v)
         return max((self.misses[0], *(max(size, NOISE) for size in apart))) or self.misses[1]
@@ -185,6 +205,12 @@ class _AtZero:
                 return False
         most = {False: near, True: NEAR}
         return not any(m <= most[a.is_between or b.is_between] for a, b in other._pairs for m in other._missed(a, b))
+
+    def unequal(self, other: _AtZero) -> float:
+        """By how much lengths that are nearly equal here, and not exactly, differ in another reading, at most."""
+        both = sorted(zip(self._lengths(), other._lengths(), strict=False))
+        near = (pair for pair in pairwise(both) if pair[1][0][0] - pair[0][0][0] < LENGTH_TOLERANCE)
+        return max((abs(b[0] - a[0]) for (_, a), (_, b) in near if a[1] != b[1]), default=0.0)
 
     @property
     def extent(self) -> float:
@@ -214,7 +240,7 @@ class _AtZero:
         parents = [body.parent for body in self.mechanism.bodies]
         ways = [parted(c.first, c.second, parents.__getitem__) for c in self.mechanism.closures]
         bodies = {body for way in ways for chain in way for body in chain}
-        return [s for s in self.stations if not bodies.isdisjoint(s.bodies)]
+        return [s for s in self.stations if s.bodies == _BASE or not bodies.isdisjoint(s.bodies)]
 
     @property
     def _pairs(self) -> Iterator[tuple[Station, Station]]:
@@ -278,9 +304,18 @@ class _AtZero:
         if not meets:
             self._open.add(closure.name)
         else:
+            if not self._at_pose and self._is_open(kind, one, two):  # a pose in doubles closes nothing exactly
+                self._gap = max(self._gap, NOISE, *map(abs, missed))
             one = _with_place(one, two)  # along what is free the first frame may be moved
         for pose, which in zip((one, two), axes, strict=False):
             yield self._station(pose, which, kind in _LINES, kind in _POINTS, (closure.first, closure.second))
+
+    def _is_open(self, kind: ClosureKind, one: _Pose, two: _Pose) -> bool:
+        """Whether frames do not meet exactly."""
+        (x, y), p = (list(zip(*pose.residues, strict=True)) for pose in (one, two)), self._field.p
+        way = [b - a for a, b in zip(x[3], y[3], strict=True)]
+        missed = [_dot(x[k], way, p) for k in kind.positions]
+        return any(missed) or any((_dot(x[i], y[j], p) - value) % p for i, j, value in kind.directions)
 
     @cached_property
     def _scale(self) -> float:
@@ -324,7 +359,8 @@ class _AtZero:
     @property
     def mended(self) -> Mechanism:
         """The mechanism with exact axes and points."""
-        exact = ExactFrames(self.stations, self.misses[0] or self.noise, self.misses[1], self.extent)
+        noise, most = self.misses[0] or self.broken or self._gap, max(self.misses[1], self._gap)
+        exact = ExactFrames(self.stations, noise, most, self.extent)
         bodies, closures = list[Body](), list[Closure]()
         at = {body: pose.exact or rational_frame(pose.floats) for body, pose in self.poses.items()}
         for k, body in enumerate(self.mechanism.bodies):
@@ -336,9 +372,12 @@ class _AtZero:
             joint = replace(body.joint, steps=merge((*steps, here.inverse() @ at[k])))
             bodies.append(replace(body, joint=joint))
         for closure in self.mechanism.closures:
-            one, two = (exact.frame(self.ends[closure.name][k]) for k in (0, -1))
+            if not (ends := self.ends[closure.name]):
+                continue
+            one, two = exact.frame(ends[0]), exact.frame(ends[-1])
             first, second = at[closure.first].inverse() @ one, at[closure.second].inverse() @ two
-            closures.append(replace(closure, first_frame=first, second_frame=second))
+            kind = ClosureKind.REVOLUTE if ends[0].is_between else closure.kind
+            closures.append(Closure(closure.name, kind, closure.first, closure.second, first, second))
         return replace(self.mechanism, bodies=tuple(bodies), closures=tuple(closures))
 
 

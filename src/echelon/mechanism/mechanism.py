@@ -321,6 +321,9 @@ class Mechanism:
         return f"{self.name}: {len(self.bodies)} bodies, {self.degrees_of_freedom} degrees of freedom"
 
 
+UNEQUAL = "lengths nearly equal"  # what a snap says of lengths of loops that could not be made equal
+
+
 @dataclass(frozen=True)
 class Snap:
     """One number of a file that was read as a nearby exact one."""

@@ -66,6 +66,7 @@ def build_description(
     if robot.labels:
         raise document.error("labels", "is for bodies of a robot file; here a label is stated with each body")
     symbols, bare = declared_symbols(robot, document)
+    options = replace(options, looped=bool(robot.loops))
     expressions = Expressions(document, options, literal, symbols)
     floating = robot.floating_base or options.floating
     tree = _Tree(read_parts(robot, expressions), floating, cut_off(robot), options, expressions)

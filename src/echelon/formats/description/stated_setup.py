@@ -238,7 +238,7 @@ class Additions:
         elif self.robot.robot is not None or not self.robot.symbols:  # what has a name is as it is stated
             from echelon.formats.loop_axes import with_exact_axes
 
-            opened = with_exact_axes(opened, self.expressions.snapping, needed=self.robot.robot is not None)
+            opened = with_exact_axes(opened, self.expressions.snapping)
         from echelon.regressor.loops.closing import close  # robots without loops load without it
 
         return close(opened, self._independent(), prefer=prefer)
