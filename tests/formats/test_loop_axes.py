@@ -238,6 +238,26 @@ def tilted_delta() -> str:
     return f"{text}loops:\n{loops}"
 
 
+@pytest.mark.parametrize("digits", [4, 12])
+def test_links_stay_crossed_where_rounding_opens_their_loop(digits: int) -> None:
+    """Equal opposite sides, crossed: the nearest pose is taken, not the one far away that closes best."""
+    whole, at = rotation_of(np.array([0.8, 0.2, 0.4, 0.4])), np.array([[0, 0], [0.1, 0.3], [0.5, 0.3], [0.6, 0]])
+    points = [whole @ (x, y, 0.1) for x, y in at]
+
+    def shown(numbers: np.ndarray) -> str:
+        return f"[{', '.join(f'{x:.{digits}f}' for x in numbers)}]"
+
+    def body(name: str, parent: str, apart: np.ndarray) -> str:
+        joint = f"{{type: revolute, axis: {shown(whole[:, 2])}, origin: {{xyz: {shown(apart)}}}}}"
+        return f"  - {{name: {name}, parent: {parent}, joint: {joint}}}\n"
+
+    bars = [("crank", "base", points[0]), ("bar", "crank", points[1] - points[0]), ("rocker", "base", points[2])]
+    text = "echelon: 1\nbodies:\n" + "".join(body(*bar) for bar in bars)
+    frames = f"at: {{xyz: {shown(points[3] - points[1])}}}, on_second: {{xyz: {shown(points[3] - points[2])}}}"
+    loop = f"{{joint: revolute, axis: {shown(whole[:, 2])}, connects: [bar, rocker], {frames}}}"
+    assert found(f"{text}loops: [{loop}]\n") == (1, 8)
+
+
 @pytest.mark.slow
 def test_parallel_rods_of_a_tilted_delta_are_restored() -> None:
     """Its arms are in no coordinate plane; a rod ends in a cross, whose centre is on the other side of the joint."""

@@ -28,13 +28,20 @@ from echelon.exact.field import ARRAY_BITS, DEFAULT_SEED, PrimeField, random_gen
 from echelon.exact.field import rank as rank_modulo
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import UNEQUAL, Mechanism, Reading, Snap
-from echelon.mechanism.stated import StatedValues, characteristic_length, inexact_symbols, stated_values, symbol_values
+from echelon.mechanism.stated import (
+    StatedValues,
+    characteristic_length,
+    has_values,
+    inexact_symbols,
+    stated_values,
+    symbol_values,
+)
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.linear_forms import LinearForms, virtual_power_form
 from echelon.regressor.loops.assembly import Assembled, Assembly
-from echelon.regressor.loops.closing import assembled, closing_notes
+from echelon.regressor.loops.closing import assembled, closing_notes, nearly_free
 from echelon.regressor.loops.coordinates import split_balls
 
 ROUNDING = 1e-9
@@ -136,7 +143,9 @@ def doubt_of_loops(mechanism: Mechanism, rank: int) -> str:
     coarse = [snap.difference for snap in snaps if snap.difference > ROUNDING]
     if coarse:
         return _faint(mechanism, rank, coarse)
-    return _doubt(mechanism, None, rank, rank, None) if inexact_symbols(mechanism) else ""
+    doubt = _doubt(mechanism, None, rank, rank, None) if inexact_symbols(mechanism) else ""
+    # where frames were made to follow, rounding may have locked what is meant to move
+    return doubt or "".join(nearly_free(mechanism) if mechanism.closed_at and has_values(mechanism) else ())
 
 
 def _doubt(

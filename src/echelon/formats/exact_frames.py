@@ -69,7 +69,9 @@ class Station:
 class ExactFrames:
     """Exact frames of stations, in the base frame."""
 
-    def __init__(self, stations: Sequence[Station], noise: float, most: float, scale: float) -> None:
+    def __init__(
+        self, stations: Sequence[Station], noise: float, most: float, scale: float, base_first: bool = False
+    ) -> None:
         self._tolerance = min(NEAR, max(_MORE * noise, 2 * most, PRECISION))
         self._length = min(NEAR, max(_MORE * noise, NOISE)) * scale
         self._fine = min(NEAR, noise)
@@ -78,7 +80,7 @@ class ExactFrames:
         self._coarse = 0.1 / noise
         axes = sorted(
             (s for s in stations if s.axis is not None),
-            key=lambda s: (min(s.bodies) != GROUND, -self._related(s, stations)),
+            key=lambda s: (base_first and min(s.bodies) != GROUND, -self._related(s, stations)),
         )
         self._directions = np.array([s.direction for s in axes]).reshape(-1, 3)
         for station in sorted(axes, key=lambda s: self._turns(s) is None):
@@ -142,12 +144,14 @@ class ExactFrames:
         """An exact frame whose z axis is next to a direction and breaks the fewest relations to others."""
         turned = np.array([_floats(frame)[:, 2] for frame in dict.fromkeys(self._turned.values())]).reshape(-1, 3)
         normals = np.array([np.cross(a, b) for a, b in combinations(turned, 2)]).reshape(-1, 3)
-        turned = np.concatenate([turned, normals])  # it may be in the plane of two others, too
-        square = turned[np.abs(turned @ direction) < self._tolerance]
 
-        def worth(choice: tuple[Placement, list[Placement]]) -> tuple[int, int]:
-            broken = np.abs(square @ _floats(choice[0])[:, 2]) > NOISE
-            return int(broken.sum()), _size(choice[1])
+        def broken(found: Placement, others: Floats) -> int:
+            square = others[np.abs(others @ direction) < self._tolerance]
+            return int((np.abs(square @ _floats(found)[:, 2]) > NOISE).sum())
+
+        def worth(choice: tuple[Placement, list[Placement]]) -> tuple[int, int, int]:
+            # it may be in the plane of two others, too
+            return broken(choice[0], turned), broken(choice[0], normals), _size(choice[1])
 
         found, added = min(self._choices(direction), key=worth)
         self._frames += added

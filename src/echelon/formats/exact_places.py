@@ -126,7 +126,8 @@ class ExactPlaces:
         self._ratios, self._mirrors = list[Fraction](), dict[tuple[int, int], list[Fraction]]()
         self.unknowns = Unknowns(places, length)
         sides = list(self._sides())
-        for relations in (self._on_lines(), self._met(), self._beside(), self._parallel(sides), self._divided()):
+        own = (self._on_lines(), self._met(True), self._beside(), self._parallel(sides), self._divided())
+        for relations in (*own, self._met(False)):
             for rows in relations:
                 self.unknowns.require(rows)
         self._equal(sides)
@@ -150,22 +151,19 @@ class ExactPlaces:
     def _is_small(self, one: int, two: int, along: int) -> bool:
         return float(np.linalg.norm(self._seen(one, two, along))) < self._length
 
-    def _on_one_body(self, one: int, two: int) -> bool:
-        """Whether two places are different, and something at each is fixed in the same body."""
-        return one != two and not self._held[one].isdisjoint(self._held[two])
-
     def _on_lines(self) -> Iterator[Sequence[Polynomial]]:
         """Points on lines, and lines that are one."""
         for line in self._lines:
             parallel = (f.place for f in self._lines if f.along == line.along)
             for place in dict.fromkeys((*self._points, *parallel)):
-                if self._on_one_body(place, line.place) and self._is_small(line.place, place, line.along):
+                if place != line.place and self._is_small(line.place, place, line.along):
                     yield self._across(line.place, place, line.along)
 
-    def _met(self) -> Iterator[Sequence[Polynomial]]:
-        """Lines that meet."""
+    def _met(self, on_one_body: bool) -> Iterator[Sequence[Polynomial]]:
+        """Lines that meet; what those of different bodies do may be by chance."""
         for one, two in combinations(self._lines, 2):
-            if self._on_one_body(one.place, two.place):
+            apart = self._held[one.place].isdisjoint(self._held[two.place])
+            if one.place != two.place and apart != on_one_body:
                 yield from self._in_plane(one.place, two.place, one.along, two.along)
 
     def _in_plane(self, one: int, two: int, *axes: int) -> Iterator[Sequence[Polynomial]]:

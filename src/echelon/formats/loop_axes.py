@@ -84,8 +84,10 @@ def _mended(found: _AtZero) -> Mechanism | None:
     mechanism, snapping = found.mechanism, found.snapping
     if not (found.meets and found.noise > (0.0 if found.is_general else PRECISION)):
         return mechanism
-    mended = found.mended
-    if found.kept_by(left := _AtZero(mended, snapping)):
+    for base_first in (False, True):
+        mended = found.mended(base_first)
+        if not found.kept_by(left := _AtZero(mended, snapping, found.at_pose)):
+            continue
         snapping.snaps.append(found.snap)
         if unequal := found.unequal(left):
             doubt = "different: if they are meant to be equal, fewer parameters may show than are counted"
@@ -119,7 +121,7 @@ class _AtZero:
     """All axes and points of a mechanism, in the base frame, where all coordinates are zero."""
 
     def __init__(self, mechanism: Mechanism, snapping: Snapping, at_pose: bool = False) -> None:
-        self.mechanism, self.snapping, self._at_pose = mechanism, snapping, at_pose
+        self.mechanism, self.snapping, self.at_pose = mechanism, snapping, at_pose
         self._known, self._values = known_values(mechanism), stated_values(mechanism)
         self.poses: dict[int, _Pose] = {GROUND: _Pose(exact=Placement())}
         self.motions: dict[str, Station] = {}
@@ -151,7 +153,7 @@ class _AtZero:
     def _gravity(self) -> Iterator[Station]:
         """Its direction, if that is a coordinate axis."""
         axes = [k for k, part in enumerate(self.mechanism.gravity or ()) if part]
-        if len(axes) == 1:
+        if len(axes) == 1 and not self.at_pose:
             yield self._station(self.poses[GROUND], axes[0], False, False, _BASE)
 
     def _join_points(self) -> None:
@@ -174,7 +176,13 @@ class _AtZero:
     @property
     def noise(self) -> float:
         """By how much relations in loops are missed that are nearly true; 0 if all are exact, rad or lengths."""
-        return max(self.broken, self._gap if self.is_general else 0.0)
+        return max(self.broken, self._gap if self._gap_matters else 0.0)
+
+    @property
+    def _gap_matters(self) -> bool:
+        """Whether frames that follow would break relations: digits of doubles matter where lengths are equal only."""
+        equal = (u == v for (_, u), (_, v) in pairwise(sorted(self._lengths())))
+        return self.is_general and (self._gap > PRECISION or (self._gap > 0 and any(equal)))
 
     @cached_property
     def broken(self) -> float:
@@ -304,7 +312,7 @@ class _AtZero:
         if not meets:
             self._open.add(closure.name)
         else:
-            if not self._at_pose and self._is_open(kind, one, two):  # a pose in doubles closes nothing exactly
+            if not self.at_pose and self._is_open(kind, one, two):  # a pose in doubles closes nothing exactly
                 self._gap = max(self._gap, NOISE, *map(abs, missed))
             one = _with_place(one, two)  # along what is free the first frame may be moved
         for pose, which in zip((one, two), axes, strict=False):
@@ -356,11 +364,10 @@ class _AtZero:
 
     # -- mended ----------------------------------------------------------------------------------------------------
 
-    @property
-    def mended(self) -> Mechanism:
-        """The mechanism with exact axes and points."""
+    def mended(self, base_first: bool) -> Mechanism:
+        """The mechanism with exact axes and points, by directions of the base or of the most relations first."""
         noise, most = self.misses[0] or self.broken or self._gap, max(self.misses[1], self._gap)
-        exact = ExactFrames(self.stations, noise, most, self.extent)
+        exact = ExactFrames(self.stations, noise, most, self.extent, base_first)
         bodies, closures = list[Body](), list[Closure]()
         at = {body: pose.exact or rational_frame(pose.floats) for body, pose in self.poses.items()}
         for k, body in enumerate(self.mechanism.bodies):

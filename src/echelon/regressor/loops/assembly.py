@@ -39,6 +39,7 @@ _FAR = 0.1  # where one closed pose is, others may be nearer; rad or characteris
 _TRIES, _NEAR = 64, 1.0  # disturbances of a pose that does not close, rad or characteristic lengths
 _WALK, _FEWEST = 20, 4  # random strides from the assembly pose, and from it to states near it
 _KEPT_AWAY = 0.25  # of the assembly pose's distance from singular configurations; more than a stride
+_ROUNDED = 1e-4  # what rounding leaves open, rad or characteristic lengths
 _RATE = 2.0  # largest random velocity and acceleration
 _ROUNDING, _LARGE, _TOO_LARGE = 1e-6, 0.1, 2.0  # moves of coordinates to a closed pose, rad or characteristic lengths
 
@@ -125,13 +126,14 @@ class Assembly(ClosedMotion):
             # a pose in which the links are in line leads nowhere or far, so disturbances of it are tried, too
             sizes = np.linspace(0.0, _NEAR if self.mechanism.assembly else np.pi, _TRIES)
             q, done = self.closed(self._disturbed(sizes[:, None]))
+        values = self.closures.at(q)[0]
+        open_by, away = largest(values), np.linalg.norm(self._distances(q), axis=1)
+        # where rounding has locked loops, none of these close, and some far away may do so best
+        closed = done if done.any() else open_by <= max(_ROUNDED, open_by.min())
+        best = int(np.where(closed, away, np.inf).argmin())
+        nearest: Floats = q[best]
         if not done.any():
-            values = self.closures.at(q)[0]
-            best = int(largest(values).argmin())
-            opening, size = self.opening(values[best]), float(largest(values)[best])
-            raise OpenLoopsError(opening, self.written(q[best]), q[best], size)
-        away = np.linalg.norm(self._distances(q), axis=1)
-        nearest: Floats = q[np.where(done, away, np.inf).argmin()]
+            raise OpenLoopsError(self.opening(values[best]), self.written(nearest), nearest, float(open_by[best]))
         return nearest
 
     def written(self, q: Floats) -> str:

@@ -100,9 +100,8 @@ def closing_notes(mechanism: Mechanism) -> list[str]:
     """What a user should know of how the loops of a mechanism close."""
     if not mechanism.closures or not has_values(mechanism):
         return []
-    assembly = Assembly(mechanism)
-    notes = [_moved(mechanism, assembly)] if mechanism.closed_at else []
-    return notes + _nearly_free(mechanism, assembly)
+    notes = [_moved(mechanism, Assembly(mechanism))] if mechanism.closed_at else []
+    return [*notes, *nearly_free(mechanism)]
 
 
 class _Real:
@@ -321,8 +320,9 @@ def _moved(mechanism: Mechanism, assembly: Assembly) -> str:
     )
 
 
-def _nearly_free(mechanism: Mechanism, assembly: Assembly) -> list[str]:
-    """Motions that the loops nearly allow."""
+def nearly_free(mechanism: Mechanism) -> list[str]:
+    """What is said of motions that the loops nearly allow."""
+    assembly = Assembly(mechanism)
     states, _, _ = assembly.random_closed_states(random_generator(DEFAULT_SEED), _STATES, _NEAR)
     sizes = assembly.singular_values(np.vstack([assembly.pose[None], states])).max(axis=0)
     near = sizes[(sizes > RANK_TOLERANCE) & (sizes < _NEARLY_FREE)]
