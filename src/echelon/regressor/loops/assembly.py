@@ -35,11 +35,10 @@ _FLOOR = 1e-12  # of the damping: the steps stay finite where constraints are re
 STRIDE, _SHORTEST = 0.1, 1e-4  # of a step on the way to given coordinates, rad or characteristic lengths
 _FEW = 8  # iterations for one such step; if these do not do, it is shortened
 LARGEST_CORRECTION = 0.05  # of what its trend predicts; more may be a jump to another way of assembly
-_FAR = 0.1  # where one closed pose is, others may be nearer; rad or characteristic lengths
+_FAR, _ROUNDED = 0.1, 1e-4  # beyond which poses may be nearer than a closed one; left open by rounding; rad or lengths
 _TRIES, _NEAR = 64, 1.0  # disturbances of a pose that does not close, rad or characteristic lengths
 _WALK, _FEWEST = 20, 4  # random strides from the assembly pose, and from it to states near it
 _KEPT_AWAY = 0.25  # of the assembly pose's distance from singular configurations; more than a stride
-_ROUNDED = 1e-4  # what rounding leaves open, rad or characteristic lengths
 _RATE = 2.0  # largest random velocity and acceleration
 _ROUNDING, _LARGE, _TOO_LARGE = 1e-6, 0.1, 2.0  # moves of coordinates to a closed pose, rad or characteristic lengths
 

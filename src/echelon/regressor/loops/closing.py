@@ -100,8 +100,7 @@ def closing_notes(mechanism: Mechanism) -> list[str]:
     """What a user should know of how the loops of a mechanism close."""
     if not mechanism.closures or not has_values(mechanism):
         return []
-    notes = [_moved(mechanism, Assembly(mechanism))] if mechanism.closed_at else []
-    return [*notes, *nearly_free(mechanism)]
+    return [*([_moved(mechanism, Assembly(mechanism))] if mechanism.closed_at else []), *nearly_free(mechanism)]
 
 
 class _Real:
