@@ -206,6 +206,8 @@ def _syntax_problem(error: yaml.MarkedYAMLError, text: str) -> str:
     problem = error.problem or error.context or "syntax error"
     if "cannot start any token" in problem and "\t" in text:
         problem = "tabs cannot indent; use spaces"
+    if "nesting depth" in problem:  # what the parser looks at ahead of its events is bounded, too
+        problem = DEPTH.advice
     return f"not well-formed YAML: {problem}{where}"
 
 
