@@ -27,7 +27,7 @@ from echelon.errors import DegenerateSampleError, InputError
 from echelon.exact.field import ARRAY_BITS, DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.field import rank as rank_modulo
 from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import UNEQUAL, Mechanism, Reading, Snap
+from echelon.mechanism.mechanism import Mechanism, Reading, Snap
 from echelon.mechanism.stated import (
     StatedValues,
     characteristic_length,
@@ -194,13 +194,6 @@ def _faint(mechanism: Mechanism, rank: int, moved: Sequence[float]) -> str:
 
     Relations such as three points on a line may be broken by rounding, and not among those that are restored.
     """
-    snaps = () if mechanism.reading is None else mechanism.reading.snaps
-    if unequal := next((snap for snap in snaps if snap.literal == UNEQUAL), None):
-        return (
-            f"{unequal.element}: lengths that are nearly equal could not be made so (they differ by "
-            f"{unequal.difference:.0e} of the largest): if they are meant to be equal, fewer than {rank} base "
-            "parameters may show; state them with more digits"
-        )
     fine = [difference for difference in moved if difference < _ROUNDED]
     if not (mechanism.closures and fine):
         return ""
@@ -208,15 +201,18 @@ def _faint(mechanism: Mechanism, rank: int, moved: Sequence[float]) -> str:
         found = numeric_ranks(mechanism, literal=False)
     except InputError:  # values are missing, or loops do not close at the stated ones
         return ""
-    singular, most = found.singular, max(fine)
-    small = [k for k in range(1, rank) if ROUNDING < singular[k] < most and found.gap(k) > _CLEAR_GAP]
-    if not small:
+    singular, most = found.singular[:rank], max(fine)
+    faint = sum(value < most for value in singular)
+    clear = next((k for k in range(1, rank) if ROUNDING < singular[k] < most and found.gap(k) > _CLEAR_GAP), None)
+    if clear is not None:
+        shown, meant = f"{rank - clear} of {rank} base parameters show {found.gap(clear):.0e} times less", f"{clear}"
+    elif faint:
+        shown, meant = f"{faint} of {rank} base parameters show less and less", f"perhaps fewer than {rank}"
+    else:
         return ""
-    least = small[0]
     return (
-        f"{rank - least} of {rank} base parameters show {found.gap(least):.0e} times less than the others, not more "
-        f"than rounding of the file does ({most:.0e}): if lengths are meant to be equal, or points to lie "
-        f"on one line, there are {least}; state them with more digits"
+        f"{shown} than the others, not more than rounding of the file does ({most:.0e}): if lengths are meant to be "
+        f"equal, or points to lie on one line, there are {meant}; state them with more digits"
     )
 
 

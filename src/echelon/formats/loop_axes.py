@@ -89,7 +89,7 @@ def _mended(found: _AtZero) -> Mechanism | None:
         if not found.kept_by(left := _AtZero(mended, snapping, found.at_pose)):
             continue
         snapping.snaps.append(found.snap)
-        if unequal := found.unequal(left):
+        if unequal := left.unequal:
             doubt = "different: if they are meant to be equal, fewer parameters may show than are counted"
             snapping.snaps.append(Snap(found.snap.element, UNEQUAL, doubt, unequal))
         return mended
@@ -187,9 +187,13 @@ class _AtZero:
     @cached_property
     def broken(self) -> float:
         """The same of relations beside those that close the loops."""
-        lengths = sorted(self._lengths())
-        apart = (b - a for (a, u), (b, v) in pairwise(lengths) if b - a < LENGTH_TOLERANCE and u != v)
-        return max((self.misses[0], *(max(size, NOISE) for size in apart))) or self.misses[1]
+        return max(self.misses[0], self.unequal) or self.misses[1]
+
+    @cached_property
+    def unequal(self) -> float:
+        """By how much lengths differ that are nearly equal; 0 if these are exactly so."""
+        near = ((b - a, u != v) for (a, u), (b, v) in pairwise(sorted(self._lengths())))
+        return max((max(apart, NOISE) for apart, differ in near if apart < LENGTH_TOLERANCE and differ), default=0.0)
 
     @cached_property
     def misses(self) -> tuple[float, float]:
@@ -213,12 +217,6 @@ class _AtZero:
                 return False
         most = {False: near, True: NEAR}
         return not any(m <= most[a.is_between or b.is_between] for a, b in other._pairs for m in other._missed(a, b))
-
-    def unequal(self, other: _AtZero) -> float:
-        """By how much lengths that are nearly equal here, and not exactly, differ in another reading, at most."""
-        both = sorted(zip(self._lengths(), other._lengths(), strict=False))
-        near = (pair for pair in pairwise(both) if pair[1][0][0] - pair[0][0][0] < LENGTH_TOLERANCE)
-        return max((abs(b[0] - a[0]) for (_, a), (_, b) in near if a[1] != b[1]), default=0.0)
 
     @property
     def extent(self) -> float:
