@@ -21,6 +21,7 @@ from echelon.mechanism.joint import shift, turn
 from echelon.mechanism.stated import known_values, placement_matrix
 from echelon.regressor.loops import exact_pose
 from echelon.results.saved import from_json, to_json
+from support.published_loops import LOOPS
 from support.selection import slow_unless
 from support.zoo import ZOO
 from support.zoo.mjcf_text import INERTIA
@@ -285,3 +286,11 @@ def test_second_axes_of_universal_joints_stay_when_frames_follow(apart: Fraction
         for c in (followed, closure)
     )
     np.testing.assert_allclose(placed[:3, [1, 3]], wanted[:3, [1, 3]], atol=1e-9)
+
+
+def test_a_rank_that_fades_below_rounding_raises_a_doubt() -> None:
+    """A Peaucellier linkage has 14 base parameters; rounded, and closed by pairs of points, 15 show, some faintly."""
+    mechanism = ec.load(LOOPS / "peaucellier_pairs.xml")
+    assert mechanism.degrees_of_freedom == 1
+    with pytest.warns(ec.DoubtWarning, match="perhaps fewer than 15"):
+        ec.base_structure(mechanism)

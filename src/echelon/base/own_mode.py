@@ -28,10 +28,6 @@ from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.recorded_loops import state_inputs
 
 _STATES, _NEAR = 20, 0.2
-_DETERMINED, _MORE = (
-    1e-5,
-    4,
-)  # smallest singular value of equations for dependent velocities; states that are tried else
 _SMALLEST = 1e-4  # of columns, about the largest one: rounding keeps those that vanish far below
 _HOLDS, _FAILS = 1e-8, 1e-4  # what relations miss by in doubles where they surely hold, and where they surely do not
 _INDEPENDENT = 1e-7  # smallest singular value of columns that surely are
@@ -116,13 +112,7 @@ class OwnPose:
     def _real(self) -> tuple[Floats, Floats, Floats]:
         """Closed states near the pose: farther away a walk could pass to another mode."""
         states = _STATES + len(self._columns) // max(1, len(self.mechanism.outputs))
-        found = self._assembly.random_closed_states(random_generator(DEFAULT_SEED), states, _NEAR)
-        if self._assembly.determined(found[0]).min() > _DETERMINED:
-            return found
-        # the independent coordinates are singular at the pose: of more states those farthest from that
-        more = self._assembly.random_closed_states(random_generator(DEFAULT_SEED), _MORE * states, _NEAR)
-        best = np.argsort(self._assembly.determined(more[0]))[-states:]
-        return more[0][best], more[1][best], more[2][best]
+        return self._assembly.determined_states(random_generator(DEFAULT_SEED), states, _NEAR)
 
     @cached_property
     def _assembly(self) -> Assembly:

@@ -27,7 +27,7 @@ from echelon.errors import DegenerateSampleError, InputError
 from echelon.exact.field import ARRAY_BITS, DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.field import rank as rank_modulo
 from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism, Reading, Snap
+from echelon.mechanism.mechanism import RESTORED, Mechanism, Reading, Snap
 from echelon.mechanism.stated import (
     StatedValues,
     characteristic_length,
@@ -202,8 +202,10 @@ def _faint(mechanism: Mechanism, rank: int, moved: Sequence[float]) -> str:
     except InputError:  # values are missing, or loops do not close at the stated ones
         return ""
     singular, most = found.singular[:rank], max(fine)
-    faint = sum(value < most for value in singular)
     clear = next((k for k in range(1, rank) if ROUNDING < singular[k] < most and found.gap(k) > _CLEAR_GAP), None)
+    snaps = () if mechanism.reading is None else mechanism.reading.snaps
+    restored = max((snap.difference for snap in snaps if snap.literal == RESTORED), default=0.0)
+    faint = sum(value < restored / 10 for value in singular)
     if clear is not None:
         shown, meant = f"{rank - clear} of {rank} base parameters show {found.gap(clear):.0e} times less", f"{clear}"
     elif faint:
@@ -409,7 +411,7 @@ def _sampled(
     rows = rows or max(_FEWEST_ROWS, int(_ROWS_PER_COLUMN * len(columns)))
     if mechanism.closures:
         closed = Assembly(mechanism, symbols)
-        states = closed.random_closed_states(rng, -(-rows // max(1, len(mechanism.outputs))))
+        states = closed.determined_states(rng, -(-rows // max(1, len(mechanism.outputs))))
         found = evaluate_floats(virtual_power_form(mechanism), mechanism, *states, symbols, assembly=closed)
         stacked = found.reshape(-1, found.shape[2])[:, list(columns)]
         length = characteristic_length(mechanism)

@@ -27,7 +27,7 @@ from echelon.formats.snapping import LENGTH_TOLERANCE, PRECISION, Snapping
 from echelon.mechanism.closed_pose import counted_from, parted, shown_loops
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import GROUND, Body, MotionKind, Placement, Step, merge
-from echelon.mechanism.mechanism import UNEQUAL, ClosedAt, Mechanism, Snap
+from echelon.mechanism.mechanism import RESTORED, ClosedAt, Mechanism, Snap
 from echelon.mechanism.stated import has_values, known_values, placement_matrix, stated_values
 
 _MOVED = 40  # times the largest miss that is seen, axes and points may move
@@ -91,7 +91,7 @@ def _mended(found: _AtZero) -> Mechanism | None:
         snapping.snaps.append(found.snap)
         if unequal := left.unequal:
             doubt = "different: if they are meant to be equal, fewer parameters may show than are counted"
-            snapping.snaps.append(Snap(found.snap.element, UNEQUAL, doubt, unequal))
+            snapping.snaps.append(Snap(found.snap.element, "lengths nearly equal", doubt, unequal))
         return mended
     # digits of doubles, equal lengths alone, or numbers that are taken as they stand
     as_it_is = found.broken < PRECISION or not found.is_general or snapping.literal
@@ -227,9 +227,7 @@ class _AtZero:
     def snap(self) -> Snap:
         """What is said of it."""
         what = f"axes of {shown_loops(self.mechanism)}"
-        return Snap(
-            what, "nearly parallel, perpendicular or meeting, or lengths nearly equal", "exactly so", self.noise
-        )
+        return Snap(what, RESTORED, "exactly so", self.noise)
 
     # -- at zero ---------------------------------------------------------------------------------------------------
 

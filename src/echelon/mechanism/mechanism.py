@@ -321,7 +321,8 @@ class Mechanism:
         return f"{self.name}: {len(self.bodies)} bodies, {self.degrees_of_freedom} degrees of freedom"
 
 
-UNEQUAL = "lengths nearly equal"  # what a snap says of lengths of loops that could not be made equal
+RESTORED = "nearly parallel, perpendicular or meeting, or lengths nearly equal"
+"""Snaps of loops whose relations were made exact say this of their literal numbers."""
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,7 @@ _TRIES, _NEAR = 64, 1.0  # disturbances of a pose that does not close, rad or ch
 _WALK, _FEWEST = 20, 4  # random strides from the assembly pose, and from it to states near it
 _KEPT_AWAY = 0.25  # of the assembly pose's distance from singular configurations; more than a stride
 _RATE = 2.0  # largest random velocity and acceleration
+_DETERMINED, _MORE = 1e-5, 4  # smallest singular value of equations for dependent velocities; times the states, else
 _ROUNDING, _LARGE, _TOO_LARGE = 1e-6, 0.1, 2.0  # moves of coordinates to a closed pose, rad or characteristic lengths
 
 
@@ -313,6 +314,20 @@ class Assembly(ClosedMotion):
         qd = _random_motion(rng, across, _RATE) * units
         back = np.linalg.pinv(self._jacobian(q), rcond=RANK_TOLERANCE) @ self.closures.bias(q, qd)[:, :, None]
         return q, qd, (_random_motion(rng, across, _RATE) - back[:, :, 0]) * units
+
+    def determined_states(
+        self, rng: np.random.Generator, count: int, reach: float = 1.0
+    ) -> tuple[Floats, Floats, Floats]:
+        """Random closed states at which the independent coordinates determine the others, as far as there are some.
+
+        Near poses at which they do not, as those of a Delta robot with parallel rods, more states are tried.
+        """
+        found = self.random_closed_states(rng, count, reach)
+        if self.determined(found[0]).min() > _DETERMINED:
+            return found
+        q, qd, qdd = self.random_closed_states(rng, _MORE * count, reach)
+        best = np.argsort(self.determined(q))[-count:]
+        return q[best], qd[best], qdd[best]
 
     def _jacobian(self, q: Floats) -> Floats:
         """Derivatives of the closure equations by velocities."""
