@@ -42,7 +42,8 @@ _FOREIGN = 50.0
 """Ratio of an output to what the prior predicts that no robot explains: below that of units, above errors of priors."""
 _ALTERNATIVES = 2  # changes that are named together, because nothing tells them apart
 _PROGRAMMES = 16  # physical programmes that are solved at most
-_RATES = ((10.0, 31), (1.17, 9), (1.03, 9))  # how far from the best one rates are tried, and how many
+_RATES = (*np.geomspace(0.1, 10, 31), 1e-3, 1e3)  # that are tried first, with ms for s and s for ms
+_FINER_RATES = ((1.17, 9), (1.03, 9))  # then, how far from the best one, and how many
 _SAME_RATE = 0.05  # relative difference from which on a rate is another one
 _ALIKE = 0.5  # cosine from which on outputs and what the prior predicts have something to do with one another
 
@@ -265,14 +266,16 @@ class _Search:
 
     def of_rate(self) -> Iterator[_Change]:
         """The rate that explains most, if it is not the one that was taken."""
-        rate = 1.0
-        for width, count in _RATES:
-            tried = np.append(rate * width ** np.linspace(-1, 1, count), [1e-3, 1e3])  # ms for s, and s for ms
-            rate = min(map(float, tried), key=lambda r: self._free(_Change("", rate=r)))
+        rate = self._best_rate(_RATES)
+        for width, count in _FINER_RATES:
+            rate = self._best_rate(rate * width ** np.linspace(-1, 1, count))
         if abs(log(rate)) > _SAME_RATE:
             stated = self.columns.rate
             words = f", {stated * rate:.4g} Hz in place of {stated:g} Hz" if stated else ""
             yield _Change(f"the clock is wrong: the rate is about {rate:.3g} times that{words}", rate=rate)
+
+    def _best_rate(self, rates: Iterable[float]) -> float:
+        return min(map(float, rates), key=lambda rate: self._free(_Change("", rate=rate)))
 
     @cached_property
     def _sizes(self) -> list[float]:
