@@ -186,7 +186,7 @@ def base_structure(mechanism: Mechanism, *, generic: bool = False, seed: int = D
     """Rank and representatives only, without closed forms.
 
     Warns with a :class:`~echelon.DoubtWarning` of what speaks against the rank, which :attr:`BaseModel.reading` tells
-    as its ``doubt``.
+    as its ``doubt`` or, of motions that loops nearly allow, in its ``notes``.
 
     Parameters
     ----------

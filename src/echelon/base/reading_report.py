@@ -207,14 +207,15 @@ def _faint(mechanism: Mechanism, rank: int, moved: Sequence[float]) -> str:
     restored = max((snap.difference for snap in snaps if snap.literal == RESTORED), default=0.0)
     faint = sum(value < restored / 10 for value in singular)
     if clear is not None:
-        shown, meant = f"{rank - clear} of {rank} base parameters show {found.gap(clear):.0e} times less", f"{clear}"
+        shown = f"{rank - clear} of {rank} base parameters show {found.gap(clear):.0e} times less than the others"
+        meant = f"{clear}"
     elif faint:
-        shown, meant = f"{faint} of {rank} base parameters show less and less", f"perhaps fewer than {rank}"
+        shown, meant = f"{faint} of {rank} base parameters hardly show", f"perhaps fewer than {rank}"
     else:
         return ""
     return (
-        f"{shown} than the others, not more than rounding of the file does ({most:.0e}): if lengths are meant to be "
-        f"equal, or points to lie on one line, there are {meant}; state them with more digits"
+        f"{shown}, not more than rounding of the file does ({most:.0e}): if lengths are meant to be equal, or points "
+        f"to lie on one line, there are {meant}; state them with more digits"
     )
 
 
