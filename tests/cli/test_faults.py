@@ -24,8 +24,13 @@ from support.writing_commands import COMMANDS, OUTPUTS, Contents, contents, work
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes and terminals of Linux")
 MAIN = "from echelon.cli import main; main()"
-ANNOUNCED = f"import os, echelon.cli; os.write(2, b'*'); {MAIN}"
-"""Says when signals find an answer: before, Python itself starts."""
+ANNOUNCED = f"""
+import os
+from echelon.cli import process
+prepare = process.prepare
+process.prepare = lambda: (os.write(2, b'*'), prepare())
+{MAIN}"""
+"""Says when signals find an answer, inside of ``main``: before, Python itself starts."""
 
 
 def start(folder: Path, *arguments: str, code: str = MAIN, **options: object) -> subprocess.Popen[bytes]:
@@ -127,7 +132,7 @@ def test_an_interruption_during_the_first_imports_is_silent(folder: Path) -> Non
 
 
 def test_ignored_signals_stay_ignored(folder: Path) -> None:
-    nohup = f"import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN); {ANNOUNCED}"
+    nohup = f"import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n{ANNOUNCED}"
     process = start(folder, "derive", "slide.yaml", code=nohup)
     assert process.stderr is not None
     process.stderr.read(1)
