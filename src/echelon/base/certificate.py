@@ -37,6 +37,7 @@ from echelon.mechanism.stated import GENERAL, StatedValues
 from echelon.program.arithmetics import ball
 from echelon.program.schedule import FieldSampler, Size, polynomial_size, size_bound
 from echelon.regressor.linear_forms import LinearForms
+from echelon.regressor.loops.curves import CurveSampler
 
 _ATTEMPTS = 64
 _MOST_STATES = 4096
@@ -80,7 +81,7 @@ def find_minor(
 _FEWEST_POINTS, _LOG10_ERROR, _LEAST_SHOWN = 2, -30.0, -1.0  # a point that shows less is not worth its time
 _LOG2_PRIMES = CERTIFICATE_BITS - 11
 """There are more primes of that many bits that are 23 modulo 24, one in eight of all."""
-_CURVES = 5
+_CURVES, _HARD_CURVES = 5, 2  # the second where closed poses take long to find
 _BALL_BITS, _BALL_STATES = 512, 8
 _WRONG_THERE = "the set is wrong at the stated values"
 _LOOSEST = 1e-30
@@ -179,9 +180,11 @@ def _certified(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: St
         )
     complete = _Completeness(regressor, matrix, rng)
     sampler, below = complete.sampler, (matrix.rank, seed, minor.prime, minor.states)
-    if regressor.loops is not None:
-        order = regressor.loops.order
-        primes = [complete.prime(ARRAY_BITS) for _ in range(_CURVES)]
+    if isinstance(sampler, CurveSampler):
+        order = sampler.order
+        primes = [complete.prime(ARRAY_BITS) for _ in range(_HARD_CURVES)]
+        if not sampler.is_hard:
+            primes += [complete.prime(ARRAY_BITS) for _ in range(_CURVES - _HARD_CURVES)]
         error = sum(log10(order) - log10(p) for p in primes)
         return Certificate(*below, tuple(primes), order, error, order)
     primes = []

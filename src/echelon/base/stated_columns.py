@@ -79,22 +79,20 @@ class StatedColumns:
     # -- which coefficients there are ----------------------------------------------------------------------------
 
     def _structure(self) -> tuple[tuple[int, ...], dict[int, set[int]]]:
-        """Pivots, and for every other column those that it depends on, for any values of the symbols."""
-        pivots: tuple[int, ...] = ()
-        supports: dict[int, set[int]] = {}
-        for _ in range(2):
-            field = PrimeField.random(self.rng)
+        """Pivots, and for every other column those that it depends on, for any values of the symbols.
 
-            def attempt(field: PrimeField = field) -> dict[int, dict[int, int]]:
-                symbols = {s for relation in self.found for s in relation.symbols}
-                geometry = {s: field.draw(self.rng, (1,)) for s in sorted(symbols)}
-                return self._modular(field, geometry, self.found)
+        A coefficient that vanishes modulo one prime only would be missed, which the certificate would see.
+        """
+        field = PrimeField.random(self.rng)
 
-            solved = persistent(attempt)
-            pivots = tuple(column for column in self.order if column not in solved)
-            for column, combination in solved.items():
-                supports.setdefault(column, set()).update(combination)
-        return pivots, supports
+        def attempt() -> dict[int, dict[int, int]]:
+            symbols = {s for relation in self.found for s in relation.symbols}
+            geometry = {s: field.draw(self.rng, (1,)) for s in sorted(symbols)}
+            return self._modular(field, geometry, self.found)
+
+        solved = persistent(attempt)
+        pivots = tuple(column for column in self.order if column not in solved)
+        return pivots, {column: set(combination) for column, combination in solved.items()}
 
     def _needed(self, columns: Sequence[int]) -> list[Relation]:
         """The relations that some columns depend on."""

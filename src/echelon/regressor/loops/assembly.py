@@ -8,7 +8,7 @@ steps that are small enough to stay on one of them.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -30,6 +30,7 @@ from echelon.regressor.loops.closed_motion import (
 
 _RESIDUAL = 1e-12  # of the characteristic length
 _ITERATIONS = 100
+_REMEMBERED = 8
 _LONGEST = 0.5  # of one Gauss–Newton step, rad or characteristic lengths
 _FLOOR = 1e-12  # of the damping: the steps stay finite where constraints are redundant
 STRIDE, _SHORTEST = 0.1, 1e-4  # of a step on the way to given coordinates, rad or characteristic lengths
@@ -110,6 +111,9 @@ class OpenLoopsError(InputError):
         self.pose, self.size = pose, size
 
 
+_nearest: dict[Hashable, Floats] = {}  # closed poses by what moves; one derivation asks for them from many places
+
+
 class Assembly(ClosedMotion):
     """Closed configurations, and motion there."""
 
@@ -121,6 +125,17 @@ class Assembly(ClosedMotion):
 
         Gauss–Newton steps from there come first, which are the shortest that close the loops to first order.
         """
+        mechanism = self.mechanism
+        values = (mechanism.symbols, mechanism.assembly, self.symbols or {})
+        moving = (mechanism.bodies, mechanism.couplings, mechanism.closures, *(frozenset(v.items()) for v in values))
+        if moving not in _nearest:
+            if len(_nearest) == _REMEMBERED:
+                del _nearest[next(iter(_nearest))]
+            _nearest[moving] = self._found()
+            _nearest[moving].setflags(write=False)
+        return _nearest[moving]
+
+    def _found(self) -> Floats:
         q, done = self.closed(self._stated[None])
         if not done[0] or self._distances(q)[0].max(initial=0.0) > _FAR:
             # a pose in which the links are in line leads nowhere or far, so disturbances of it are tried, too

@@ -38,7 +38,6 @@ from echelon.regressor.loops.positions import Positions, Recorded
 
 _LOST = 2  # coefficients that are not known of accelerations
 _PRODUCT, _LIFTS = 0.25, 3  # what a product of series costs, of order², and how often closures are evaluated
-_HARD = 5e6  # numbers that are added in some seconds
 _VARIANTS = 6  # closed poses that are looked at for the one with the most freedom
 _SURPLUS = 3  # halves: that many more coefficients are taken than states, because some are not independent
 
@@ -131,8 +130,8 @@ class CurveSampler(FunctionSampler):
 
     @property
     def is_hard(self) -> bool:
-        """Whether closed poses have taken long to find."""
-        return self._poses.searched > _HARD
+        """Whether closed poses take long to find, as far as some were."""
+        return self._poses.is_hard
 
     def variants(
         self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues], pose: Pose, count: int
