@@ -26,7 +26,7 @@ from echelon.identification.estimators.essential import essential
 from echelon.identification.estimators.estimate import Estimate, solved
 from echelon.identification.estimators.fit import fitted, usable_noise
 from echelon.identification.estimators.least_squares import minimum_norm, noise_estimate
-from echelon.identification.missing import Missing, explained, missing_effects
+from echelon.identification.missing import WORTH, Missing, explained, missing_effects
 from echelon.identification.passes_over_data import MEMORY, PassesOverData, Task
 from echelon.identification.physics.bounds import Bounds
 from echelon.identification.physics.feasibility import Feasibility, feasibility
@@ -204,7 +204,7 @@ def _fitted(
                 culprit = seek(data.fitted(), prior=prior_base, only_rate=not doubtful)
         elsewhere = _culprits_of_unseen(seek, data, models["model"], validations, unseen_logs)
         step("looking for effects that the model lacks")
-        lacking = _lacking(data, estimate, unseen_logs)
+        lacking = _lacking(data, estimate, validations, unseen_logs)
 
     findings = [note("assumed", setup.source, text) for text in setup.assumed]
     findings += [*surveyed.findings, *(() if prior is None else prior.findings), *unsolved]
@@ -418,8 +418,12 @@ def _is_explained(apart: Mapping[str, float], culprit: Culprit) -> bool:
     return not apart or (len(apart) == 1 and (thousand or not re.search("[mk]N", culprit.text)))
 
 
-def _lacking(data: PassesOverData, estimate: Estimate, unseen_logs: Sequence[Path]) -> list[Missing]:
-    """Effects that the model lacks; none are sought where no data are held out to tell."""
+def _lacking(
+    data: PassesOverData, estimate: Estimate, validations: Sequence[Validation], unseen_logs: Sequence[Path]
+) -> list[Missing]:
+    """Effects that the model lacks; none are sought where no data are held out to tell, or nothing is left of them."""
+    if all(score.r2 > 1 - WORTH for score in by_role(validations)[-1].scores):
+        return []
     fitted = chain.from_iterable(data.samples(path, "first") for path in data.paths)
     if data.plan.holdout:
         unseen = chain.from_iterable(data.samples(path, "last") for path in data.paths)

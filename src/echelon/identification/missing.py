@@ -32,6 +32,7 @@ _HARMONICS = range(1, 13)
 _NAMED = 4  # effects that are named at most
 _CLEAR = ((0.05, 1e-3), (0.3, 1e-4))
 """Least shares of an output's squares that an effect removes, with the least R² that it then adds."""
+WORTH = min(gained for _, gained in _CLEAR)  # share of an output's squares that an effect has to explain at least
 _RARE = 0.7  # weight of the gain of effects that few robots have, so that the usual ones come first
 _RARELY = 3  # how much larger a share they have to remove
 _SERIOUS = 0.01  # R² that is worth a warning

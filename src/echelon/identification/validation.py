@@ -63,19 +63,18 @@ def predicted(model: ModelRows, samples: Iterable[Samples], values: Sequence[Flo
 
 
 def _predicted(model: ModelRows, samples: Samples, y: Floats, values: Sequence[Floats], segment: int) -> Predicted:
-    guesses = np.stack([model.predict(samples, some) for some in values], axis=2)
-    times, measured, moving = rows_taken(samples, y)
-    rows = np.stack([rows_taken(samples, guesses[:, :, k])[1] for k in range(len(values))], axis=2)
+    signals = np.stack([y, *(model.predict(samples, some) for some in values)], axis=2)
+    times, rows, moving = rows_taken(samples, signals)
     inside, outputs = slice(samples.first, samples.stop), range(y.shape[1])
-    flags = np.ones(measured.shape, dtype=bool) if moving is None else moving
+    flags = np.ones(rows.shape[:2], dtype=bool) if moving is None else moving
     return Predicted(
         samples.source,
         segment,
         (times,) * len(outputs),
-        tuple(measured.T),
-        tuple(rows[:, i] for i in outputs),
+        tuple(rows[:, i, 0] for i in outputs),
+        tuple(rows[:, i, 1:] for i in outputs),
         tuple(flags.T),
-        tuple((y[inside, i], guesses[inside, i]) for i in outputs),
+        tuple((y[inside, i], signals[inside, i, 1:]) for i in outputs),
         tuple(_fastest(model.base.mechanism, samples)),
     )
 

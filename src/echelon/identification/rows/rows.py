@@ -126,8 +126,11 @@ class ModelRows:
     def blocks_of(self, samples: Samples, segment: int) -> Iterator[RowBlock]:
         """The rows of some samples, in the order of time."""
         _check_outputs(samples, self.layout)
+        room = np.empty((0, self.base.sparsity.shape[1]))  # new memory for every window would take as long as its use
         for window in self._windows(samples):
-            yield self._block(samples, window, segment)
+            low, high = self._around(samples, window)
+            room = room if high - low <= len(room) else np.empty((high - low, room.shape[1]))
+            yield self._block(samples, window, segment, self._entries(samples, low, high, room[: high - low]))
 
     def observation(self) -> Observation:
         """The R-factors of all rows."""
@@ -153,14 +156,18 @@ class ModelRows:
         first = samples.first // factor * factor
         yield from ((start, min(start + size, stop)) for start in range(first, stop, size))
 
-    def _block(self, samples: Samples, window: tuple[int, int], segment: int) -> RowBlock:
-        """Rows of the samples in a window, output by output."""
-        start, stop = window
-        reduction = samples.reduction
+    @staticmethod
+    def _around(samples: Samples, window: tuple[int, int]) -> tuple[int, int]:
+        """The samples that the rows of a window depend on."""
+        reduction, (start, stop) = samples.reduction, window
         margin = 0 if reduction is None else -(-reduction.reach // reduction.factor) * reduction.factor
-        low, high = max(start - margin, 0), min(stop + margin, len(samples))
+        return max(start - margin, 0), min(stop + margin, len(samples))
+
+    def _block(self, samples: Samples, window: tuple[int, int], segment: int, entries: Floats) -> RowBlock:
+        """Rows of the samples in a window, output by output."""
+        (start, stop), (low, high), reduction = window, self._around(samples, window), samples.reduction
         assert samples.y is not None
-        entries, y = self._entries(samples, low, high), samples.y[low:high]
+        y = samples.y[low:high]
         kept = np.arange(high - low) if reduction is None else reduction.kept(high - low)
         if reduction is not None:
             entries, y = reduction.apply(entries), reduction.apply(y)
@@ -172,11 +179,11 @@ class ModelRows:
         moving = _moving(samples, slice(low, high))
         return block if moving is None else block.taken(tuple(moving[inside].T))
 
-    def _entries(self, samples: Samples, low: int, high: int) -> Floats:
+    def _entries(self, samples: Samples, low: int, high: int, out: Floats) -> Floats:
         """Entries of the regressor, shape (high − low, entries)."""
         q, qd, qdd = (values[low:high] for values in (samples.q, samples.qd, samples.qdd))
         inputs = {name: values[low:high] for name, values in samples.inputs.items()}
-        return self.base.regressor_entries(q, qd, qdd, inputs=inputs)
+        return self.base.regressor_entries(q, qd, qdd, inputs=inputs, out=out)
 
     @cached_property
     def _columns(self) -> tuple[npt.NDArray[np.intp], ...]:

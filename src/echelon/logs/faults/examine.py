@@ -268,7 +268,10 @@ def jumps(time: Floats, values: Floats, usable: Flags, turns: bool) -> Integers:
     good = usable[1:] & usable[:-1] & (apart > 0)
     if good.sum() < 10 * _FEWEST:
         return np.zeros(0, dtype=np.intp)
-    step = np.where(good, np.diff(values) / np.maximum(apart / np.median(apart[good]), 1.0), 0.0)
+    step, least = np.where(good, np.diff(values), 0.0), _LEAST_JUMP * np.ptp(values[usable])
+    if np.abs(step).max() <= least:  # as nearly always
+        return np.zeros(0, dtype=np.intp)
+    step /= np.maximum(apart / np.median(apart[good]), 1.0)
     if turns:
         whole = np.rint(step / (2 * np.pi))
         step = np.where(np.abs(step) > WRAP, step - 2 * np.pi * whole, step)
@@ -276,7 +279,7 @@ def jumps(time: Floats, values: Floats, usable: Flags, turns: bool) -> Integers:
     off = np.abs(step - 0.5 * (before + after))
     usual = float(np.sort(off)[-max(_FEWEST, len(off) // 500)])
     alone = np.abs(step) > _LEAP * np.maximum(np.abs(before), np.abs(after))
-    alone &= np.abs(step) > _LEAST_JUMP * np.ptp(values[usable])
+    alone &= np.abs(step) > least
     # a sensor that wakes up goes on elsewhere, too
     return np.flatnonzero(alone & (off > _LEAP * max(usual, _NO_ENCODER)) & (before != 0))
 

@@ -34,7 +34,7 @@ _DAY = 86400
 _LONGEST = 256
 
 _SAMPLED = 16
-_BUFFER = 1 << 20
+_BUFFER = 1 << 18
 _KIND = "a Parquet file"
 
 

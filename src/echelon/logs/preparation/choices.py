@@ -57,6 +57,7 @@ sensor of velocity may have; more is another signal, or one that is late or filt
 
 _REPEATED = 0.7
 """Share of their noise that velocities which were differentiated by the recorder have from the positions."""
+_SHOWING_NOISE = 1 << 15  # samples that tell it
 _NOISY = 0.35  # share of the rate at which noise has to begin, for it to be looked at
 
 
@@ -174,8 +175,8 @@ class Signals:
         edge, segment = HARMONICS * self.fastest[1], max(self.segments, key=len)
         if edge > _NOISY * segment.rate or quaternion_columns(self.mechanism, "q", len(self.names)):
             return 0.0
-        whole = (segment.signals[name][:, self.moving] for name in ("q", "qd"))
-        q, v = (values - lowpass(values, edge, segment.rate) for values in whole)
+        parts = (segment.signals[name][:_SHOWING_NOISE, self.moving] for name in ("q", "qd"))
+        q, v = (values - lowpass(values, edge, segment.rate) for values in parts)
         spoilt = butterworth(edge, segment.rate).reach(NEAR) + REACH
         inside = slice(spoilt, -spoilt)
         shares = []

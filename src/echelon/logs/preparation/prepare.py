@@ -59,6 +59,7 @@ States = tuple[Floats, Floats, Floats]
 ROOM, ORDER = 3.0, 4
 """Low-pass over positions, relative to the band of both sides: within the band its gain is right to 2e-4, and to 3 % up
 to where the filter of both sides lets nothing pass."""
+_SHOWING = 16.0  # times a cut-off, on whose clock a low-pass does the same
 _ROUNDINGS = 16.0  # of a position, that add up in its derivatives
 MEASURED = ("qd", "qdd")  # derivatives that may be taken from a log
 
@@ -149,7 +150,9 @@ def _without_rounding(x: Floats, xd: Floats, xdd: Floats, rate: float) -> tuple[
     What is computed from speeds of 1e-17 rad/s has columns that differ, and so would seem to be identified.
     """
     rounding = _ROUNDINGS * np.finfo(float).eps * np.abs(x)
-    return np.where(np.abs(xd) <= rounding * rate, 0.0, xd), np.where(np.abs(xdd) <= rounding * rate**2, 0.0, xdd)
+    for order, values in enumerate((xd, xdd), start=1):
+        values[np.abs(values) <= rounding * rate**order] = 0.0
+    return xd, xdd
 
 
 def measured_signal(segment: Segment, name: str) -> Floats:
@@ -318,16 +321,24 @@ class PreparationPlan:
                 rests = output.name in (self.preparation.rest or ())
                 slowest[some] = np.minimum(slowest[some], least / np.abs(row[some]) if rests else 0.0)
         slowest[np.isinf(slowest)] = 0.0
+        if not slowest.any():
+            return qd, flags
         return np.where((slowest > 0) & (np.abs(qd) <= slowest + smeared), 0.0, qd), flags
 
     def _smeared(self, qd: Floats, names: Sequence[str]) -> Floats:
-        """What the low-pass would take off velocities once more, at most within half a period of its cut-off."""
+        """What the low-pass would take off velocities once more, at most within half a period of its cut-off.
+
+        They have passed it before, so that a clock some times faster than its cut-off is enough.
+        """
         with extra("identify"):
             from scipy.ndimage import maximum_filter1d
-        cutoff = min(cutoffs(self.preparation, self.rate, names))
-        taken = np.abs(qd - _smoothed(qd, self.preparation, self.rate, names))
-        reach = ceil(0.5 * self.rate / cutoff) if isfinite(cutoff) else 0
-        return maximum_filter1d(taken, 2 * reach + 1, axis=0)
+        own = cutoffs(self.preparation, self.rate, names)
+        factor = max(1, int(self.rate / (_SHOWING * max(own))))
+        slow, rate = qd[::factor], self.rate / factor
+        taken = np.abs(slow - _smoothed(slow, self.preparation, rate, names))
+        reach = ceil(0.5 * rate / min(own)) if isfinite(min(own)) else 0
+        largest = maximum_filter1d(taken, 2 * reach + 1, axis=0)
+        return np.repeat(largest, factor, axis=0)[: len(qd)]
 
     def _still(self) -> Mapping[str, float]:
         given = self.preparation.still
