@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 import pytest
 
 import echelon as ec
+from echelon.logs.read_log import opened
 from echelon.setup.skeleton import skeleton
 from support.command_line import run
 from support.swinging_arm import ARM, Motion, swinging
+
+Floats = npt.NDArray[np.float64]
 
 PENDULUM = """echelon: 1
 name: pendulum
@@ -105,10 +110,92 @@ def test_words_count_beside_words_that_nobody_knows(motion: Motion, tmp_path: Pa
     assert "\n  velocity:" not in found
 
 
-def test_a_row_for_every_joint_is_no_row_for_every_time(motion: Motion, tmp_path: Path) -> None:
-    parts = {"time": motion["t"].repeat(2), "joint": ["shoulder", "elbow"] * len(motion["t"])}
-    log = pd.DataFrame(parts | {name: motion[key].ravel() for name, key in (("position", "q"), ("effort", "tau"))})
-    assert "the log has one position, position, but arm has 2" in written(tmp_path, log)
+def joint_after_joint(motion: Motion, names: Sequence[object]) -> pd.DataFrame:
+    """A log with a row for every joint and time."""
+    signals = {"position": "q", "velocity": "qd", "effort": "tau"}
+    parts = (
+        pd.DataFrame({"time": motion["t"], "joint": name} | {word: motion[key][:, k] for word, key in signals.items()})
+        for k, name in enumerate(names)
+    )
+    return pd.concat(parts, ignore_index=True)
+
+
+@pytest.mark.parametrize("labels", [["shoulder", "elbow"], [1, 2], ["Achse A", "Achse B"]])
+@pytest.mark.parametrize("order", ["by joint", "by time", "none"])
+def test_rows_of_one_time_are_put_side_by_side(
+    order: str, labels: list[object], motion: Motion, tmp_path: Path
+) -> None:
+    log = joint_after_joint(motion, labels)
+    log = {"by joint": log, "by time": log.sort_values("time", kind="stable")}.get(order, log.sample(frac=1))
+    text = written(tmp_path, log)
+    assert "rows of one 'time' are put side by side by 'joint'" in text
+    assert "tried:\n#   - log.csv: 10 s at 300 Hz in 1 stretch" in text
+    (tmp_path / "setup.yaml").write_text(text)
+    result = ec.identify(tmp_path / "setup.yaml", tmp_path / "log.csv")
+    assert min(score.r2 for score in result.validations[-1].scores) > 0.99
+
+
+def test_a_table_with_one_column_of_values_names_its_columns_by_their_labels(motion: Motion, tmp_path: Path) -> None:
+    columns = {f"{word}{k + 1}": motion[word][:, k] for word in ("q", "tau") for k in (0, 1)}
+    text = written(tmp_path, pd.DataFrame({"time": motion["t"], **columns}).melt(id_vars="time"))
+    assert "  position: 'q{n}'\n  output: 'tau{n}'" in text
+
+
+def test_long_parquet_files_lack_what_was_not_logged(motion: Motion, tmp_path: Path) -> None:
+    log = joint_after_joint(motion, ["shoulder", "elbow"]).drop(index=[5])
+    log.astype({"joint": "category"}).to_parquet(tmp_path / "log.parquet", index=False)
+    table = read_table_of(tmp_path / "log.parquet")
+    assert list(np.flatnonzero(np.isnan(table["position/shoulder"]))) == [5]
+    np.testing.assert_array_equal(table["effort/elbow"], motion["tau"][:, 1])
+
+
+def read_table_of(path: Path) -> Mapping[str, Floats]:
+    """The columns of a log."""
+    return next(opened(path).tables()).columns
+
+
+def test_words_that_change_with_time_are_no_labels_of_rows(motion: Motion, tmp_path: Path) -> None:
+    log = pd.DataFrame({"time": motion["t"], "mode": np.where(np.sin(motion["t"]) > 0, "AUTO", "MANUAL")})
+    log["q1"], log["q2"] = motion["q"].T
+    log.to_csv(tmp_path / "log.csv", index=False)
+    assert opened(tmp_path / "log.csv").names == ("time", "mode", "q1", "q2")
+
+
+CART_POLE = """echelon: 1
+name: cart-pole
+gravity: [0, 0, -9.81]
+bodies:
+  - {name: cart, joint: {name: rail, type: prismatic, axis: [1, 0, 0]}}
+  - {name: pole, parent: cart, joint: {name: hinge, type: revolute, axis: [0, 1, 0]}}
+effects: [offset]
+"""
+
+
+@pytest.mark.parametrize(
+    ("names", "places"),
+    [
+        ("x theta xdot thetadot force", [0, 1]),
+        ("theta theta_dot x x_dot u", [1, 0]),
+        ("p v alpha omega u", [0, 1]),
+        ("cart_pos pole_angle cart_vel pole_vel F", [0, 1]),
+    ],
+)
+def test_joints_with_names_of_their_own_are_told_by_their_rates(names: str, places: list[int], tmp_path: Path) -> None:
+    """One of them is not driven."""
+    t = np.arange(3000) / 200
+    rate = np.array([1.3, 2.9])
+    q, qd = np.array([0.3, 0.8]) * np.sin(np.outer(t, rate)), np.array([0.39, 2.32]) * np.cos(np.outer(t, rate))
+    force = np.random.default_rng(0).normal(size=len(t)) + 5 * np.sin(7 * t)
+    columns, words = {"t": t}, names.split()
+    pairs = [(q[:, k], qd[:, k]) for k in places]
+    beside = "dot" in words[1] or words[1] == "v"
+    values = [v for pair in pairs for v in pair] if beside else [part[k] for k in (0, 1) for part in pairs]
+    text = written(tmp_path, pd.DataFrame(columns | dict(zip(words, [*values, force], strict=True))), CART_POLE)
+    angle = next(word for word in words if word in ("theta", "alpha", "pole_angle"))
+    length = next(word for word in words if word in ("x", "p", "cart_pos"))
+    assert f"  position:\n    rail: {length}\n    hinge: {angle}\n" in text
+    assert f"  output:\n    rail: {words[-1]}\n" in text
+    assert "nothing is measured of hinge" in text
 
 
 def test_logs_without_time_ask_for_the_rate(motion: Motion, tmp_path: Path) -> None:

@@ -29,6 +29,7 @@ from echelon.logs.faults.plausibility import check_plausible, surplus_columns
 from echelon.logs.files.log_file import CHUNK, LogFile, Table, selected
 from echelon.logs.files.open_log import is_joined, open_log, read_table
 from echelon.logs.finding import Finding, counted, listed, warning
+from echelon.logs.long_log import joint_by_joint
 from echelon.logs.preparation.segments import segments
 from echelon.logs.recording import Recording, Segment
 from echelon.logs.units import factor
@@ -117,7 +118,9 @@ def opened(path: str | Path) -> LogFile:
     """A log of any kind; a path such as ``positions.csv+torques.csv`` names several files of one log."""
     if isinstance(path, str):
         path = Path(path)
-    return JoinedLog([Path(part) for part in str(path).split("+")], str(path)) if is_joined(path) else open_log(path)
+    if is_joined(path):
+        return JoinedLog([Path(part) for part in str(path).split("+")], str(path))
+    return joint_by_joint(open_log(path))
 
 
 class JoinedLog:

@@ -90,7 +90,7 @@ def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = Fal
         file.names, setup.mechanism, lambda: first_table(file), said=said, by_values=by_values, outputs=outputs
     )
     columns, geared = _with_gears(found.columns, drives, vectors)
-    notes, silent = [*found.notes, *geared], set(found.unmeasured)
+    notes, silent = [*getattr(file, "notes", ()), *found.notes, *geared], set(found.unmeasured)
     locked = _assumed(setup, found.unlogged)
     if locked:
         notes.append(f"the log has no columns for {listed(locked)}: taken to rest, {_line(locked)}")

@@ -14,6 +14,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import permutations
 
 import numpy as np
 
@@ -27,6 +28,8 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.clock import nominal_period
 
 _WINDOWS = 200
+_MANY = 10  # columns per joint, beyond which pairs are not looked for
+_ENOUGH = 50_000  # samples that show whether one column is the rate of another
 _FOLLOWS = 0.9  # correlation from which on one family is the derivative of another
 _SAME = 0.98
 _SCALES = np.array([1.0, 180 / np.pi, np.pi / 180, 1e3, 1e-3])
@@ -122,6 +125,38 @@ def in_order(
     return {}
 
 
+def in_pairs(
+    names: Sequence[str], count: int, columns: Mapping[str, Floats], times: Floats
+) -> tuple[dict[str, Family], list[str]]:
+    """Positions with their rates, where names of joints have nothing in common, and moving columns that are neither.
+
+    All are in the order of the file.  Nothing is found where there are not as many as joints.
+    """
+    some = {name: _clean(columns[name][:_ENOUGH, None]) for name in names}
+    moving = {name: values for name, values in some.items() if np.ptp(values) > 0}
+    if len(moving) > _MANY * count:
+        return {}, []
+    rates = {a: [b for b in moving if b != a and _is_rate(moving[a], moving[b], times)] for a in moving}
+    derived = {b for pairs in rates.values() for b in pairs}
+    found = {"position": [a for a in moving if rates[a] and a not in derived]}
+    for kind, of in (("velocity", "position"), ("acceleration", "velocity")):
+        found[kind] = [rates[a][0] for a in found[of] if rates[a]]
+    if len(found["position"]) != count:
+        return {}, []
+    made = {kind: Family(tuple(own)) for kind, own in found.items() if len(own) == count}
+    return made, [name for name in moving if name not in derived and name not in found["position"]]
+
+
+def is_mixed(family: Family, columns: Mapping[str, Floats], times: Floats | None) -> bool:
+    """Whether one column of a family is the rate of another, so that they are not of different joints."""
+    values = [_clean(columns[name][:_ENOUGH, None]) for name in family.columns]
+    return times is not None and any(_is_rate(a, b, times) for a, b in permutations(values, 2))
+
+
+def _is_rate(position: Floats, velocity: Floats, times: Floats) -> bool:
+    return _alike(*_travels(np.unwrap(position, axis=0), velocity, times[: len(position)]))
+
+
 def clock(columns: Mapping[str, Floats], names: Sequence[str], *, named: bool = False) -> str:
     """The first column that grows evenly as a clock does; empty if none does.
 
@@ -199,13 +234,17 @@ def _clean(values: Floats) -> Floats:
 
 def _follows(lower: Floats, upper: Floats, step: Floats) -> bool:
     """Whether most columns of one family are derivatives of those of another, whatever the units."""
+    return _share(*_travels(lower, upper, step)) > 0.5
+
+
+def _travels(lower: Floats, upper: Floats, step: Floats) -> tuple[Floats, Floats]:
+    """How far a family moves from window to window, and how far the integral of another one does."""
     width = max(2, len(step) // _WINDOWS)
     ends = np.arange(0, len(step), width)
     moved = np.diff(lower[ends], axis=0)
     area = 0.5 * (upper[1:] + upper[:-1]) * np.diff(step)[:, None]
     summed = np.vstack([np.zeros((1, area.shape[1])), np.cumsum(area, axis=0)])
-    integral = np.diff(summed[ends], axis=0)
-    return _share(moved, integral) > 0.5
+    return moved, np.diff(summed[ends], axis=0)
 
 
 def _alike(first: Floats, second: Floats) -> bool:

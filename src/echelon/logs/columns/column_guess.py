@@ -12,7 +12,18 @@ from difflib import get_close_matches
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.logs.columns.by_values import Family, are_numbers, blocks, classified, clock, families, in_order
+from echelon.logs.columns.by_values import (
+    Family,
+    are_numbers,
+    blocks,
+    classified,
+    clock,
+    clock_unit,
+    families,
+    in_order,
+    in_pairs,
+    is_mixed,
+)
 from echelon.logs.columns.column_map import Channel, ColumnMap, actuators, coordinates, units
 from echelon.logs.columns.column_names import (
     KNOWN,
@@ -40,6 +51,8 @@ _OPTIONAL = ("velocity", "acceleration", "reference")
 _AS_NAMED: Mapping[str, str] = {}
 _MANY = 8
 _FIRST = re.compile(r"/?[^\W_]+[\W_]+")
+_ANGLES = re.compile("theta|phi|psi|alpha|beta|angle|winkel|rad|deg|rot|θ|φ", re.IGNORECASE)
+_TORQUES = re.compile("tau|torque|trq|moment|nm|couple|τ", re.IGNORECASE)
 _NOT_MEASURED = {
     *("ext", "external", "con", "fric", "friction", "grav", "gravity", "dist", "filt"),
     *("ref", "desired", "des", "cmd", "commanded", "target", "limit", "max", "min"),
@@ -76,6 +89,9 @@ def guess(
     whole = _of_all(names, meanings, mechanism, look, outputs=outputs, by_values=by_values)
     if not whole.problems or mechanism.closures:
         return whole
+    paired = _in_pairs(names, meanings, mechanism, look, outputs=outputs) if by_values and look is not None else None
+    if paired is not None:
+        return paired
     several = _of_several(names, mechanism, look, said, outputs=outputs)
     if len(several) > 1:
         first, *others = several
@@ -319,6 +335,7 @@ def _by_values(
     known = {kind: Family(tuple(channel.column for channel in some.values())) for kind, some in groups.items()}
     fixed = {kind: family for kind, family in known.items() if len(family.columns) == len(valid)}
     times = columns[stamps] if stamps else None
+    new = tuple(family for family in new if not is_mixed(family, columns, times))
     said = {family: _said(family) for family in new}
     once = {kind for kind in said.values() if [*said.values()].count(kind) == 1} & groups.keys() - fixed.keys()
     named = {kind: family for family, kind in said.items() if kind in once}
@@ -326,6 +343,58 @@ def _by_values(
     found = named | classified(left, columns, times, fixed | named)
     complete = {"position", "output"} <= {*found, *fixed}
     return found if complete else in_order(rest, len(valid), columns, times, fixed) or found
+
+
+def _in_pairs(
+    names: Sequence[str], meanings: Meanings, mechanism: Mechanism, look: Look, *, outputs: bool
+) -> Guess | None:
+    """The guess where every joint has names of its own, and rates tell what its position is, as on a cart with a pole.
+
+    Only one of the joints may be driven.
+    """
+    columns, valid = look().columns, _valid(mechanism, "position")
+    time, _ = _time(meanings, [name for name in names if name not in meanings], look)
+    if time is None or len({len(values) for values in columns.values()}) != 1:
+        return None
+    others = [name for name in columns if name != time.column]
+    seconds = columns[time.column] * factor(time.unit or clock_unit(columns[time.column]), "s")
+    found, left = in_pairs(others, len(valid), columns, seconds)
+    if not found:
+        return None
+    order = _as_they_move(found["position"].columns, valid, mechanism)
+    found = {kind: Family(tuple(family.columns[k] for k in order)) for kind, family in found.items()}
+    forces = [name for name in left if name in meanings and meanings[name].kind == "output"] or left
+    groups: dict[str, dict[str, Channel]] = {}
+    notes, driven = _filled(groups, found, mechanism), _driven(forces, mechanism) if outputs else {}
+    notes += [f"'{column}' taken for the output of {name}" for name, column in driven.items()]
+    groups["output"] = {
+        name: _channel(column, stated_unit(column), mechanism, "output", name) or Channel(column)
+        for name, column in driven.items()
+    }
+    problem = f"no column can be told to be the output of one of {listed(valid)}; say under log which it is"
+    problems = (problem,) if outputs and not driven else ()
+    kinds = (groups.get(kind, {}) for kind in ("position", "velocity", "acceleration", "output"))
+    unmeasured = tuple(name for name in _valid(mechanism, "output") if driven and name not in driven)
+    return Guess(ColumnMap(time, None, *kinds), problems, tuple(notes), unmeasured=unmeasured)
+
+
+def _as_they_move(columns: Sequence[str], valid: Sequence[str], mechanism: Mechanism) -> list[int]:
+    """Places of the columns of joints: angles of those that turn, if names tell as many, else in the given order."""
+    turn = [units(mechanism, "position", name) != ("m",) for name in valid]
+    angles = [k for k, column in enumerate(columns) if _ANGLES.search(column)]
+    if len(angles) != sum(turn):
+        return list(range(len(columns)))
+    lengths = [k for k in range(len(columns)) if k not in angles]
+    return [(angles if turns else lengths).pop(0) for turns in turn]
+
+
+def _driven(forces: Sequence[str], mechanism: Mechanism) -> dict[str, str]:
+    """Columns of outputs in their order; a single one is a torque if its name says so, else the force of the slide."""
+    valid = _valid(mechanism, "output")
+    if len(forces) == 1 < len(valid):
+        unit = "N·m" if _TORQUES.search(forces[0]) else "N"
+        valid = [output.name for output in mechanism.outputs if output.unit == unit]
+    return dict(zip(valid, forces, strict=True)) if len(valid) == len(forces) else {}
 
 
 def _said(family: Family) -> str:

@@ -158,8 +158,12 @@ class CsvFile:
         self._path = existing_file(path)
         self.source = os.fspath(path)
         self._packed = self._path.stat().st_size if _is_packed(self._path) else 0
-        self._dialect = sniff(self._first_lines(), self.source)
+        lines = self._first_lines()
+        self._dialect = sniff(lines, self.source)
         self.names: tuple[str, ...] = self._dialect.names
+        last = next(cells(line, self._dialect.delimiter) for line in reversed(lines) if not is_blank(line))
+        told = () if self._dialect.vectors else zip(self.names, last, strict=False)
+        self.worded = tuple(name for name, cell in told if number(cell.replace(",", ".")) is None and not stamp(cell))
         self.units = dict(zip(self.names, self._dialect.units, strict=False))
 
     def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
@@ -177,6 +181,14 @@ class CsvFile:
             first, line = first + length, line + len(lines)
         if chosen and not first:
             raise InputError("holds the names of columns but no numbers", source=self.source)
+
+    def words(self, name: str, rows: int = CHUNK) -> Iterator[list[str]]:
+        """A column of words, in the pieces of :meth:`tables`."""
+        place, delimiter = self.names.index(name), self._dialect.delimiter
+        for lines in self._pieces(rows, self._dialect.start):
+            texts = (line.decode("utf-8", errors="replace") for line in lines)
+            rows_of_cells = (cells(text, delimiter) for text in texts if not is_blank(text))
+            yield [row[place] if place < len(row) else "" for row in rows_of_cells]
 
     def _pieces(self, rows: int, skipped: int) -> Iterator[list[bytes]]:
         """Lines behind the first ones: ``rows`` at once, or as many as fit into the memory set aside."""

@@ -114,6 +114,11 @@ def leaves(leaf: Leaf, sample: Any) -> Iterator[tuple[Leaf, str]]:
         yield leaf, "" if _is_number(valued) else f"holds {kind}, not numbers"
 
 
+def _is_text(kind: Any) -> bool:
+    valued = kind.value_type if pa.types.is_dictionary(kind) else kind
+    return bool(pa.types.is_string(valued) or pa.types.is_large_string(valued))
+
+
 def _is_number(kind: Any) -> bool:
     plain = (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, pa.types.is_decimal, pa.types.is_null)
     return any(test(kind) for test in plain) or ticks_per_second(kind) > 0
@@ -159,6 +164,7 @@ class ParquetFile:
             self._leaves, self._left_out = self._columns(head)
             self.origin = _origin(head)
         self.names: tuple[str, ...] = tuple(self._leaves)
+        self.worded = tuple(field.name for field in head.schema if _is_text(field.type))
         if not self.names:
             raise InputError("none of its columns holds numbers", source=self.source)
 
@@ -177,6 +183,12 @@ class ParquetFile:
                 columns = {name: self._values(leaf, batch, first) for name, leaf in picked.items()}
                 yield Table(self.source, columns, first=first)
                 first += batch.num_rows
+
+    def words(self, name: str, rows: int = CHUNK) -> Iterator[list[str]]:
+        """A column of words, in the pieces of :meth:`tables`."""
+        with decoding(self.source, _KIND), self._opened() as file:
+            for batch in file.iter_batches(batch_size=rows, columns=[name]):
+                yield list(map(str, batch.column(0).to_pylist()))
 
     def _opened(self) -> Any:
         # without a buffer, the whole of a column's row group would be read at once
