@@ -181,8 +181,10 @@ def test_limits_of_servos_are_found_and_do_not_spoil_the_rest(kind: str, tmp_pat
 
 
 @pytest.mark.slow
-def test_intervals_beside_a_torque_limit_hold(tmp_path: Path) -> None:
-    setup, rng, limits = two_joints(tmp_path), np.random.default_rng(11), Limits.none(2).having("torque", 0, 0.15)
+@pytest.mark.parametrize(("limit", "seed", "least"), [(0.15, 11, 0.88), (0.1, 21, 0.95)])
+def test_intervals_beside_a_torque_limit_hold(limit: float, seed: int, least: float, tmp_path: Path) -> None:
+    """Also where servos pull as hard as they can most of the time, so that they do not mend how windows begin."""
+    setup, rng, limits = two_joints(tmp_path), np.random.default_rng(seed), Limits.none(2).having("torque", 0, limit)
     base, names = ec.base_parameters(setup.mechanism), setup.mechanism.velocities
     places = tuple(base.pivots.index(servo_joints(setup.mechanism)[name]) for name in names)
     known, z = np.eye(base.rank)[[places[0]]], []
@@ -196,10 +198,10 @@ def test_intervals_beside_a_torque_limit_hold(tmp_path: Path) -> None:
         truth = base.values(servo_arms.true_standard(arm, setup.mechanism))
         prior, positive = np.zeros((0, base.rank)), positive_parameters(base)
         found = OutputErrorProblem(motion, windows, truth, 0.025, limits, positive, prior, known).solve(lambda _: None)
-        error = np.concatenate([found.values - truth, [found.delay - 0.025], found.limits.values - 0.15])
+        error = np.concatenate([found.values - truth, [found.delay - 0.025], found.limits.values - limit])
         z.append(error / np.maximum(np.sqrt(np.diagonal(found.covariance)), 1e-12))
     # three quarters where commands are averaged before their limit; one arm's errors hardly reach it, which is no fault
-    assert np.mean(np.abs(z) < 2) > 0.88
+    assert np.mean(np.abs(z) < 2) > least
 
 
 @pytest.mark.parametrize("corner", [0.0, 0.05])

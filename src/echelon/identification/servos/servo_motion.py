@@ -8,7 +8,9 @@ the step.  Newton's matrix is M + h/2 ∂y/∂q̇ + h²/4 ∂y/∂q, and the sam
 parameters: they are those of the computed motion, not of an idealised one.
 
 Many windows of a log are simulated side by side, each a little before it counts: what its first state has wrong the
-servos take away in that time.  The fit takes Gauss–Newton steps with Levenberg's damping.
+servos take away in that time.  A servo that pulls as hard as it can takes nothing away.  So first positions are as
+uncertain as any measured one, first velocities may be anything, and what they explain of a window counts for nothing
+else.  The fit takes Gauss–Newton steps with Levenberg's damping.
 """
 
 from __future__ import annotations
@@ -146,18 +148,20 @@ class ServoMotion:
     def derivatives(
         self, windows: Windows, values: Floats, delay: float, limits: Limits | None = None
     ) -> tuple[Floats, Floats]:
-        """The same, and derivatives by base parameters, delay and limits, shape (W, length, n, r + 1 + l)."""
+        """The same and derivatives by parameters, delay, limits, first states, shape (W, length, n, r + 1 + l + 2n)."""
         return self._run(windows, values, delay, limits or Limits.none(len(self.names)), derivatives=True)
 
     def _run(
         self, windows: Windows, values: Floats, delay: float, limits: Limits, *, derivatives: bool
     ) -> tuple[Floats, Floats]:
         q, v = windows.start
-        h, count = windows.step, len(values) + 1 + len(limits.active)
+        h, n, count = windows.step, q.shape[1], len(values) + 1 + len(limits.active) + 2 * q.shape[1]
         commands = windows.commands(self.names, delay, limits)
         a = np.zeros_like(q)
         by_q = np.zeros((*q.shape, count if derivatives else 0))
         by_v = np.zeros_like(by_q)
+        if derivatives:
+            by_q[:, :, -2 * n : -n] = by_v[:, :, -n:] = np.eye(n)
         found, slopes = [], []
         newton = None
         gains = values[list(self.gains)]
@@ -167,7 +171,7 @@ class ServoMotion:
             servos = _Servos(self.names, u, by_speed, shares, gains, limits)
             solved = self._accelerations(q, v, a, servos, values, h, newton)
             if solved is None:
-                shape = (len(q), windows.length, q.shape[1])
+                shape = (len(q), windows.length, n)
                 return np.full(shape, np.nan), np.zeros((*shape, by_q.shape[2]))
             a, middle, speed, newton = solved
             if derivatives:
@@ -227,11 +231,12 @@ class ServoMotion:
         by_v: Floats,
         h: float,
     ) -> Floats:
-        """Derivatives of the accelerations of a step, shape (W, n, r + 1 + l)."""
+        """Derivatives of the accelerations of a step, shape (W, n, r + 1 + l + 2n)."""
         matrix, slope_q, slope_v = newton
         right = slope_q @ (by_q + h / 2 * by_v) + slope_v @ by_v
         right[:, :, : len(values)] += self.base.regressor(middle, speed, a, inputs=servos.inputs(middle))
-        right[:, :, len(values) :] -= servos.slopes(middle, h)
+        driven = servos.slopes(middle, h)
+        right[:, :, len(values) : len(values) + driven.shape[2]] -= driven
         return np.asarray(-np.linalg.solve(matrix, right), dtype=np.float64)
 
 
@@ -281,6 +286,7 @@ class _Servos:
 _STEPS = 60
 _STUCK = 1e8  # damping from which on no step helps
 _SETTLED = 1e-2  # standard deviations by which a last step moves
+_FIRST = 10.0  # noise of positions, from one sample to the next, that first velocities may be off
 _ROUNDED = 0.05  # of limits, within which corners are rounded at first
 
 
@@ -332,8 +338,9 @@ class OutputErrorProblem:
             hessian, gradient = self._normal(rest, slopes, noise, values, free)
             change = -np.linalg.solve(hessian + damping * np.diag(_sizes(hessian)), gradient)
             tried = self._moved(values, free @ change)
-            new, new_slopes = self._linearised(tried)
-            if np.isfinite(new).all() and self._cost(new, noise, tried) <= self._cost(rest, noise, values):
+            new, new_slopes = self._linearised(tried, noise)
+            worse = self._cost(new, noise, tried) - self._cost(rest, noise, values)
+            if worse <= _SETTLED * len(change):  # what first states explain changes a little from step to step
                 converged = bool(self._distance(tried - values, slopes, noise) < _SETTLED * np.sqrt(len(change)))
                 values, rest, slopes, noise, damping = tried, new, new_slopes, _noise(new), max(damping / 5, 1e-9)
             else:
@@ -364,11 +371,19 @@ class OutputErrorProblem:
         tried[some] = values[some] * np.exp(np.clip(change[some] / values[some], -1.0, 1.0))
         return tried
 
-    def _linearised(self, values: Floats) -> tuple[Floats, Floats]:
-        r = len(self.start)
+    def _linearised(self, values: Floats, noise: Floats | None = None) -> tuple[Floats, Floats]:
+        """What is left of positions, and its derivatives, apart from what first states explain."""
+        r, n = len(self.start), len(self.motion.names)
         limits = self.limits.moved(values[r + 1 :])
         found, slopes = self.motion.derivatives(self.windows, values[:r], float(values[r]), limits)
-        return found - self.windows.measured, slopes
+        rest = found - self.windows.measured
+        if not np.isfinite(rest).all():
+            return rest, slopes[..., : -2 * n]
+        noise = _noise(rest) if noise is None else noise
+        states = np.concatenate([noise, _FIRST * self.windows.rate * noise])
+        both = np.concatenate([rest[..., None], slopes[..., : -2 * n]], axis=3)
+        both = _apart(both / noise[:, None], slopes[..., -2 * n :] * states / noise[:, None]) * noise[:, None]
+        return both[..., 0], both[..., 1:]
 
     def _cost(self, rest: Floats, noise: Floats, values: Floats) -> float:
         return float(np.sum((rest / noise) ** 2) + np.sum((self.prior @ (values[: len(self.start)] - self.start)) ** 2))
@@ -387,6 +402,15 @@ class OutputErrorProblem:
         hessian = along.T @ along + prior.T @ prior
         gradient = along.T @ weighted + prior.T @ (self.prior @ (values[:r] - self.start))
         return hessian, gradient
+
+
+def _apart(values: Floats, states: Floats) -> Floats:
+    """Values (W, length, n, …) in units of noise that is white again where first states add theirs, (…, 2n) each."""
+    table, by = (some.reshape(len(some), -1, some.shape[3]) for some in (values, states))
+    left, singular, _ = np.linalg.svd(by, full_matrices=False)
+    kept = 1 / np.sqrt(1 + singular**2)
+    found = table + left @ ((kept - 1)[:, :, None] * (left.swapaxes(1, 2) @ table))
+    return np.asarray(found.reshape(values.shape))
 
 
 def _sizes(hessian: Floats) -> Floats:
