@@ -154,11 +154,30 @@ def read_table_of(path: Path) -> Mapping[str, Floats]:
     return next(opened(path).tables()).columns
 
 
-def test_words_that_change_with_time_are_no_labels_of_rows(motion: Motion, tmp_path: Path) -> None:
-    log = pd.DataFrame({"time": motion["t"], "mode": np.where(np.sin(motion["t"]) > 0, "AUTO", "MANUAL")})
-    log["q1"], log["q2"] = motion["q"].T
+def test_rows_without_a_label_and_rows_that_are_cut_off_count_for_nothing(motion: Motion, tmp_path: Path) -> None:
+    log = joint_after_joint(motion, ["shoulder", None])
     log.to_csv(tmp_path / "log.csv", index=False)
-    assert opened(tmp_path / "log.csv").names == ("time", "mode", "q1", "q2")
+    assert opened(tmp_path / "log.csv").names[:3] == ("time", "position/shoulder", "velocity/shoulder")
+    with (tmp_path / "log.csv").open("a") as file:
+        file.write("9.99,shoul")
+    assert len(read_table_of(tmp_path / "log.csv")["position/shoulder"]) == len(motion["t"])
+
+
+@pytest.mark.parametrize(
+    ("name", "labels"),
+    [
+        ("mode", np.where(np.arange(3000) % 900 < 450, "AUTO", "MANUAL")),  # at other times
+        ("run", np.repeat(["first", "second"], 1500)),
+        ("note", np.repeat(["first", "second"], 1500)),  # beside q1, which is of one joint
+    ],
+)
+def test_words_that_change_with_time_are_no_labels_of_rows(
+    name: str, labels: np.ndarray, motion: Motion, tmp_path: Path
+) -> None:
+    time = motion["t"] if name == "mode" else np.tile(motion["t"][:1500], 2)
+    position = "q1" if name == "note" else "position"
+    pd.DataFrame({"time": time, name: labels, position: motion["q"][:, 0]}).to_csv(tmp_path / "log.csv", index=False)
+    assert opened(tmp_path / "log.csv").names == ("time", name, position)
 
 
 CART_POLE = """echelon: 1

@@ -27,6 +27,8 @@ _NUMBERS = re.compile(
     r"(joint|jnt|axis|motor|actuator|servo|dof)s?[\W_]*(id|no|nr|num|number|idx|index)?", re.IGNORECASE
 )
 """Names of columns that number joints."""
+_RUNS = re.compile("run|episode|trial|session|phase|test|lap|cycle|segment|rep|set|file|exp|mode|state", re.IGNORECASE)
+"""Names of columns whose labels are of stretches of time, which may all begin at zero."""
 _MOST = 200  # labels
 _SHARED = 0.9  # share of the times of one label that are those of another
 
@@ -34,7 +36,11 @@ _SHARED = 0.9  # share of the times of one label that are those of another
 def joint_by_joint(file: LogFile) -> LogFile:
     """The file; joint beside joint if it has a row for each of them."""
     words: Sequence[str] = getattr(file, "worded", ())
-    for label in (*words, *(name for name in file.names if _NUMBERS.fullmatch(name))):
+    said = [found for name in file.names if (found := meaning(name, {})) is not None]
+    if any(found.index is not None for found in said):  # q1 is of one joint already
+        return file
+    named = [name for name in words if not _RUNS.match(name)]
+    for label in (*named, *(name for name in file.names if _NUMBERS.fullmatch(name))):
         with suppress(InputError):  # what cannot be read is said when it is needed
             labels = next(_labels(file, label), np.zeros(0))
             if not 1 < len(np.unique(labels)) <= _MOST:
@@ -48,7 +54,7 @@ def joint_by_joint(file: LogFile) -> LogFile:
 def _labels(file: LogFile, label: str) -> Iterator[Labels]:
     """The labels of rows, in pieces."""
     if label in getattr(file, "worded", ()):
-        yield from (np.array(piece) for piece in file.words(label))  # type: ignore[attr-defined]
+        yield from map(np.array, file.words(label))  # type: ignore[attr-defined]
         return
     for table in file.tables([label]):
         yield table.columns[label]
@@ -74,9 +80,8 @@ class LongLog:
     def __init__(self, file: LogFile, label: str, time: str) -> None:
         self.source, self._file, self._label, self._time = file.source, file, label, time
         labels = np.concatenate(list(_labels(file, label)))
-        self._rows = {
-            f"{one:g}" if isinstance(one, float) else one: labels == one for one in np.unique(labels).tolist()
-        }
+        every = np.unique(labels[(labels == labels) & (labels != "")]).tolist()
+        self._rows = {f"{one:g}" if isinstance(one, float) else one: labels == one for one in every}
         values = [name for name in file.names if name not in (label, time, *getattr(file, "worded", ()))]
         self._places = {
             f"{name}/{one}" if len(values) > 1 or one.isdecimal() else one: (name, one)

@@ -24,7 +24,7 @@ from echelon.arrays import Flags, Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.logs.recording import Samples
-from echelon.observe.observation import Layout, Observation, layout_of, measured
+from echelon.observe.observation import Layout, Observation
 from echelon.observe.triangle import upper_triangle
 
 Item = TypeVar("Item")
@@ -115,7 +115,10 @@ class ModelRows:
     @cached_property
     def layout(self) -> Layout:
         """Outputs, base parameters, and which of them each output can depend on."""
-        return layout_of(measured(self.base.function("regressor")))[0]
+        outputs, parameters = self.base.function("regressor").axes
+        rows, columns = self.base.sparsity
+        kept = (tuple(sorted(columns[rows == output].tolist())) for output in range(len(outputs)))
+        return Layout(outputs, parameters, tuple(kept))
 
     def blocks(self) -> Iterator[RowBlock]:
         """The rows that are fitted, in the order of time, log after log."""

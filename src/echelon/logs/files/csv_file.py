@@ -188,7 +188,7 @@ class CsvFile:
         for lines in self._pieces(rows, self._dialect.start):
             texts = (line.decode("utf-8", errors="replace") for line in lines)
             rows_of_cells = (cells(text, delimiter) for text in texts if not is_blank(text))
-            yield [row[place] if place < len(row) else "" for row in rows_of_cells]
+            yield [row[place] for row in rows_of_cells if len(row) == len(self.names)]
 
     def _pieces(self, rows: int, skipped: int) -> Iterator[list[bytes]]:
         """Lines behind the first ones: ``rows`` at once, or as many as fit into the memory set aside."""

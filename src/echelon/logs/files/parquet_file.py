@@ -188,7 +188,7 @@ class ParquetFile:
         """A column of words, in the pieces of :meth:`tables`."""
         with decoding(self.source, _KIND), self._opened() as file:
             for batch in file.iter_batches(batch_size=rows, columns=[name]):
-                yield list(map(str, batch.column(0).to_pylist()))
+                yield ["" if word is None else str(word) for word in batch.column(0).to_pylist()]
 
     def _opened(self) -> Any:
         # without a buffer, the whole of a column's row group would be read at once
