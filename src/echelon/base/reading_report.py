@@ -142,10 +142,11 @@ def doubt_of_loops(mechanism: Mechanism, rank: int) -> str:
     snaps = () if mechanism.reading is None else mechanism.reading.snaps
     coarse = [snap.difference for snap in snaps if snap.difference > ROUNDING]
     if coarse:
-        return _faint(mechanism, rank, coarse)
-    doubt = _doubt(mechanism, None, rank, rank, None) if inexact_symbols(mechanism) else ""
-    # where frames were made to follow, rounding may have locked what is meant to move
-    return doubt or "".join(nearly_free(mechanism) if mechanism.closed_at and has_values(mechanism) else ())
+        doubt = _faint(mechanism, rank, coarse)
+    else:
+        doubt = _doubt(mechanism, None, rank, rank, None) if inexact_symbols(mechanism) else ""
+    # rounding may have locked what is meant to move
+    return doubt or "".join(nearly_free(mechanism) if has_values(mechanism) else ())
 
 
 def _doubt(

@@ -43,7 +43,12 @@ class Station:
     is_point: bool  # whether the origin counts
     bodies: tuple[int, ...]  # in which its place is fixed
     exact: Placement | None  # the pose as far as numbers state it exactly
-    is_between: bool = False  # whether the axis is the line between two points, and less exact than others
+    slack: float = 1.0  # how many times less exact the direction is than others: that of a line between two points
+
+    @property
+    def is_between(self) -> bool:
+        """Whether the axis is the line between two points."""
+        return self.slack > 1
 
     @property
     def direction(self) -> Floats:
@@ -70,22 +75,28 @@ class ExactFrames:
     """Exact frames of stations, in the base frame."""
 
     def __init__(
-        self, stations: Sequence[Station], noise: float, most: float, scale: float, base_first: bool = False
+        self,
+        stations: Sequence[Station],
+        noise: float,
+        apart: float,
+        scale: float,
+        most: tuple[float, float],
+        base_first: bool,
     ) -> None:
-        self._tolerance = min(NEAR, max(_MORE * noise, 2 * most, PRECISION))
-        self._length = min(NEAR, max(_MORE * noise, NOISE)) * scale
+        near, within = most  # of directions and of places
+        self._tolerance = min(near, max(_MORE * noise, 2 * apart, PRECISION))
+        self._length = min(within, max(_MORE * noise, 2 * apart, NOISE)) * scale
         self._fine = min(NEAR, noise)
         self._frames = [Placement()]
         self._turned: dict[Station, Placement] = {}
         self._coarse = 0.1 / noise
-        axes = sorted(
-            (s for s in stations if s.axis is not None),
-            key=lambda s: (base_first and min(s.bodies) != GROUND, -self._related(s, stations)),
-        )
+        axes = [s for s in stations if s.axis is not None]
         self._directions = np.array([s.direction for s in axes]).reshape(-1, 3)
-        for station in sorted(axes, key=lambda s: self._turns(s) is None):
+        for station in self._ordered(axes, base_first):
             self._turned[station] = (
-                self._stated(station) or self._known(station) or self._aligned(self._mean(station, axes))
+                self._stated(station)
+                or self._known(station)
+                or self._aligned(self._mean(station, axes), self._tolerance * station.slack)
             )
         self._stations = [s for s in stations if s.is_line or s.is_point]
         self._origin, self._best = self._simplest([s.place for s in self._stations])
@@ -102,10 +113,18 @@ class ExactFrames:
 
     # -- directions ------------------------------------------------------------------------------------------------
 
-    def _related(self, station: Station, stations: Sequence[Station]) -> int:
-        """How many axes an axis is parallel or perpendicular to."""
-        sines = (_sine(station.direction, s.direction) for s in stations if s.axis is not None)
-        return sum(sine < self._tolerance or 1 - sine < self._tolerance**2 for sine in sines)
+    def _ordered(self, axes: Sequence[Station], base_first: bool) -> Iterator[Station]:
+        """What is stated exactly first, then always what is parallel or perpendicular to most of those before."""
+        ways = self._directions
+        parallel = np.linalg.norm(np.cross(ways[:, None], ways), axis=-1) < self._tolerance
+        tied = parallel | (np.abs(ways @ ways.T) < self._tolerance)
+        first = [(self._turns(s) is not None, not s.is_between, base_first and min(s.bodies) == GROUND) for s in axes]
+        waiting, done = list(range(len(axes))), np.zeros(len(axes), dtype=bool)
+        while waiting:
+            k = max(waiting, key=lambda k: (first[k], (tied[k] & done).sum(), tied[k].sum()))
+            waiting.remove(k)
+            done[k] = True
+            yield axes[k]
 
     def _turns(self, station: Station) -> Placement | None:
         """The rotation of a station, if numbers that are too coarse to be rounded state it."""
@@ -128,7 +147,7 @@ class ExactFrames:
         """The frame of a parallel axis that has one."""
         for frame in self._turned.values():
             along = _floats(frame)[:, 2]
-            if _sine(along, station.direction) < self._tolerance:
+            if _sine(along, station.direction) < self._tolerance * station.slack:
                 return frame if along @ station.direction > 0 else frame @ turn(0, Angle(Fraction(1)))
         return None
 
@@ -140,30 +159,30 @@ class ExactFrames:
         mean: Floats = total / np.linalg.norm(total)
         return mean
 
-    def _aligned(self, direction: Floats) -> Placement:
+    def _aligned(self, direction: Floats, near: float) -> Placement:
         """An exact frame whose z axis is next to a direction and breaks the fewest relations to others."""
         turned = np.array([_floats(frame)[:, 2] for frame in dict.fromkeys(self._turned.values())]).reshape(-1, 3)
         normals = np.array([np.cross(a, b) for a, b in combinations(turned, 2)]).reshape(-1, 3)
 
         def broken(found: Placement, others: Floats) -> int:
-            square = others[np.abs(others @ direction) < self._tolerance]
+            square = others[np.abs(others @ direction) < near]
             return int((np.abs(square @ _floats(found)[:, 2]) > NOISE).sum())
 
         def worth(choice: tuple[Placement, list[Placement]]) -> tuple[int, int, int]:
             # it may be in the plane of two others, too
             return broken(choice[0], turned), broken(choice[0], normals), _size(choice[1])
 
-        found, added = min(self._choices(direction), key=worth)
+        found, added = min(self._choices(direction, near), key=worth)
         self._frames += added
         return found
 
-    def _choices(self, direction: Floats) -> Iterator[tuple[Placement, list[Placement]]]:
+    def _choices(self, direction: Floats, near: float) -> Iterator[tuple[Placement, list[Placement]]]:
         """Exact frames whose z axis is next to a direction, with those that would be new; simple ones first."""
-        on_grid = (self._on_grid(frame, direction) for frame in self._frames)
+        on_grid = (self._on_grid(frame, direction, near) for frame in self._frames)
         choices = [(found, list[Placement]()) for found in on_grid if found is not None]
         for plane in self._planes():
             x, y, z = _floats(plane).T @ direction
-            if abs(z) < self._tolerance:
+            if abs(z) < near:
                 frame = plane @ _about_z(atan2(y, x), self._fine)
                 choices.append((frame @ turn(1, Angle(_QUARTER)), [frame]))
         yield from choices
@@ -179,22 +198,24 @@ class ExactFrames:
             yield found, [frame, found]
 
     def _in_plane(self, one: Floats, two: Floats) -> int:
-        """How many axes are in the plane of two directions."""
-        return int((np.abs(self._directions @ np.cross(one, two)) < self._tolerance).sum())
+        """How many axes are in the plane of two directions, or perpendicular to it."""
+        normal = np.cross(one, two)
+        cosines = np.abs(self._directions @ normal) / np.linalg.norm(normal)
+        return int(((cosines < self._tolerance) | (1 - cosines < self._tolerance**2)).sum())
 
     def _planes(self) -> Iterator[Placement]:
         """The frames that directions were built on, and their own, with each of their axes as z."""
         for frame in dict.fromkeys((*self._frames, *self._turned.values())):
             yield from (frame @ back.inverse() for back in _FROM_AXIS)
 
-    def _on_grid(self, frame: Placement, direction: Floats) -> Placement | None:
+    def _on_grid(self, frame: Placement, direction: Floats, near: float) -> Placement | None:
         """A frame that is turned by multiples of 15° from another, if its z axis is next to a direction then."""
         x, y, z = _floats(frame).T @ direction
-        azimuth = round(atan2(y, x) / _STEP) if hypot(x, y) > self._tolerance else 0
+        azimuth = round(atan2(y, x) / _STEP) if hypot(x, y) > near else 0
         inclination = round(atan2(hypot(x, y), z) / _STEP)
         one, two = azimuth * _STEP, inclination * _STEP
         off = np.array([cos(one) * sin(two), sin(one) * sin(two), cos(two)]) - (x, y, z)
-        if np.linalg.norm(off) > self._tolerance:
+        if np.linalg.norm(off) > near:
             return None
         first, second = (Angle(Fraction(steps, STEPS_PER_HALF_TURN)) for steps in (azimuth, inclination))
         return frame @ turn(2, first) @ turn(1, second)
@@ -245,7 +266,7 @@ class ExactFrames:
             features,
             [Feature(0, axes[s], s.bodies) for s in slides],
             self._length,
-            lambda normal: self._best.inverse() @ self._aligned(turned @ normal),
+            lambda normal: self._best.inverse() @ self._aligned(turned @ normal, self._tolerance),
         )
         places = [_shifted(self._start @ shift(*place)) for place in solved.unknowns.places(self._shortest)]
         return {station: places[k] for station, k in self._at.items()}

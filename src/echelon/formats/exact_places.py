@@ -253,7 +253,8 @@ class ExactPlaces:
         """Equal lengths by mirrors, the most common ones first."""
         pairs = [pair for flat in (True, False) for pair in self._pairs([s for s in sides if (s.across >= 0) == flat])]
         mirrors = [mirror for pair in pairs[:_MOST_PAIRS] for mirror in self._mirrored(*pair)]
-        for mirror in sorted(mirrors, key=_alike(mirrors).__getitem__, reverse=True):
+        alike = _alike(mirrors)
+        for mirror in sorted(mirrors, key=lambda m: (self._is_natural(m), alike[m]), reverse=True):
             one, two = (self._across(*side.ends, side.across) for side in mirror.sides)
             if not self.unknowns.are_equal(one, two):
                 self.unknowns.require(self._image(mirror))
@@ -285,13 +286,33 @@ class ExactPlaces:
         """What the first side of a mirror is more than the image of the second."""
         one, two = (self._across(*side.ends, side.across) for side in mirror.sides)
         if len(mirror.at) == 1:
-            c, s = circle_point(_shared(self._mirrors.setdefault(mirror.key, []), float(mirror.at[0]), mirror.near))
+            c, s = circle_point(_shared(self._known(mirror), float(mirror.at[0]), mirror.near))
             image = [two[0] * c + two[1] * s, two[0] * s - two[1] * c]
         else:
             normal = [row[2] for row in self._aligned(mirror.at).rotation]
             along = Polynomial.sum(n * x for n, x in zip(normal, two, strict=True)) * 2
             image = [x - n * along for n, x in zip(normal, two, strict=True)]
         return [x - y * mirror.sign for x, y in zip(one, image, strict=True)]
+
+    def _known(self, mirror: Mirror) -> list[Fraction]:
+        return self._mirrors.setdefault(mirror.key, list(self._natural(*mirror.key)))
+
+    def _is_natural(self, mirror: Mirror) -> bool:
+        return any(abs(float(f) - mirror.at[0]) < 2 * mirror.near for f in self._known(mirror) if len(mirror.at) == 1)
+
+    def _natural(self, one: int, two: int) -> Iterator[Fraction]:
+        """Mirrors for sides across two axes, or one, in which directions across two axes are their own images.
+
+        So the legs of a platform may be alike, and the halves of a leg.
+        """
+        for other in [two] if one != two else range(len(self._back)):
+            (a, b, c), (x, y, z) = (self._back[k][2] for k in (one, other))
+            across = (b * z - c * y, c * x - a * z, a * y - b * x)
+            (u, v), (w, t) = (rotate(self._back[k], across)[:2] for k in (one, two))
+            sums = [(total.number or 0) for total in (u + w, v + t)]
+            rise, run = sorted(sums, key=lambda x: abs(float(x)))
+            if isinstance(rise, int | Fraction) and isinstance(run, int | Fraction) and run:
+                yield Fraction(rise) / run * (1 if run == sums[0] else -1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from functools import cached_property
 from itertools import combinations, pairwise
 
@@ -20,16 +21,22 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, Residues, random_generator
-from echelon.exact.polynomial import multiple_of, symbol_of
+from echelon.exact.polynomial import as_polynomial, multiple_of, parts_of, symbol_of
 from echelon.formats.closure_frames import rational_frame
 from echelon.formats.exact_frames import NEAR, NOISE, ExactFrames, Station, is_number
+from echelon.formats.exact_gravity import exact_gravity
+from echelon.formats.exact_places import DIGITS
 from echelon.formats.snapping import LENGTH_TOLERANCE, PRECISION, Snapping
 from echelon.mechanism.closed_pose import counted_from, parted, shown_loops
 from echelon.mechanism.closure import Closure, ClosureKind
-from echelon.mechanism.joint import GROUND, Body, MotionKind, Placement, Step, merge
+from echelon.mechanism.joint import GROUND, Body, MotionKind, Placement, Step, Vector, merge
 from echelon.mechanism.mechanism import RESTORED, ClosedAt, Mechanism, Snap
 from echelon.mechanism.stated import has_values, known_values, placement_matrix, stated_values
 
+_TIMES, _LENGTHS = 10, 4  # what is seen of rounding, directions and lengths may miss
+_UNITS = 2  # of the last decimal, lengths may miss
+_FEW = 3  # relations that are not all missed by chance
+_LEAST_SLACK = 2.0
 _MOVED = 40  # times the largest miss that is seen, axes and points may move
 _TURNS = (MotionKind.ROTATION, MotionKind.SCREW)
 _LINES = (ClosureKind.REVOLUTE, ClosureKind.CYLINDRICAL, ClosureKind.POINT_ON_AXIS)
@@ -49,20 +56,21 @@ def with_exact_axes(mechanism: Mechanism, snapping: Snapping, *, needed: bool = 
         if (mended := _mended(found)) is None and needed:
             raise InputError(_broken(found))
         return mended or mechanism
-    if (pose := _closed_pose(mechanism)) is None:
+    if (pose := _closed_pose(mechanism, max(found.near, found.within))) is None:
         return mechanism
     from_pose = counted_from(mechanism, pose)
     known = len(snapping.snaps)
-    there = _AtZero(from_pose, snapping, at_pose=True)
+    there = _AtZero(from_pose, snapping, at_pose=True, like=found)
     mended = _mended(there)
     # the pose adds digits of doubles, which are no reason to restore some relations and not others
-    if mended is None or mended is from_pose or (there.noise < PRECISION and _AtZero(mended, snapping).noise):
+    left = there.noise < PRECISION and mended is not None and _AtZero(mended, snapping, like=there).noise
+    if left or mended is None or mended is from_pose:
         del snapping.snaps[known:]
         return mechanism
     return replace(counted_from(mended, pose, back=True), closed_at=pose, stated_closures=mended.closures)
 
 
-def _closed_pose(mechanism: Mechanism) -> ClosedAt | None:
+def _closed_pose(mechanism: Mechanism, near: float) -> ClosedAt | None:
     """Where loops that are open at zero are closed, to rounding; None if nowhere near the assembly pose."""
     from echelon.regressor.loops.assembly import Assembly, OpenLoopsError
     from echelon.regressor.loops.exact_pose import rational_pose
@@ -70,7 +78,7 @@ def _closed_pose(mechanism: Mechanism) -> ClosedAt | None:
     try:
         pose = Assembly(mechanism).pose
     except OpenLoopsError as error:
-        if error.size > NEAR:
+        if error.size > near:
             return None
         pose = error.pose
     try:
@@ -86,7 +94,7 @@ def _mended(found: _AtZero) -> Mechanism | None:
         return mechanism
     for base_first in (False, True):
         mended = found.mended(base_first)
-        if not found.kept_by(left := _AtZero(mended, snapping, found.at_pose)):
+        if not found.kept_by(left := _AtZero(mended, snapping, found.at_pose, found)):
             continue
         snapping.snaps.append(found.snap)
         if unequal := left.unequal:
@@ -120,7 +128,12 @@ class _Pose:
 class _AtZero:
     """All axes and points of a mechanism, in the base frame, where all coordinates are zero."""
 
-    def __init__(self, mechanism: Mechanism, snapping: Snapping, at_pose: bool = False) -> None:
+    near: float  # how far axes may be from relations that are meant, and closures from meeting, rad
+    within: float  # how far lengths may be from others, of the largest offset
+
+    def __init__(
+        self, mechanism: Mechanism, snapping: Snapping, at_pose: bool = False, like: _AtZero | None = None
+    ) -> None:
         self.mechanism, self.snapping, self.at_pose = mechanism, snapping, at_pose
         self._known, self._values = known_values(mechanism), stated_values(mechanism)
         self.poses: dict[int, _Pose] = {GROUND: _Pose(exact=Placement())}
@@ -128,10 +141,43 @@ class _AtZero:
         self._links = dict[Station, tuple[object, ...]]()  # between which axes of motions are; some are in one joint
         for body in range(len(mechanism.bodies)):
             self._follow(body)
+        self.near, self.within = (like.near, like.within) if like else self._tolerances()
         self._open = set[str]()  # closures
         self._gap = 0.0  # by how much closures that meet are open by rounding, rad or lengths
         self.ends = {closure.name: tuple(self._ends(closure)) for closure in mechanism.closures}
         self._join_points()
+
+    def _coarseness(self) -> float:
+        """How coarse numbers are, by what axes miss: parallel ones, which no chance makes so, or most relations."""
+        most, ends = self.snapping.angle_tolerance(""), (s for c in self.mechanism.closures for s in self._own_ends(c))
+        stations = (*self.motions.values(), *ends, *([self.gravity] if self.gravity else []))
+        axes = [station for station in stations if station.axis is not None]
+        pairs = [(a, b) for a, b in combinations(axes, 2) if not set(a.bodies).isdisjoint(b.bodies)]
+        sines = (float(np.linalg.norm(np.cross(a.direction, b.direction))) for a, b in pairs)
+        missed = sorted(miss for a, b in pairs for miss in self._missed(a, b, most, most))
+        median = missed[len(missed) // 2] if len(missed) >= _FEW else 0.0
+        return max((median, *(sine for sine in sines if sine < most)))
+
+    def _own_ends(self, closure: Closure) -> Iterator[Station]:
+        """The axes of a closure on its two bodies."""
+        for body, frame in ((closure.first, closure.first_frame), (closure.second, closure.second_frame)):
+            if closure.kind in _LINES:
+                yield self._station(self._moved(self.poses[body], frame), 2, True, False, (body, body))
+
+    def _tolerances(self) -> tuple[float, float]:
+        """How far directions and lengths may be from what is meant, by what rounding of the file is seen to do."""
+        coarse, most = self._coarseness(), self.snapping.angle_tolerance("")
+        near, digit = min(max(NEAR, _TIMES * coarse), most), self._last_digit() / self._scale
+        digit = (
+            digit if coarse > PRECISION and digit < most else 0.0
+        )  # else lengths are short because they are meant to be
+        return near, max(LENGTH_TOLERANCE, min(_LENGTHS * coarse, near), _UNITS * digit)
+
+    def _last_digit(self) -> float:
+        """What the last decimal of lengths stands for."""
+        numbers = (n for p in self._placements for entry in p.translation for n in entry.terms.values())
+        parts = [Fraction(part) for number in numbers for part in parts_of(number)]
+        return next((10.0**-d for d in range(DIGITS) if all((part * 10**d).denominator == 1 for part in parts)), 0.0)
 
     @cached_property
     def is_general(self) -> bool:
@@ -147,14 +193,22 @@ class _AtZero:
     def stations(self) -> list[Station]:
         """All axes and points."""
         ends = [station for ends in self.ends.values() for station in ends]
-        return [*self.motions.values(), *ends, *self._gravity]
+        return [*self.motions.values(), *ends, *([self.gravity] if self.gravity else [])]
 
-    @property
-    def _gravity(self) -> Iterator[Station]:
-        """Its direction, if that is a coordinate axis."""
-        axes = [k for k, part in enumerate(self.mechanism.gravity or ()) if part]
-        if len(axes) == 1 and not self.at_pose:
-            yield self._station(self.poses[GROUND], axes[0], False, False, _BASE)
+    @cached_property
+    def gravity(self) -> Station | None:
+        """Its direction, if that is known: a coordinate axis, or the z axis of a frame."""
+        base, parts = self.poses[GROUND], self.mechanism.gravity or ()
+        if len(axes := [k for k, part in enumerate(parts) if part]) == 1:
+            return self._station(base, axes[0], False, False, _BASE)
+        if not axes or not self._known.keys() >= {s for part in parts for s in part.symbols()}:
+            return None
+        floats, residues = base.floats.copy(), [list(row) for row in base.residues]
+        floats[:3, 2] = [part.at(self._known) for part in parts]
+        floats[:3, 2] /= np.linalg.norm(floats[:3, 2])
+        for row, part in zip(residues, parts, strict=False):
+            row[2] = part.evaluate(self._residues, self._field.embed) % self._field.p
+        return Station(floats, residues, 2, False, False, _BASE, None)
 
     def _join_points(self) -> None:
         """Two points at which the same bodies are joined are a hinge: the axis through them takes their place."""
@@ -170,7 +224,8 @@ class _AtZero:
                 floats[:3, 2] = apart / np.linalg.norm(apart)
                 for row, a, b in zip(residues, start.modulo(3), end.modulo(3), strict=False):
                     row[2] = b - a
-                hinge = Station(floats, residues, 2, True, False, start.bodies, None, is_between=True)
+                slack = max(_LEAST_SLACK, self._scale / float(np.linalg.norm(apart)))
+                hinge = Station(floats, residues, 2, True, False, start.bodies, None, slack)
                 self.ends |= {pair[0].name: (hinge,), pair[1].name: ()}
 
     @property
@@ -193,7 +248,7 @@ class _AtZero:
     def unequal(self) -> float:
         """By how much lengths differ that are nearly equal; 0 if these are exactly so."""
         near = ((b - a, u != v) for (a, u), (b, v) in pairwise(sorted(self._lengths())))
-        return max((max(apart, NOISE) for apart, differ in near if apart < LENGTH_TOLERANCE and differ), default=0.0)
+        return max((max(apart, NOISE) for apart, differ in near if apart < self.within and differ), default=0.0)
 
     @cached_property
     def misses(self) -> tuple[float, float]:
@@ -201,7 +256,7 @@ class _AtZero:
         found = [0.0, 0.0]
         for a, b in self._pairs:
             for k in range(a.is_between or b.is_between, 2):
-                found[k] = max((found[k], *self._missed(a, b)))
+                found[k] = max((found[k], *self._missed(a, b, self.near, self.within)))
         return found[0], found[1]
 
     def kept_by(self, other: _AtZero) -> bool:
@@ -215,8 +270,7 @@ class _AtZero:
                 apart = np.cross(apart, one.direction)
             if (one.is_line or one.is_point) and np.linalg.norm(apart) > near * self.extent:
                 return False
-        most = {False: near, True: NEAR}
-        return not any(m <= most[a.is_between or b.is_between] for a, b in other._pairs for m in other._missed(a, b))
+        return not any(other.misses)
 
     @property
     def extent(self) -> float:
@@ -240,11 +294,11 @@ class _AtZero:
 
     @cached_property
     def _looped(self) -> list[Station]:
-        """Those between bodies of loops."""
+        """Those on bodies of loops, and on what carries these."""
         parents = [body.parent for body in self.mechanism.bodies]
         ways = [parted(c.first, c.second, parents.__getitem__) for c in self.mechanism.closures]
-        bodies = {body for way in ways for chain in way for body in chain}
-        return [s for s in self.stations if s.bodies == _BASE or not bodies.isdisjoint(s.bodies)]
+        bodies = {member for way in ways for chain in way for body in chain for member in (body, parents[body])}
+        return [s for s in self.stations if not bodies.isdisjoint(s.bodies)]
 
     @property
     def _pairs(self) -> Iterator[tuple[Station, Station]]:
@@ -258,7 +312,8 @@ class _AtZero:
 
     @cached_property
     def _residues(self) -> dict[str, int]:
-        generators = {g for placement in self._placements for entry in placement.entries() for g in entry.generators()}
+        entries = [entry for placement in self._placements for entry in placement.entries()]
+        generators = {g for entry in (*entries, *(self.mechanism.gravity or ())) for g in entry.generators()}
         rng, exact = random_generator(DEFAULT_SEED), set(self._values.names)
         found = self._values.residues(sorted(g for g in generators if symbol_of(g) in exact), self._field, rng)
         points = dict[str, tuple[Residues, Residues]]()
@@ -303,7 +358,7 @@ class _AtZero:
         apart = np.linalg.inv(one.floats) @ two.floats
         missed = [apart[k, 3] / self._scale for k in kind.positions]
         missed += [apart[i, j] - value for i, j, value in kind.directions]
-        meets = max(map(abs, missed)) < NEAR
+        meets = max(map(abs, missed)) < max(self.near, self.within)
         axes = (0, 1) if kind is ClosureKind.UNIVERSAL else (axis,) if meets else (axis, axis)
         if not meets:
             self._open.add(closure.name)
@@ -327,21 +382,23 @@ class _AtZero:
         offsets = [abs(entry.at(self._known)) for p in self._placements for entry in p.translation]
         return max(offsets, default=0.0) or 1.0
 
-    def _missed(self, one: Station, two: Station) -> Iterator[float]:
-        """What two axes nearly are and not exactly, by how much they miss it."""
+    def _missed(self, one: Station, two: Station, near: float, within: float) -> Iterator[float]:
+        """What two axes are nearly and not exactly, by how much they miss it."""
+        slack = max(one.slack, two.slack)
+        near, within = near * slack, within * slack
         d, e, apart = one.direction, two.direction, (two.place - one.place) / self._scale
         p, u, v = self._field.p, one.along, two.along
         way = [(b - a) % p for a, b in zip(one.modulo(3), two.modulo(3), strict=True)]
-        normal, near = np.cross(d, e), min(NEAR, self.snapping.angle_tolerance(""))
+        normal = np.cross(d, e)
         sine, lines = float(np.linalg.norm(normal)), one.is_line and two.is_line
         if sine < near:
             found = [(sine, _cross(u, v, p))]
             gap = float(np.linalg.norm(np.cross(apart, d)))
-            found += [(gap, _cross(way, u, p))] * (lines and gap < LENGTH_TOLERANCE)
+            found += [(gap, _cross(way, u, p))] * (lines and gap < within)
         else:
             gap = abs(float(apart @ normal)) / sine
             found = [(abs(float(d @ e)), [_dot(u, v, p)])] * (abs(float(d @ e)) < near)
-            found += [(gap, [_dot(way, _cross(u, v, p), p)])] * (lines and gap < LENGTH_TOLERANCE)
+            found += [(gap, [_dot(way, _cross(u, v, p), p)])] * (lines and gap < within)
         yield from (max(size, NOISE) for size, exact in found if any(exact))
 
     def _lengths(self) -> Iterator[tuple[float, int]]:
@@ -350,11 +407,11 @@ class _AtZero:
         for one, two in combinations([s for s in self._looped if s.is_line or s.is_point], 2):
             apart = (two.place - one.place) / self._scale
             way = [(b - a) % p for a, b in zip(one.modulo(3), two.modulo(3), strict=True)]
-            if set(one.bodies).isdisjoint(two.bodies) or np.linalg.norm(apart) < LENGTH_TOLERANCE:
+            if set(one.bodies).isdisjoint(two.bodies) or np.linalg.norm(apart) < self.within:
                 continue
             if one.is_point and two.is_point:
                 yield float(np.linalg.norm(apart)), _dot(way, way, p)
-            elif one.is_line and two.is_line and np.linalg.norm(np.cross(one.direction, two.direction)) < NEAR:
+            elif one.is_line and two.is_line and np.linalg.norm(np.cross(one.direction, two.direction)) < self.near:
                 across = _cross(way, one.along, p)
                 yield float(np.linalg.norm(np.cross(apart, one.direction))), _dot(across, across, p)
 
@@ -362,8 +419,10 @@ class _AtZero:
 
     def mended(self, base_first: bool) -> Mechanism:
         """The mechanism with exact axes and points, by directions of the base or of the most relations first."""
-        noise, most = self.misses[0] or self.broken or self._gap, max(self.misses[1], self._gap)
-        exact = ExactFrames(self.stations, noise, most, self.extent, base_first)
+        noise = self.misses[0] or self.broken or self._gap
+        stations = [s for s in self.stations if s is not self.gravity or s.exact]
+        apart, most = max(self._gap, self.unequal), (self.near, self.within)
+        exact = ExactFrames(stations, noise, apart, self.extent, most, base_first)
         bodies, closures = list[Body](), list[Closure]()
         at = {body: pose.exact or rational_frame(pose.floats) for body, pose in self.poses.items()}
         for k, body in enumerate(self.mechanism.bodies):
@@ -381,7 +440,21 @@ class _AtZero:
             first, second = at[closure.first].inverse() @ one, at[closure.second].inverse() @ two
             kind = ClosureKind.REVOLUTE if ends[0].is_between else closure.kind
             closures.append(Closure(closure.name, kind, closure.first, closure.second, first, second))
-        return replace(self.mechanism, bodies=tuple(bodies), closures=tuple(closures))
+        gravity = self._fallen(exact)
+        return replace(self.mechanism, bodies=tuple(bodies), closures=tuple(closures), gravity=gravity)
+
+    def _fallen(self, exact: ExactFrames) -> Vector | None:
+        """Gravity beside the exact axes of the base."""
+        parts = self.mechanism.gravity
+        if parts is None or self.gravity is None or self.gravity.exact:
+            return parts
+        axes = list[tuple[Vector, float]]()
+        for s in sorted(self.stations, key=lambda s: s.slack):
+            if s.axis is not None and GROUND in s.bodies and s is not self.gravity:
+                x, y, z = (row[s.axis] for row in exact.frame(s).rotation)
+                axes.append(((x, y, z), self.near * s.slack))
+        x, y, z = (as_polynomial(Fraction(f"{part.at(self._known):.12g}")) for part in parts)
+        return exact_gravity((x, y, z), axes)
 
 
 def _with_place(pose: _Pose, other: _Pose) -> _Pose:

@@ -28,6 +28,9 @@ from echelon.regressor.loops.closed_motion import (
     position_rates,
 )
 
+NEARLY_FREE = 1e-2
+"""Singular values below this part of the largest one belong to motions that are nearly possible."""
+
 _RESIDUAL = 1e-12  # of the characteristic length
 _ITERATIONS = 100
 _REMEMBERED = 8
@@ -36,7 +39,7 @@ _FLOOR = 1e-12  # of the damping: the steps stay finite where constraints are re
 STRIDE, _SHORTEST = 0.1, 1e-4  # of a step on the way to given coordinates, rad or characteristic lengths
 _FEW = 8  # iterations for one such step; if these do not do, it is shortened
 LARGEST_CORRECTION = 0.05  # of what its trend predicts; more may be a jump to another way of assembly
-_FAR, _ROUNDED = 0.1, 1e-4  # beyond which poses may be nearer than a closed one; left open by rounding; rad or lengths
+_FAR, _ROUNDED = 0.1, 2e-3  # beyond which poses may be nearer than a closed one; left open by rounding; rad or lengths
 _TRIES, _NEAR = 64, 1.0  # disturbances of a pose that does not close, rad or characteristic lengths
 _WALK, _FEWEST = 20, 4  # random strides from the assembly pose, and from it to states near it
 _KEPT_AWAY = 0.25  # of the assembly pose's distance from singular configurations; more than a stride
@@ -141,15 +144,26 @@ class Assembly(ClosedMotion):
             # a pose in which the links are in line leads nowhere or far, so disturbances of it are tried, too
             sizes = np.linspace(0.0, _NEAR if self.mechanism.assembly else np.pi, _TRIES)
             q, done = self.closed(self._disturbed(sizes[:, None]))
+            q, done = np.vstack([q, self._nearly_closed()]), np.append(done, False)
         values = self.closures.at(q)[0]
         open_by, away = largest(values), np.linalg.norm(self._distances(q), axis=1)
-        # where rounding has locked loops, none of these close, and some far away may do so best
-        closed = done if done.any() else open_by <= max(_ROUNDED, open_by.min())
+        # where rounding has locked loops, none of these close near here, and some far away may
+        near, rounded = away < _FAR, open_by <= max(_ROUNDED, open_by.min())
+        closed = next(choice for choice in (done & near, rounded & near, done, rounded) if choice.any())
         best = int(np.where(closed, away, np.inf).argmin())
         nearest: Floats = q[best]
-        if not done.any():
+        if not done[best]:
             raise OpenLoopsError(self.opening(values[best]), self.written(nearest), nearest, float(open_by[best]))
         return nearest
+
+    def _nearly_closed(self) -> Floats:
+        """The stated pose after steps without motions that closures hardly resist, which rounding may have locked."""
+        q, speeds = self._stated[None], len(self.mechanism.velocities)
+        for _ in range(_FEW):
+            values, jacobian = self.closures.at(q)
+            change = -(np.linalg.pinv(jacobian[:, :, :speeds], rcond=NEARLY_FREE) @ values[:, :, None])[:, :, 0]
+            q = self._moved(q, change * _LONGEST / max(float(largest(change)[0]), _LONGEST))
+        return q
 
     def written(self, q: Floats) -> str:
         """What a description says of a configuration (positions,)."""

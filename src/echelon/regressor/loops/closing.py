@@ -18,7 +18,7 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import has_values, in_numbers, inexact_symbols
 from echelon.mechanism.substitute import with_numeric_ratios
 from echelon.program.tape import Program
-from echelon.regressor.loops.assembly import Assembled, Assembly, OpenLoopsError
+from echelon.regressor.loops.assembly import NEARLY_FREE, Assembled, Assembly, OpenLoopsError
 from echelon.regressor.loops.closed_motion import RANK_TOLERANCE
 from echelon.regressor.loops.closures import Loops
 from echelon.regressor.loops.coordinates import independent_coordinates
@@ -38,7 +38,6 @@ _STATES, _NEAR = 8, 0.5  # random configurations at which the mobility is counte
 _NEARLY = 1e-2  # what may be open where frames are made to follow, rad or characteristic lengths
 _SEARCH = 1.5e7  # numbers that are added until loops are not known to close: five to ten seconds
 _LITTLE_WORK = 1e5  # operations for a pose that take no longer than to let frames follow
-_NEARLY_FREE = 1e-2  # singular values below this part of the largest one belong to motions that are nearly possible
 _INDEPENDENT = (1e-3, 1e-5, 1e-6)  # singular values of independent motions, the wanted one first
 
 
@@ -228,7 +227,7 @@ def _rigid(mechanism: Mechanism, assembly: Assembly) -> str:
     )
     if moving is not None:
         return f"{problem}.  They move where they are put together otherwise: write  {assembly.written(moving)}"
-    if size < _NEARLY_FREE:
+    if size < NEARLY_FREE:
         return f"{problem}.  If rounding has locked it: {_EXACTLY}"
     return f"{problem}.  Check the frames of that closure, or give it a kind that holds less, such as  joint: spherical"
 
@@ -324,7 +323,7 @@ def nearly_free(mechanism: Mechanism) -> list[str]:
     assembly = Assembly(mechanism)
     states, _, _ = assembly.random_closed_states(random_generator(DEFAULT_SEED), _STATES, _NEAR)
     sizes = assembly.singular_values(np.vstack([assembly.pose[None], states])).max(axis=0)
-    near = sizes[(sizes > RANK_TOLERANCE) & (sizes < _NEARLY_FREE)]
+    near = sizes[(sizes > RANK_TOLERANCE) & (sizes < NEARLY_FREE)]
     if not near.size:
         return []
     freedoms, (coordinate, closure, _) = len(mechanism.independent_velocities), assembly.easiest(states[-1])
