@@ -188,6 +188,91 @@ def test_angles_of_general_frames_are_not_near_multiples_of_15_degrees_by_intent
     assert found(text) == (1, rank)
 
 
+TURNTABLE = """
+echelon: 1
+gravity: [4.1689, -8.7856, -1.2920]
+bodies:
+  - {name: turn, joint: {type: revolute, axis: [-0.6834, -0.7224, 0.1050], origin: {rpy: [-2.9117, 0.1021, -0.3039]}}}
+  - {name: crank, parent: turn, joint: {type: revolute, axis: [0.7474, -0.5357, 0.3929],
+      origin: {rpy: [1.4250, -0.6832, -1.8401]}}}
+  - {name: coupler, parent: crank, joint: {type: revolute, axis: [-0.1698, -0.8139, 0.5556],
+      origin: {xyz: [-0.0845, -0.0608, 0.0779], rpy: [-2.1689, 0.5988, -2.1247]}}}
+  - {name: rocker, parent: turn, joint: {type: revolute, axis: [0.2631, 0.9643, 0.0310],
+      origin: {xyz: [-0.2893, 0.2758, 0.0148], rpy: [-2.8451, -1.1296, -1.1649]}}}
+loops:
+  - {joint: revolute, connects: [coupler, rocker],
+      at: {xyz: [0.0346, -0.2069, -0.2926], rpy: [0.8222, 0.6159, -0.6982]},
+      on_second: {xyz: [-0.2690, 0.0690, 0.1377], rpy: [-1.5190, 0.9282, -0.2249]}}
+"""
+SARRUS = """
+echelon: 1
+gravity: [8.816591, -4.180228, -1.014652]
+bodies:
+  - {name: a0, joint: {type: revolute, axis: [-0.099123, -0.050659, -0.993785],
+      origin: {xyz: [-0.334378, -0.152222, -0.043820], rpy: [-2.911719, 0.102080, -0.303928]}}}
+  - {name: a1, parent: a0, joint: {type: revolute, axis: [-0.569005, -0.821469, -0.037710],
+      origin: {xyz: [-0.199158, -0.050573, 0.022442], rpy: [1.424952, -0.683170, -1.840089]}}}
+  - {name: a2, parent: a1, joint: {type: revolute, axis: [0.845549, -0.409908, -0.342084],
+      origin: {xyz: [0.168521, -0.115246, -0.032312], rpy: [-2.168940, 0.598834, -2.124654]}}}
+  - {name: c0, joint: {type: revolute, axis: [-0.721590, 0.218043, -0.657088],
+      origin: {xyz: [0.132368, 0.012032, 0.345303], rpy: [0.609597, 0.934216, 1.119795]}}}
+  - {name: c1, parent: c0, joint: {type: revolute, axis: [0.560432, -0.827018, -0.044240],
+      origin: {xyz: [-0.024392, 0.185304, 0.088276], rpy: [0.503654, 0.514867, -2.233618]}}}
+loops:
+  - {joint: revolute, connects: [c1, a2],
+      at: {xyz: [-0.128674, -0.079665, -0.140788], rpy: [1.833371, -1.399521, 0.336668]},
+      on_second: {xyz: [0.550863, 0.084783, 0.292590], rpy: [2.650754, 0.342153, 0.426153]}}
+"""
+FOLDED = """
+echelon: 1
+gravity: [-5.8682, 6.5306, -4.3763]
+bodies:
+  - {name: crank, joint: {type: revolute, axis: [-0.6834, -0.7224, 0.1050], origin: {rpy: [-2.8417, 0.0272, -0.3130]}}}
+  - {name: bar, parent: crank, joint: {type: revolute, axis: [0.0766, 0.7710, -0.6322],
+      origin: {xyz: [0.0463, -0.0851, -0.2839], rpy: [0.9019, 0.7429, 2.5869]}}}
+  - {name: rocker, joint: {type: revolute, axis: [0.5985, -0.3300, -0.7300],
+      origin: {xyz: [-0.5151, -0.2345, -0.0675], rpy: [2.3338, 0.2158, 1.1469]}}}
+loops:
+  - {joint: revolute, connects: [bar, rocker], at: {xyz: [-0.4751, 0.2265, 0.2187], rpy: [-2.4908, 0.6526, -0.7722]},
+      on_second: {xyz: [0.2237, 0.1689, 0.1070], rpy: [-2.4233, -0.2474, -1.8015]}}
+assembly: {crank: 0.1033, bar: 0.9680, rocker: 0.3052}
+"""
+
+
+@pytest.mark.parametrize(("text", "freedom", "rank"), [(TURNTABLE, 2, 7), (SARRUS, 1, 5), (FOLDED, 1, 8)])
+def test_all_that_is_special_is_restored(text: str, freedom: int, rank: int) -> None:
+    """With gravity in any direction, and as many digits as there are.
+
+    A turntable carries a four-bar on axes along its own, and along gravity; the legs of a Sarrus linkage, and their
+    halves, are as long; crossed bars stay so at a pose where four decimals leave them open, and locked.
+    """
+    assert found(text) == (freedom, rank)
+
+
+BENNETT = """
+echelon: 1
+gravity: [1.9763, -5.5637, -7.8343]
+bodies:
+  - {name: turn, joint: {type: revolute, axis: [0.7766, -0.5660, -0.2767], origin: {rpy: [0.3624, -0.2643, 0.7855]}}}
+  - {name: tilt, parent: turn, joint: {type: revolute, axis: [-0.4909, -0.8066, 0.3294],
+      origin: {xyz: [0.1769, 0.0926, 0.1365], rpy: [0.5424, -0.5781, 2.2957]}}}
+  - {name: b1, parent: tilt, joint: {type: revolute, axis: [0.9022, 0.4124, 0.1260],
+      origin: {xyz: [-0.0939, -0.0336, -0.7315], rpy: [1.6231, 0.4728, -0.1065]}}}
+  - {name: b2, parent: b1, joint: {type: revolute, axis: [0.6405, -0.6984, -0.3194],
+      origin: {xyz: [-0.1708, 0.4924, -0.3885], rpy: [2.6360, 1.0809, -1.5027]}}}
+  - {name: b3, parent: b2, joint: {type: revolute, axis: [0.8886, -0.2506, 0.3842],
+      origin: {xyz: [0.3872, 0.3616, -0.0144], rpy: [1.9946, 0.7271, -0.3239]}}}
+loops:
+  - {joint: revolute, connects: [b3, tilt], at: {xyz: [-0.2867, -0.1540, 0.5626], rpy: [0.6856, 0.9030, 1.6350]},
+      on_second: {xyz: [-0.0344, 0.0935, -0.2204], rpy: [-1.8083, -0.4293, -0.9858]}}
+"""
+
+
+def test_loops_that_rounding_has_locked_are_refused_on_what_moves() -> None:
+    with pytest.raises(ec.InputError, match=r"'loop1' \(b3 and tilt\) leave no motion: .* If rounding has locked it"):
+        ec.load(BENNETT)
+
+
 PARALLELOGRAM = """<robot name="bars"><link name="floor"/><link name="crank"/><link name="bar"/><link name="rocker"/>
 <link name="one"/><link name="two"/>
 <joint name="crank" type="continuous"><parent link="floor"/><child link="crank"/><axis xyz="0 0 1"/>

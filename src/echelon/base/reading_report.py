@@ -34,6 +34,7 @@ from echelon.mechanism.stated import (
     has_values,
     inexact_symbols,
     stated_values,
+    symbol_roles,
     symbol_values,
 )
 from echelon.program.schedule import FloatArithmetic, Schedule
@@ -145,8 +146,9 @@ def doubt_of_loops(mechanism: Mechanism, rank: int) -> str:
         doubt = _faint(mechanism, rank, coarse)
     else:
         doubt = _doubt(mechanism, None, rank, rank, None) if inexact_symbols(mechanism) else ""
-    # rounding may have locked what is meant to move
-    return doubt or "".join(nearly_free(mechanism) if has_values(mechanism) else ())
+    # rounding may have locked what is meant to move, but not where lengths have names and frames are as they are stated
+    rounded = has_values(mechanism) and (mechanism.closed_at or not symbol_roles(mechanism).lengths)
+    return doubt or "".join(nearly_free(mechanism) if rounded else ())
 
 
 def _doubt(
@@ -195,17 +197,17 @@ def _faint(mechanism: Mechanism, rank: int, moved: Sequence[float]) -> str:
 
     Relations such as three points on a line may be broken by rounding, and not among those that are restored.
     """
-    fine = [difference for difference in moved if difference < _ROUNDED]
-    if not (mechanism.closures and fine):
+    snaps = () if mechanism.reading is None else mechanism.reading.snaps
+    restored = max((snap.difference for snap in snaps if snap.literal == RESTORED), default=0.0)
+    most = max((restored, *(difference for difference in moved if difference < _ROUNDED)))
+    if not (mechanism.closures and most):
         return ""
     try:
         found = numeric_ranks(mechanism, literal=False)
     except InputError:  # values are missing, or loops do not close at the stated ones
         return ""
-    singular, most = found.singular[:rank], max(fine)
+    singular = found.singular[:rank]
     clear = next((k for k in range(1, rank) if ROUNDING < singular[k] < most and found.gap(k) > _CLEAR_GAP), None)
-    snaps = () if mechanism.reading is None else mechanism.reading.snaps
-    restored = max((snap.difference for snap in snaps if snap.literal == RESTORED), default=0.0)
     faint = sum(value < restored / 10 for value in singular)
     if clear is not None:
         shown = f"{rank - clear} of {rank} base parameters show {found.gap(clear):.0e} times less than the others"

@@ -33,10 +33,10 @@ from echelon.mechanism.joint import GROUND, Body, MotionKind, Placement, Step, V
 from echelon.mechanism.mechanism import RESTORED, ClosedAt, Mechanism, Snap
 from echelon.mechanism.stated import has_values, known_values, placement_matrix, stated_values
 
-_TIMES, _LENGTHS = 10, 4  # what is seen of rounding, directions and lengths may miss
+_TIMES, _LENGTHS = 10, 4  # what most axes miss, some directions and lengths may miss
 _UNITS = 2  # of the last decimal, lengths may miss
 _FEW = 3  # relations that are not all missed by chance
-_LEAST_SLACK = 2.0
+_LEAST_SLACK = 2.0  # of the line between two points: by how much it is less exact than other axes
 _MOVED = 40  # times the largest miss that is seen, axes and points may move
 _TURNS = (MotionKind.ROTATION, MotionKind.SCREW)
 _LINES = (ClosureKind.REVOLUTE, ClosureKind.CYLINDRICAL, ClosureKind.POINT_ON_AXIS)
@@ -148,15 +148,16 @@ class _AtZero:
         self._join_points()
 
     def _coarseness(self) -> float:
-        """How coarse numbers are, by what axes miss: parallel ones, which no chance makes so, or most relations."""
+        """How coarse numbers are, by what axes miss, most of which no chance has put so near to one another."""
         most, ends = self.snapping.angle_tolerance(""), (s for c in self.mechanism.closures for s in self._own_ends(c))
         stations = (*self.motions.values(), *ends, *([self.gravity] if self.gravity else []))
         axes = [station for station in stations if station.axis is not None]
         pairs = [(a, b) for a, b in combinations(axes, 2) if not set(a.bodies).isdisjoint(b.bodies)]
-        sines = (float(np.linalg.norm(np.cross(a.direction, b.direction))) for a, b in pairs)
         missed = sorted(miss for a, b in pairs for miss in self._missed(a, b, most, most))
-        median = missed[len(missed) // 2] if len(missed) >= _FEW else 0.0
-        return max((median, *(sine for sine in sines if sine < most)))
+        if len(missed) >= _FEW:
+            return missed[len(missed) // 2]
+        sines = (float(np.linalg.norm(np.cross(a.direction, b.direction))) for a, b in pairs)
+        return max((sine for sine in sines if sine < most), default=0.0)
 
     def _own_ends(self, closure: Closure) -> Iterator[Station]:
         """The axes of a closure on its two bodies."""
@@ -168,9 +169,8 @@ class _AtZero:
         """How far directions and lengths may be from what is meant, by what rounding of the file is seen to do."""
         coarse, most = self._coarseness(), self.snapping.angle_tolerance("")
         near, digit = min(max(NEAR, _TIMES * coarse), most), self._last_digit() / self._scale
-        digit = (
-            digit if coarse > PRECISION and digit < most else 0.0
-        )  # else lengths are short because they are meant to be
+        if coarse < PRECISION or digit > most:  # lengths have few digits because they need no more
+            digit = 0.0
         return near, max(LENGTH_TOLERANCE, min(_LENGTHS * coarse, near), _UNITS * digit)
 
     def _last_digit(self) -> float:
@@ -203,12 +203,9 @@ class _AtZero:
             return self._station(base, axes[0], False, False, _BASE)
         if not axes or not self._known.keys() >= {s for part in parts for s in part.symbols()}:
             return None
-        floats, residues = base.floats.copy(), [list(row) for row in base.residues]
-        floats[:3, 2] = [part.at(self._known) for part in parts]
-        floats[:3, 2] /= np.linalg.norm(floats[:3, 2])
-        for row, part in zip(residues, parts, strict=False):
-            row[2] = part.evaluate(self._residues, self._field.embed) % self._field.p
-        return Station(floats, residues, 2, False, False, _BASE, None)
+        down = np.array([part.at(self._known) for part in parts])
+        residues = [part.evaluate(self._residues, self._field.embed) for part in parts]
+        return Station(*_pointing(base.floats, base.residues, down, residues), 2, False, False, _BASE, None)
 
     def _join_points(self) -> None:
         """Two points at which the same bodies are joined are a hinge: the axis through them takes their place."""
@@ -220,12 +217,10 @@ class _AtZero:
                 continue
             start, end = (self.ends[closure.name][0] for closure in pair)
             if (apart := end.place - start.place).any():
-                floats, residues = start.pose.copy(), [list(row) for row in start.residues]
-                floats[:3, 2] = apart / np.linalg.norm(apart)
-                for row, a, b in zip(residues, start.modulo(3), end.modulo(3), strict=False):
-                    row[2] = b - a
+                residues = [b - a for a, b in zip(start.modulo(3), end.modulo(3), strict=True)]
+                pose = _pointing(start.pose, start.residues, apart, residues)
                 slack = max(_LEAST_SLACK, self._scale / float(np.linalg.norm(apart)))
-                hinge = Station(floats, residues, 2, True, False, start.bodies, None, slack)
+                hinge = Station(*pose, 2, True, False, start.bodies, None, slack)
                 self.ends |= {pair[0].name: (hinge,), pair[1].name: ()}
 
     @property
@@ -455,6 +450,16 @@ class _AtZero:
                 axes.append(((x, y, z), self.near * s.slack))
         x, y, z = (as_polynomial(Fraction(f"{part.at(self._known):.12g}")) for part in parts)
         return exact_gravity((x, y, z), axes)
+
+
+def _pointing(
+    pose: Floats, residues: Sequence[Sequence[int]], along: Floats, exact: Sequence[int]
+) -> tuple[Floats, list[list[int]]]:
+    """A pose whose z axis has another direction, in doubles and modulo a prime."""
+    floats = pose.copy()
+    floats[:3, 2] = along / np.linalg.norm(along)
+    rows = zip(residues, (*exact, 0), strict=True)
+    return floats, [[x, y, z, place] for (x, y, _, place), z in rows]
 
 
 def _with_place(pose: _Pose, other: _Pose) -> _Pose:

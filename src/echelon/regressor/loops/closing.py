@@ -13,7 +13,7 @@ import numpy as np
 from echelon.arrays import Floats, one_thread
 from echelon.errors import DegenerateSampleError, InputError, ShakyPoseError, SingularPoseError
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, null_vectors, random_generator, rank
-from echelon.mechanism.closed_pose import as_stated, shown_loops
+from echelon.mechanism.closed_pose import as_stated, loop_motions, shown_loops
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import has_values, in_numbers, inexact_symbols
 from echelon.mechanism.substitute import with_numeric_ratios
@@ -112,12 +112,23 @@ class _Real:
         if self.assembly.assembled is not None:
             self.assembly.assembled.check()
         if self.assembly.mobility(pose[None])[0] == 0:
+            raise InputError(_rigid(mechanism, self.assembly, self.assembly.moving_pose()))
+        if self._locked(pose):
             raise InputError(_rigid(mechanism, self.assembly))
         self.states, _, _ = self.assembly.random_closed_states(random_generator(DEFAULT_SEED), _STATES, _NEAR)
         if np.ptp(self.states, axis=0).max() < _STANDS_STILL:
             raise InputError(_shaky(mechanism))
         self.mobility = int(self.assembly.mobility(self.states).min())
         self.velocities = self.assembly.free_velocities(self.states[0])
+
+    def _locked(self, pose: Floats) -> bool:
+        """Whether rounding has locked a loop while others, or what carries it, can move."""
+        if self.assembly.easiest(pose)[2] > NEARLY_FREE:
+            return False
+        names, free = self.mechanism.velocities, np.abs(self.assembly.free_velocities(pose)).max(axis=1)
+        moving = {name for name, speed in zip(names, free, strict=True) if speed > _STANDS_STILL}
+        motions = {motion.name: moving.intersection(motion.velocities) for motion in self.mechanism.motions}
+        return not all(any(motions[n] for n in loop_motions(self.mechanism, [c])) for c in self.mechanism.closures)
 
     def singular(self) -> str:
         """That more motions are possible at the pose than near it; empty if not."""
@@ -218,9 +229,9 @@ def _jacobian(loops: Loops, work: float = inf) -> tuple[PrimeField, Residues]:
     raise InputError(unsolved(mechanism, "the equations have no solution at random points"))
 
 
-def _rigid(mechanism: Mechanism, assembly: Assembly) -> str:
-    """That the loops leave no motion: what stops the easiest one, and another pose where they move."""
-    (coordinate, closure, size), moving = assembly.easiest(assembly.pose), assembly.moving_pose()
+def _rigid(mechanism: Mechanism, assembly: Assembly, moving: Floats | None = None) -> str:
+    """That the loops leave no motion: what stops the easiest one, and another pose where they move, if there is one."""
+    coordinate, closure, size = assembly.easiest(assembly.pose)
     problem = (
         f"{shown_loops(mechanism)} leave no motion: that of '{coordinate}' is stopped by "
         f"'{closure}' (singular value {size:.1g} of the equations)"
@@ -321,8 +332,11 @@ def _moved(mechanism: Mechanism, assembly: Assembly) -> str:
 def nearly_free(mechanism: Mechanism) -> list[str]:
     """What is said of motions that the loops nearly allow."""
     assembly = Assembly(mechanism)
+    here = assembly.singular_values(assembly.pose[None])
+    if not (here[here > RANK_TOLERANCE] < NEARLY_FREE).any():
+        return []
     states, _, _ = assembly.random_closed_states(random_generator(DEFAULT_SEED), _STATES, _NEAR)
-    sizes = assembly.singular_values(np.vstack([assembly.pose[None], states])).max(axis=0)
+    sizes = np.vstack([here, assembly.singular_values(states)]).max(axis=0)
     near = sizes[(sizes > RANK_TOLERANCE) & (sizes < NEARLY_FREE)]
     if not near.size:
         return []
