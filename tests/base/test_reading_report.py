@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,15 @@ def test_linkages_at_closed_states(name: str, rank: int) -> None:
     found = numeric_ranks(ec.load(EXAMPLES / f"loops/{name}.yaml"))
     assert found.ranks[:2] == (rank, rank)
     assert found.gap(rank) > 1e6
+
+
+def test_float_ranks_of_loops_do_not_depend_on_the_unit_of_length() -> None:
+    """Nor does what hardly shows: in millimetres, inertias did."""
+    text = (EXAMPLES / "loops/four_bar.yaml").read_text()
+    lengths = {"0.4,": "400,", "0.15,": "150,", "0.35,": "350,", "0.3,": "300,", "-9.81": "-9810"}
+    in_millimetres = reduce(lambda known, pair: known.replace(*pair), lengths.items(), text)
+    one, other = (numeric_ranks(ec.load(robot)).singular for robot in (text, in_millimetres))
+    np.testing.assert_allclose(one[:8], other[:8], rtol=1e-6)
 
 
 @settings(max_examples=25, deadline=None)

@@ -419,7 +419,7 @@ def _sampled(
         found = evaluate_floats(virtual_power_form(mechanism), mechanism, *states, symbols, assembly=closed)
         stacked = found.reshape(-1, found.shape[2])[:, list(columns)]
         length = characteristic_length(mechanism)
-        stacked /= np.array([length ** mechanism.columns[column].length_degree for column in columns])
+        stacked *= np.array([length ** mechanism.columns[column].length_degree for column in columns])
         sizes = np.linalg.norm(stacked, axis=0)
         scaled: Floats = stacked / np.maximum(sizes, _NOISE_AT_CLOSED_STATES * sizes.max(initial=1e-300))
         return scaled
