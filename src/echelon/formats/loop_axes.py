@@ -177,8 +177,9 @@ class _AtZero:
         return near, max(LENGTH_TOLERANCE, min(_LENGTHS * coarse, near), _UNITS * digit)
 
     def _last_digit(self) -> float:
-        """What the last decimal of lengths stands for."""
-        numbers = (n for p in self._placements for entry in p.translation for n in entry.terms.values())
+        """What the last decimal of offsets of joints stands for; closures may have been computed from them."""
+        placements = (s for body in self.mechanism.bodies for s in body.joint.steps if isinstance(s, Placement))
+        numbers = (n for p in placements for entry in p.translation for n in entry.terms.values())
         parts = [Fraction(part) for number in numbers for part in parts_of(number)]
         return next((10.0**-d for d in range(DIGITS) if all((part * 10**d).denominator == 1 for part in parts)), 0.0)
 
