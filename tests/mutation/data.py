@@ -33,8 +33,8 @@ FAULTS = (
     ),
     Fault(
         "logs/columns/by_values.py",
-        "return _share(moved, integral) > 0.5",
-        "return _share(integral, -moved) > 0.5",
+        "moved = np.diff(lower[ends], axis=0)",
+        "moved = -np.diff(lower[ends], axis=0)",
         "velocities by their values",
         GUESS,
     ),

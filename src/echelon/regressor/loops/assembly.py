@@ -135,8 +135,7 @@ class Assembly(ClosedMotion):
             if len(_nearest) == _REMEMBERED:
                 del _nearest[next(iter(_nearest))]
             _nearest[moving] = self._found()
-            _nearest[moving].setflags(write=False)
-        return _nearest[moving]
+        return _nearest[moving].copy()
 
     def _found(self) -> Floats:
         q, done = self.closed(self._stated[None])
