@@ -24,7 +24,7 @@ from echelon.base.structure import Structure, floating_pair, joint_frame, pair_c
 from echelon.conventions import PER_BODY
 from echelon.errors import ClosedFormError, DegenerateSampleError
 from echelon.exact.field import Geometry, PrimeField, Residues, T, solve_batched, substituted
-from echelon.exact.interpolation import interpolate
+from echelon.exact.interpolation import MOST_PRIMES, interpolate
 from echelon.exact.polynomial import Polynomial, Surd, as_polynomial, parts_of
 from echelon.exact.rational import ONE, RationalFunction, cost_of_products, sum_of_products
 from echelon.exact.unknown_functions import UnknownFunctions, Work, persistent
@@ -275,6 +275,7 @@ Combination = dict[int, RationalFunction]
 
 _SHARE = 0.5
 """What one kernel may take of the work that is left."""
+_PRIMES_OF_NUMBERS = 16  # for fractions of up to 74 digits; nobody reads longer ones
 
 
 def closed_columns(
@@ -310,7 +311,8 @@ def _interpolated(kernel: Kernel, rng: np.random.Generator, work: Work, most: fl
     """The targets whose coefficients all have closed forms within a share of the work."""
     share = work.share(most)
     try:
-        functions = interpolate(kernel.unknown(rng), rng, share)
+        most_primes = MOST_PRIMES if kernel.sampler.symbols else _PRIMES_OF_NUMBERS
+        functions = interpolate(kernel.unknown(rng), rng, share, most_primes)
     except ClosedFormError:
         return {}
     finally:

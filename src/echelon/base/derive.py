@@ -34,6 +34,7 @@ from echelon.errors import (
     SingularPoseError,
 )
 from echelon.exact.field import DEFAULT_SEED, PrimeField, random_generator
+from echelon.exact.interpolation import MOST_PRIMES
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.unknown_functions import Work
 from echelon.mechanism.mechanism import Mechanism
@@ -174,7 +175,10 @@ def base_matrix(
         if other is not None:
             return other
     report("numbers in place of closed forms")
-    stated = StatedColumns(mechanism, relations(mechanism, structure, in_numbers=True), zero, order, rng)
+    # fractions that were not found although enough work was left are longer than anybody reads
+    cheap = (r for r in found if not r.kernel.sampler.symbols and MOST_PRIMES * r.kernel.cost < work.operations)
+    short = all(closed.keys() >= {*r.targets} for r in cheap)
+    stated = StatedColumns(mechanism, relations(mechanism, structure, in_numbers=True), zero, order, rng, exact=short)
     if order != classical:  # an exchange of representatives mixes the columns
         pivots = set(stated.pivots)
         closed, open_columns = {}, [c for c in classical if c not in pivots]

@@ -52,8 +52,12 @@ class StatedColumns:
         zero: Sequence[int],
         order: tuple[int, ...],
         rng: np.random.Generator,
+        *,
+        exact: bool = True,
     ) -> None:
+        """``exact`` says whether fractions may be short enough to be found exactly."""
         self.mechanism, self.found, self.order, self.rng = mechanism, found, order, rng
+        self._may_be_exact = exact
         self.zero = list(zero)
         dependent = {*zero, *(t for relation in found for t in relation.targets)}
         self._classical = [c for c in range(len(order)) if c not in dependent]
@@ -66,7 +70,7 @@ class StatedColumns:
         needed = self._needed(columns)
         at = self._stated({s for relation in needed for s in relation.symbols})
         meaning = StatedNumbers(tuple(sorted(columns)), at, 0.0)
-        values = self._exact(pairs, needed, meaning)
+        values = self._exact(pairs, needed, meaning) if self._may_be_exact else None
         if values is None:
             values, radius = self._from_balls(pairs, needed, at)
             meaning = replace(meaning, radius=radius)

@@ -62,11 +62,11 @@ def rational(residue: int, modulus: int) -> Rational | None:
     return simplest(Fraction(*best))
 
 
-_MOST_PRIMES = 64
+MOST_PRIMES = 64
 
 
 def interpolate(
-    unknown: UnknownFunctions, rng: np.random.Generator, work: Work | None = None, most_primes: int = _MOST_PRIMES
+    unknown: UnknownFunctions, rng: np.random.Generator, work: Work | None = None, most_primes: int = MOST_PRIMES
 ) -> list[RationalFunction | None]:
     """Closed forms of unknown functions; None for those that take more than the work, or longer numbers."""
     return _Interpolation(unknown, rng, Work.of(1) if work is None else work, most_primes).run()
