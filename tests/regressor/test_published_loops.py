@@ -62,6 +62,8 @@ def test_a_platform_on_legs_of_six_joints_has_a_set() -> None:
     assert base.rank == model.rank
     assert base.matrix.numbers is not None
     assert 0 < base.matrix.numbers.radius < 1e-30
+    assert len(base.certificate.identity_primes) == 2
+    assert base.certificate.log10_error < -14
 
 
 @pytest.mark.slow

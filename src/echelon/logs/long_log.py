@@ -18,7 +18,7 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.logs.columns.by_values import clock
 from echelon.logs.columns.column_names import meaning
-from echelon.logs.files.log_file import CHUNK, LogFile, Table, selected
+from echelon.logs.files.log_file import CHUNK, LogFile, Table, WordedFile, selected
 from echelon.logs.finding import listed
 
 Labels = npt.NDArray[Any]
@@ -35,7 +35,7 @@ _SHARED = 0.9  # share of the times of one label that are those of another
 
 def joint_by_joint(file: LogFile) -> LogFile:
     """The file; joint beside joint if it has a row for each of them."""
-    words: Sequence[str] = getattr(file, "worded", ())
+    words = _worded(file)
     said = [found for name in file.names if (found := meaning(name, {})) is not None]
     if any(found.index is not None for found in said):  # q1 is of one joint already
         return file
@@ -51,10 +51,14 @@ def joint_by_joint(file: LogFile) -> LogFile:
     return file
 
 
+def _worded(file: LogFile) -> Sequence[str]:
+    return file.worded if isinstance(file, WordedFile) else ()
+
+
 def _labels(file: LogFile, label: str) -> Iterator[Labels]:
     """The labels of rows, in pieces."""
-    if label in getattr(file, "worded", ()):
-        yield from map(np.array, file.words(label))  # type: ignore[attr-defined]
+    if isinstance(file, WordedFile) and label in file.worded:
+        yield from map(np.array, file.words(label))
         return
     for table in file.tables([label]):
         yield table.columns[label]
@@ -82,7 +86,7 @@ class LongLog:
         labels = np.concatenate(list(_labels(file, label)))
         every = np.unique(labels[(labels == labels) & (labels != "")]).tolist()
         self._rows = {f"{one:g}" if isinstance(one, float) else one: labels == one for one in every}
-        values = [name for name in file.names if name not in (label, time, *getattr(file, "worded", ()))]
+        values = [name for name in file.names if name not in (label, time, *_worded(file))]
         self._places = {
             f"{name}/{one}" if len(values) > 1 or one.isdecimal() else one: (name, one)
             for name in values

@@ -26,6 +26,7 @@ from echelon.logs.files.log_file import LogFile, Table
 from echelon.logs.files.numpy_file import MemoryLog
 from echelon.logs.files.open_log import log_paths
 from echelon.logs.finding import listed
+from echelon.logs.long_log import LongLog
 from echelon.logs.read_log import first_table, opened
 from echelon.logs.units import factor
 from echelon.mechanism.lock_joints import lock_joints
@@ -90,7 +91,8 @@ def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = Fal
         file.names, setup.mechanism, lambda: first_table(file), said=said, by_values=by_values, outputs=outputs
     )
     columns, geared = _with_gears(found.columns, drives, vectors)
-    notes, silent = [*getattr(file, "notes", ()), *found.notes, *geared], set(found.unmeasured)
+    side_by_side = file.notes if isinstance(file, LongLog) else ()
+    notes, silent = [*side_by_side, *found.notes, *geared], set(found.unmeasured)
     locked = _assumed(setup, found.unlogged)
     if locked:
         notes.append(f"the log has no columns for {listed(locked)}: taken to rest, {_line(locked)}")

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from echelon.arrays import Floats
 from echelon.errors import EchelonError, InputError, one_line
@@ -47,6 +47,17 @@ class LogFile(Protocol):
 
     def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
         """The content in pieces of at most ``rows`` rows, in order; files that cannot be cut come as one piece."""
+        ...
+
+
+@runtime_checkable
+class WordedFile(LogFile, Protocol):
+    """A file that may hold words beside numbers."""
+
+    worded: tuple[str, ...]  # its columns of words
+
+    def words(self, name: str, rows: int = CHUNK) -> Iterator[list[str]]:
+        """A column of words, in the pieces of :meth:`tables`."""
         ...
 
 
