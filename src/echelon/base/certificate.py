@@ -173,21 +173,13 @@ def _certified(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: St
     rng = random_generator(seed)
     if regressor.loops is not None or values is None or not values.can_be_drawn:
         values = GENERAL  # lengths of loops cannot be chosen freely modulo a prime
-    minor = find_minor(regressor, matrix.pivots, values, rng)
-    if minor.rank < matrix.rank:
-        raise CertificateError(
-            f"the set is too large: its {matrix.rank} representatives span only {max(minor.rank, 0)} dimensions"
-        )
     complete = _Completeness(regressor, matrix, rng)
-    sampler, below = complete.sampler, (matrix.rank, seed, minor.prime, minor.states)
+    sampler = complete.sampler
     if isinstance(sampler, CurveSampler):
-        order = sampler.order
-        primes = [complete.prime(ARRAY_BITS) for _ in range(_HARD_CURVES)]
-        if not sampler.is_hard:
-            primes += [complete.prime(ARRAY_BITS) for _ in range(_CURVES - _HARD_CURVES)]
-        error = sum(log10(order) - log10(p) for p in primes)
-        return Certificate(*below, tuple(primes), order, error, order)
-    primes = []
+        return _certified_on_curves(complete, sampler, seed)
+    minor = find_minor(regressor, matrix.pivots, values, rng)
+    _require(minor, matrix)
+    primes = list[int]()
     points, forms = _FEWEST_POINTS, size_bound(sampler.program, sampler.outputs)
     while len(primes) < points:
         primes.append(complete.prime(CERTIFICATE_BITS))
@@ -196,7 +188,32 @@ def _certified(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: St
         if missed > _LEAST_SHOWN:
             raise CertificateError(f"its degree of {size.degree} is too high for primes of {CERTIFICATE_BITS} bits")
         points = max(points, ceil(_LOG10_ERROR / missed))
+    below = (matrix.rank, seed, minor.prime, minor.states)
     return Certificate(*below, tuple(primes), size.degree, points * missed, at_values=bool(values.names))
+
+
+def _certified_on_curves(complete: _Completeness, sampler: CurveSampler, seed: int) -> Certificate:
+    """Closed poses may take long to find, so the first one shows the minor, too."""
+    matrix, regressor = complete.matrix, complete.regressor
+    first = complete.point(ARRAY_BITS, states=2 + matrix.rank // max(1, regressor.shape[0]))
+    minor = complete.minor(first)
+    if minor.rank < matrix.rank:
+        minor = find_minor(regressor, matrix.pivots, GENERAL, complete.rng)
+    _require(minor, matrix)
+    complete.compare(first)
+    primes = [first.field.p, *(complete.prime(ARRAY_BITS) for _ in range(_HARD_CURVES - 1))]
+    if not sampler.is_hard:
+        primes += [complete.prime(ARRAY_BITS) for _ in range(_CURVES - _HARD_CURVES)]
+    error = sum(log10(sampler.order) - log10(p) for p in primes)
+    below = (matrix.rank, seed, minor.prime, minor.states)
+    return Certificate(*below, tuple(primes), sampler.order, error, sampler.order)
+
+
+def _require(minor: Minor, matrix: BaseMatrix) -> None:
+    if minor.rank < matrix.rank:
+        raise CertificateError(
+            f"the set is too large: its {matrix.rank} representatives span only {max(minor.rank, 0)} dimensions"
+        )
 
 
 def _check_echelon(matrix: BaseMatrix) -> None:
@@ -222,6 +239,15 @@ def _check_echelon(matrix: BaseMatrix) -> None:
                 raise CertificateError(f"row {name} contains {other}, which comes before it in the column order")
 
 
+@dataclass(frozen=True)
+class _Point:
+    """Entries of X, (entries, 1, states), and rows of B by their pivots at a random point."""
+
+    field: PrimeField
+    values: Residues
+    rows: Mapping[int, Mapping[int, int]]
+
+
 class _Completeness:
     """Checks X = X̄ B at random points modulo random primes."""
 
@@ -230,33 +256,44 @@ class _Completeness:
         self.sampler = regressor.sampler()
 
     def prime(self, bits: int, stated: Mapping[str, Number] | None = None) -> int:
-        """A random prime modulo which it holds at a random point.
+        """A random prime modulo which it holds at a random point."""
+        point = self.point(bits, stated)
+        self.compare(point, stated)
+        return point.field.p
+
+    def point(self, bits: int, stated: Mapping[str, Number] | None = None, states: int = 0) -> _Point:
+        """A random point, or one where symbols have their stated values, modulo a random prime."""
+        for _ in range(_ATTEMPTS):
+            field = PrimeField.random(self.rng, bits)
+            known = {s: np.array([field.embed(value)], dtype=field.dtype) for s, value in (stated or {}).items()}
+            names = sorted({*self.sampler.symbols, *self.matrix.symbols})
+            symbols = {s: known[s] if s in known else field.draw(self.rng, (1,)) for s in names}
+            try:
+                values = self.sampler.evaluate(field, self.rng, max(states, self.sampler.regions), symbols)
+                return _Point(
+                    field, values, dict(zip(self.matrix.pivots, self.matrix.modulo(symbols, field), strict=True))
+                )
+            except DegenerateSampleError:
+                continue
+        raise CertificateError("every random point is singular" + " at the stated values" * (stated is not None))
+
+    def minor(self, point: _Point) -> Minor:
+        """The largest minor of the representatives at a point."""
+        table = self.regressor.stacked(point.values)[0][:, list(self.matrix.pivots)]
+        return Minor(rank(table, point.field), point.field.p, point.values.shape[2])
+
+    def compare(self, point: _Point, stated: Mapping[str, Number] | None = None) -> None:
+        """Check it at a point.
 
         Columns that are numbers are checked where symbols have their stated values, all others where these are random.
         """
-        for _ in range(_ATTEMPTS):
-            field = PrimeField.random(self.rng, bits)
-            try:
-                self._compare(field, stated)
-            except DegenerateSampleError:
-                continue
-            return field.p
-        raise CertificateError("every random point is singular" + " at the stated values" * (stated is not None))
-
-    def _compare(self, field: PrimeField, stated: Mapping[str, Number] | None) -> None:
-        matrix, sampler = self.matrix, self.sampler
-        known = {s: np.array([field.embed(value)], dtype=field.dtype) for s, value in (stated or {}).items()}
-        names = sorted({*sampler.symbols, *matrix.symbols})
-        symbols = {s: known[s] if s in known else field.draw(self.rng, (1,)) for s in names}
-        states = sampler.regions
-        values = sampler.evaluate(field, self.rng, states, symbols)[:, 0]
-        rows = dict(zip(matrix.pivots, matrix.modulo(symbols, field), strict=True))
+        matrix, p = self.matrix, point.field.p
         numbers = set(matrix.numbers.columns) if matrix.numbers else set()
         columns = [c for c in range(len(matrix.parameters)) if (c in numbers) == (stated is not None)]
-        for actual in self._rows_of_regressor(values):
-            claimed = substituted({pivot: actual[pivot] for pivot in matrix.pivots if actual.get(pivot)}, rows)
+        for actual in self._rows_of_regressor(point.values[:, 0, : self.sampler.regions]):
+            claimed = substituted({pivot: actual[pivot] for pivot in matrix.pivots if actual.get(pivot)}, point.rows)
             for column in columns:
-                if (actual.get(column, 0) - claimed.get(column, 0)) % field.p:
+                if (actual.get(column, 0) - claimed.get(column, 0)) % p:
                     wrong = "the set is incomplete or wrong" if stated is None else _WRONG_THERE
                     name = matrix.parameters[column]
                     raise CertificateError(f"{wrong}: it does not reproduce the effect of {name}")

@@ -23,6 +23,8 @@ def constant(value: Residues, order: int) -> Residues:
 def product(a: Residues, b: Residues, field: PrimeField) -> Residues:
     """Elementwise product of series, truncated to their length; leading axes broadcast.  Shapes: a, b (..., order)."""
     order = a.shape[-1]
+    if order == 1:
+        return np.asarray(a * b % field.p)
     shape = np.broadcast_shapes(a.shape, b.shape)
     left, right = (np.broadcast_to(x, shape).reshape(-1, order) for x in (a, b))
     result = np.empty(left.shape, dtype=np.int64)

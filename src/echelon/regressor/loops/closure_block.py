@@ -40,11 +40,19 @@ class ClosureBlock:
         self._variables = sum(widths)
         self.points = prod(len(_points(part.width, part.degree)) for part in self._parts)
         self.equations = recorded.schedule(nodes)
+        self.unmoved = recorded.unmoved(nodes, self.solved)
+        self._unmoved, self._moved = recorded.schedule(self.unmoved), recorded.schedule(nodes, self.unmoved)
+        self.tried = self.closed = 0  # samples, over all primes
 
     @property
     def work(self) -> int:
         """Operations for the coefficients of one sample."""
-        return self.points * self.equations.size
+        return self._unmoved.size + self.points * self._moved.size
+
+    @property
+    def fails(self) -> float:
+        """How often the equations have no solution."""
+        return (1 + self.tried - self.closed) / (2 + self.tried)
 
     @property
     def solved(self) -> set[str]:
@@ -54,7 +62,7 @@ class ClosureBlock:
     @cached_property
     def moving(self) -> set[str]:
         """Names of the coordinates that the equations depend on."""
-        return self.recorded.moving(self.equations)
+        return self.recorded.moving(self.equations.leaves)
 
     @cached_property
     def fewer(self) -> ClosureBlock:
@@ -97,8 +105,10 @@ class ClosureBlock:
         probes = pose.repeated(corners.shape[1])
         for part, point, corner in zip(self._parts, points, corners, strict=True):
             part.put(probes, np.tile(point[corner].T, samples), field)
-        repeated = positions.at(np.repeat(np.arange(samples), corners.shape[1]))
-        values = repeated.equations(probes, self.equations).reshape(samples, *map(len, points), len(self.nodes))
+        owners = np.repeat(np.arange(samples), corners.shape[1])
+        known = positions.equations(pose, self._unmoved)[owners].T
+        repeated = positions.at(owners).equations(probes, self._moved, dict(zip(self.unmoved, known, strict=True)))
+        values = repeated.reshape(samples, *map(len, points), len(self.nodes))
         for axis, part in enumerate(self._parts, 1):
             moved = _interpolated(np.moveaxis(values, axis, 0), part.width, part.degree, field)
             values = np.moveaxis(moved, 0, axis)

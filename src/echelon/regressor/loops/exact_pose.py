@@ -9,11 +9,13 @@ recognised first, and share their symbols: the sides of a parallelogram stay par
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
-from itertools import combinations
 from math import cos, pi, sin
+
+import numpy as np
 
 from echelon.arrays import Floats
 from echelon.exact.expressions import LARGEST_EXPANSION, STEPS_PER_HALF_TURN, Angle
@@ -110,46 +112,39 @@ def _exact(
     return (*point, as_polynomial(parts * angles.decimal(angle))) if travels else point
 
 
-@dataclass(frozen=True)
-class _Known:
-    angle: Angle
-    value: float
-
-
 class _Angles:
     """Gives angles exact values, and symbols where they are no multiples of 15° and no sums of others."""
 
     def __init__(self, taken: set[str]) -> None:
         self._taken, self.symbols = taken, dict[str, Symbol]()
-        self._known = [_Known(Angle(), 0.0)]
+        self._known, self._values = [Angle()], [0.0]
 
     def exact(self, value: float, name: str, parts: int) -> Angle:
         """One of the equal parts of an angle."""
         value /= parts
-        for known in self._sums() if parts <= LARGEST_EXPANSION else self._known[:1]:
-            steps = (value - known.value) / _STEP
-            if abs(steps - round(steps)) * _STEP * parts < _SAME:
-                return replace(
-                    known.angle, half_turns=known.angle.half_turns + Fraction(round(steps), STEPS_PER_HALF_TURN)
-                )
-        symbol = self._symbol(name, value, _DIGITS + len(str(parts)) - 1)
-        angle = Angle(parts=((symbol, 1),))
-        self._known += [_Known(angle, value), _Known(Angle(parts=((symbol, -1),)), -value)]
+        angle = self._recognised(value, parts)
+        if angle is None:
+            angle = Angle(parts=((self._symbol(name, value, _DIGITS + len(str(parts)) - 1), 1),))
+        if angle.parts and angle not in self._known:
+            self._known += [angle, _negative(angle)]
+            self._values += [value, -value]
         return angle
+
+    def _recognised(self, value: float, parts: int) -> Angle | None:
+        """The shortest sum of at most two known angles, and a multiple of 15°, if there is one."""
+        known = np.array(self._values if parts <= LARGEST_EXPANSION else [0.0])
+        sums = known + known[:, None]
+        steps = (value - sums) / _STEP
+        near = np.argwhere(np.triu(np.abs(steps - np.rint(steps)) * _STEP * parts < _SAME))
+        turns = (Fraction(round(steps[i, j]), STEPS_PER_HALF_TURN) for i, j in near)
+        found = [_sum(self._known[i], self._known[j], turn) for (i, j), turn in zip(near, turns, strict=True)]
+        shortest = min(found, key=_length, default=None)
+        return shortest if shortest is not None and _length(shortest) <= LARGEST_EXPANSION else None
 
     def decimal(self, angle: Angle) -> Fraction:
         """The value of an angle; sums of angles have sums of these."""
         turned = [count * Fraction(str(self.symbols[symbol].exact)) for symbol, count in angle.parts]
         return sum(turned, angle.half_turns * Fraction(pi))
-
-    def _sums(self) -> Iterator[_Known]:
-        yield from self._known
-        for known in self._known[1:]:
-            (symbol, count), *_ = known.angle.parts
-            yield _Known(Angle(parts=((symbol, 2 * count),)), 2 * known.value)
-        for a, b in combinations(self._known[1:], 2):
-            if a.angle.parts[0][0] != b.angle.parts[0][0]:
-                yield _Known(Angle(parts=(*a.angle.parts, *b.angle.parts)), a.value + b.value)
 
     def _symbol(self, name: str, value: float, digits: int) -> str:
         stem = "".join(c if c.isalnum() else "_" for c in name)
@@ -160,6 +155,22 @@ class _Angles:
         text = f"{value:.{digits}f}"
         self.symbols[symbol] = Symbol(symbol, float(text), text, f"angle of {name} where the loops are closed")
         return symbol
+
+
+def _sum(first: Angle, second: Angle, turn: Fraction) -> Angle:
+    counts = Counter[str]()
+    for symbol, count in (*first.parts, *second.parts):
+        counts[symbol] += int(count)
+    parts = tuple((symbol, count) for symbol, count in counts.items() if count)
+    return Angle(first.half_turns + second.half_turns + turn, parts)
+
+
+def _negative(angle: Angle) -> Angle:
+    return Angle(-angle.half_turns, tuple((symbol, -count) for symbol, count in angle.parts))
+
+
+def _length(angle: Angle) -> int:
+    return sum(abs(int(count)) for _, count in angle.parts)
 
 
 def unit_quaternion(parts: Sequence[float]) -> list[Fraction]:

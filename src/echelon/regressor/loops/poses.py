@@ -102,8 +102,7 @@ class PoseFinder:
                 earlier = [k for group, _ in groups for k in group]
                 needed = rank(jacobian[earlier + rows], field) - rank(jacobian[earlier], field)
             groups.append((rows, columns))
-        blocks = [b for rows, columns in groups for b in self._planned_for(jacobian, rows, columns, positions)]
-        return _ordered(blocks)
+        return [b for rows, columns in groups for b in self._planned_for(jacobian, rows, columns, positions)]
 
     def _planned_for(
         self, jacobian: Residues, rows: list[int], columns: list[int], positions: Positions
@@ -207,7 +206,7 @@ class PoseFinder:
         not need more tries than others: what is lost at one block is made up for where another closes in several ways.
         """
         drawn, wanted = np.arange(len(owners)), len(np.unique(owners))
-        for block in blocks:
+        for block in _ordered(blocks):
             chosen, pose = _closed(positions.at(owners), pose, block, lambda work: self._spend(work / wanted))
             kept = _thinned(drawn[chosen], most, rng)
             owners, drawn, pose = owners[chosen[kept]], drawn[chosen[kept]], pose.at(kept)
@@ -232,14 +231,14 @@ def _block(recorded: Recorded, nodes: Sequence[int], unknown: list[int]) -> Clos
 
 
 def _ordered(blocks: Sequence[ClosureBlock]) -> list[ClosureBlock]:
-    """Each block after those that solve for what moves in it, otherwise those that take little work first.
+    """Each block after those that solve for what moves in it, otherwise those that sort out most for their work first.
 
     Where legs carry one platform, most random poses fail to close one of them, and rotations of wrists can wait.
     """
     ordered, left = list[ClosureBlock](), list(blocks)
     while left:
         ready = (b for b in left if all(other.solved.isdisjoint(b.moving) for other in left if other is not b))
-        ordered.append(min(ready, key=lambda block: block.work))
+        ordered.append(min(ready, key=lambda block: block.work / block.fails))
         left.remove(ordered[-1])
     return ordered
 
@@ -285,6 +284,7 @@ def _closed(
     if block.points > _MOST_POINTS:
         raise SingularPoseError(f"{len(block.unknown)} coordinates would have to be solved for at once")
     solutions = block.solve(positions, pose, spend)
+    block.tried, block.closed = block.tried + len(pose.numbers), block.closed + int(np.count_nonzero(solutions.counts))
     samples = np.repeat(np.arange(len(solutions.counts)), np.maximum(solutions.counts, 0))
     closed = pose.at(samples)
     if samples.size:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import reduce
+from types import MappingProxyType
 
 import numpy as np
 
@@ -61,18 +62,31 @@ class Recorded:
         }
         return [int(self.layout.turn_places[k, 0]) for k in sorted(found)]
 
-    def moving(self, schedule: Schedule) -> set[str]:
-        """Names of the velocities of what some nodes depend on."""
-        inputs, layout = self.program.inputs, self.layout
-        turns = {g for node in schedule.leaves if node in self.turns for g in self.turns[node].multiples}
+    def moving(self, leaves: Iterable[int]) -> set[str]:
+        """Names of the velocities of what some leaves depend on."""
+        leaves, inputs, layout = list(leaves), self.program.inputs, self.layout
+        turns = {g for node in leaves if node in self.turns for g in self.turns[node].multiples}
         found = {layout.turning[self.turning[g]] for g in turns if g in self.turning}
-        names = {inputs[node].name for node in schedule.leaves if node in inputs}
+        names = {inputs[node].name for node in leaves if node in inputs}
         found |= {m for m in layout.motions if not names.isdisjoint(f"q[{p}]" for p in m.positions)}
         return {name for motion in found for name in motion.velocities}
 
-    def schedule(self, nodes: Sequence[int]) -> Schedule:
-        """Schedule of some nodes that depend on positions."""
-        return Schedule(self.program, nodes, self.functions)
+    def schedule(self, nodes: Sequence[int], known: Iterable[int] = ()) -> Schedule:
+        """Schedule of some nodes that depend on positions, from others that are known."""
+        return Schedule(self.program, nodes, [*self.functions, *known])
+
+    def unmoved(self, nodes: Sequence[int], unknown: Set[str]) -> list[int]:
+        """What some nodes are computed from that does not depend on some coordinates, given by their velocities."""
+        program, functions = self.program, set(self.functions)
+        moved, found = set[int](), set[int]()
+        for node in program.needed(nodes, functions):
+            if node in functions or node in program.inputs:
+                if not unknown.isdisjoint(self.moving([node])):
+                    moved.add(node)
+            elif not moved.isdisjoint(operands := {program.lhs[node], program.rhs[node]} - {-1}):
+                moved.add(node)
+                found |= operands
+        return sorted((found | set(nodes)) - moved)
 
 
 @dataclass(frozen=True)
@@ -96,9 +110,11 @@ class Positions:
         """Coordinates at a pose, as series of one coefficient."""
         return MovingCoordinates.resting(self.recorded.layout, self.recorded.units, self.field, pose)
 
-    def equations(self, pose: Pose, schedule: Schedule | None = None) -> Residues:
-        """Closure equations at poses, all or those of a schedule, (samples, equations)."""
-        return self._run(schedule or self.recorded.equations, self.resting(pose))[..., 0].T
+    def equations(
+        self, pose: Pose, schedule: Schedule | None = None, known: Mapping[int, Residues] | None = None
+    ) -> Residues:
+        """Closure equations at poses, all or those of a schedule from what is known, (samples, equations)."""
+        return self._run(schedule or self.recorded.equations, self.resting(pose), known or {})[..., 0].T
 
     def along(self, moving: MovingCoordinates) -> Residues:
         """Closure equations along curves, (samples, equations, order)."""
@@ -156,8 +172,10 @@ class Positions:
         values: Residues = getattr(moving, kind)[:, place]
         return values
 
-    def _run(self, schedule: Schedule, moving: MovingCoordinates) -> Residues:
-        leaves = {node: self.leaf(node, moving) for node in schedule.leaves}
+    def _run(
+        self, schedule: Schedule, moving: MovingCoordinates, known: Mapping[int, Residues] = MappingProxyType({})
+    ) -> Residues:
+        leaves = {n: known[n][..., None] if n in known else self.leaf(n, moving) for n in schedule.leaves}
         return schedule.run(SeriesArithmetic(self.field, moving.order), leaves, moving.samples)
 
     def _turned(self, node: int, moving: MovingCoordinates) -> Residues:
