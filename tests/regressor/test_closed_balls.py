@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.base.ball_rows import ball_rows, stated_ball
+from echelon.base.ball_rows import ball_rows
 from echelon.errors import InputError
 from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
@@ -59,9 +59,9 @@ def states(mechanism: Mechanism, count: int) -> tuple[np.ndarray, np.ndarray, np
     node = {program.inputs[n].name: n for n in program.inputs}
     inputs = [node[name] for some in names for name in some if name in node]
     with flint.ctx.workprec(400):
-        at = {n: stated_ball(t) for n, t in value_texts(mechanism, known_values(mechanism)).items()}
-        closed = ClosedBalls(program, forms.loops, at)
-        leaves = closed.leaves(Schedule(program, inputs), forms.loops.real(rng, count), rng)
+        at = value_texts(mechanism, known_values(mechanism))
+        closed = ClosedBalls(program, forms.loops, at, forms.loops.real(rng, count))
+        leaves = closed.leaves(Schedule(program, inputs), rng)
         assert all(float(x.rad()) < 1e-90 for values in leaves.values() for x in values)
         q, qd, qdd = (
             np.array([[float(leaves[node[n]][k].mid()) if n in node else 0.0 for n in some] for k in range(count)])

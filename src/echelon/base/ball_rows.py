@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -10,20 +10,16 @@ import flint
 import numpy as np
 import numpy.typing as npt
 
-from echelon.exact.expressions import PI, parse
-from echelon.exact.polynomial import generator_values
-from echelon.program.arithmetics import BallArithmetic, ball
+from echelon.exact.polynomial import Number, generator_values
+from echelon.program.arithmetics import BallArithmetic, ball, stated_ball
 from echelon.program.schedule import Schedule
 from echelon.regressor.linear_forms import LinearForms
 from echelon.regressor.loops.closed_balls import BALL_STEPS, ClosedBalls, random_balls
 
+_DIGITS = 40
+
 Balls = npt.NDArray[Any]
 """Array of ``arb``."""
-
-
-def stated_ball(text: str) -> Any:
-    """The ball of a stated value, at the precision of FLINT's context."""
-    return parse(text).evaluate({PI: flint.arb.pi()}, ball)
 
 
 def stated_generators(generators: Iterable[str], at: Mapping[str, str]) -> dict[str, Any]:
@@ -69,12 +65,9 @@ def _free_states(
 def _closed_states(
     forms: LinearForms, schedule: Schedule, at: Mapping[str, str], poses: int, rng: np.random.Generator, motions: int
 ) -> dict[int, Balls]:
-    loops, inputs = forms.loops, forms.program.inputs.values()
-    assert loops is not None
-    real = loops.real(rng, poses)
-    names = [given.name for given in inputs if given.role == "symbol"]
-    symbols = {name: stated_ball(at[name]) if name in at else ball(float(real[name][0])) for name in names}
-    return ClosedBalls(forms.program, loops, symbols).leaves(schedule, real, rng, motions)
+    assert forms.loops is not None
+    real = forms.loops.real(rng, poses)
+    return ClosedBalls(forms.program, forms.loops, at, real).leaves(schedule, rng, motions)
 
 
 def _sphere(rng: np.random.Generator, size: int) -> list[Any]:
@@ -82,3 +75,23 @@ def _sphere(rng: np.random.Generator, size: int) -> list[Any]:
     t = [Fraction(int(n), BALL_STEPS) for n in rng.integers(-2 * BALL_STEPS, 2 * BALL_STEPS, size=size - 1)]
     scale = 1 / (1 + sum(x * x for x in t))
     return [ball((1 - sum(x * x for x in t)) * scale), *(ball(2 * x * scale) for x in t)]
+
+
+def ball_error(x: Any) -> float:
+    """The radius of a ball."""
+    return float(x.rad())
+
+
+def rounded(values: Sequence[Any]) -> tuple[list[Number], float]:
+    """Values to a fixed number of digits, and the largest error."""
+    rounded: list[Number] = []
+    radius = 0.0
+    for value in values:
+        if value.contains(0):  # it is smaller than the error allowed before
+            rounded.append(0)
+            radius = max(radius, float(abs(value).upper()))
+            continue
+        decimal = Fraction(value.mid().str(_DIGITS, radius=False))
+        rounded.append(decimal.numerator if decimal.denominator == 1 else decimal)
+        radius = max(radius, abs(float(decimal)) * 10.0 ** (1 - _DIGITS) + ball_error(value))
+    return rounded, radius

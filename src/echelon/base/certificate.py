@@ -30,6 +30,7 @@ import numpy as np
 
 from echelon.base.ball_rows import ball_rows
 from echelon.base.matrix import BaseMatrix, StatedNumbers
+from echelon.base.own_mode import independent_rows
 from echelon.errors import CertificateError, DegenerateSampleError
 from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField, Residues, random_generator, rank, substituted
 from echelon.exact.polynomial import Number, is_trigonometric, multiple_of
@@ -81,8 +82,8 @@ def find_minor(
 _FEWEST_POINTS, _LOG10_ERROR, _LEAST_SHOWN = 2, -30.0, -1.0  # a point that shows less is not worth its time
 _LOG2_PRIMES = CERTIFICATE_BITS - 11
 """There are more primes of that many bits that are 23 modulo 24, one in eight of all."""
-_CURVES, _HARD_CURVES = 5, 2  # the second where closed poses take long to find
-_BALL_BITS, _BALL_STATES = 512, 8
+_CURVES = 5
+_BALL_BITS, _BALL_STATES, _SURPLUS = 512, 8, 20
 _WRONG_THERE = "the set is wrong at the stated values"
 _LOOSEST = 1e-30
 """The largest error of a coefficient, beside the largest coefficient, with which a check means anything."""
@@ -115,6 +116,11 @@ class Certificate:
     modes: tuple[int, ...] = ()
 
     @property
+    def in_balls(self) -> bool:
+        """Whether it was checked at real states in ball arithmetic, and not modulo primes."""
+        return not self.identity_primes
+
+    @property
     def assumptions(self) -> tuple[str, ...]:
         """The assumptions of the certificate, by the headings of ``docs/assumptions.md``."""
         found = ["Random points", "Exact decimals"]
@@ -122,9 +128,15 @@ class Certificate:
             found.append("Generic constants")
         if self.regions_note:
             found.append("Regions of signs")
-        return (*found, "Closed loops") if self.order else tuple(found)
+        return (*found, "Closed loops") if self.order or self.in_balls else tuple(found)
 
     def __str__(self) -> str:
+        if self.in_balls:
+            rest = "" if self.log10_residual is None else f", residual below 1e{int(self.log10_residual)}"
+            return (
+                f"rank {self.rank} proved from below by a non-zero minor in ball arithmetic; completeness X·N = 0 "
+                f"checked in ball arithmetic at {_BALL_STATES} closed states{rest}"
+            )
         count = len(self.identity_primes)
         how = f"modulo {count} primes of {CERTIFICATE_BITS} bits, error probability below 1e{int(self.log10_error)}"
         if self.order:
@@ -157,7 +169,7 @@ def certify(
     """Check a base parameter set against a regressor."""
     _check_echelon(matrix)
     found = _certified(regressor, matrix, seed, values)
-    regions, note = regressor.sampler().signs
+    regions, note = (0, "") if found.in_balls else regressor.sampler().signs
     certificate = replace(found, modes=modes, regions=regions, regions_note=note)
     if matrix.numbers is None:
         return certificate
@@ -173,6 +185,8 @@ def _certified(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: St
     rng = random_generator(seed)
     if regressor.loops is not None or values is None or not values.can_be_drawn:
         values = GENERAL  # lengths of loops cannot be chosen freely modulo a prime
+    if regressor.loops is not None and regressor.loops.mechanism.closed_in_balls:
+        return _certified_in_balls(regressor, matrix, seed, rng)
     complete = _Completeness(regressor, matrix, rng)
     sampler = complete.sampler
     if isinstance(sampler, CurveSampler):
@@ -201,12 +215,28 @@ def _certified_on_curves(complete: _Completeness, sampler: CurveSampler, seed: i
         minor = find_minor(regressor, matrix.pivots, GENERAL, complete.rng)
     _require(minor, matrix)
     complete.compare(first)
-    primes = [first.field.p, *(complete.prime(ARRAY_BITS) for _ in range(_HARD_CURVES - 1))]
-    if not sampler.is_hard:
-        primes += [complete.prime(ARRAY_BITS) for _ in range(_CURVES - _HARD_CURVES)]
+    primes = [first.field.p, *(complete.prime(ARRAY_BITS) for _ in range(_CURVES - 1))]
     error = sum(log10(sampler.order) - log10(p) for p in primes)
     below = (matrix.rank, seed, minor.prime, minor.states)
     return Certificate(*below, tuple(primes), sampler.order, error, sampler.order)
+
+
+def _certified_in_balls(regressor: LinearForms, matrix: BaseMatrix, seed: int, rng: np.random.Generator) -> Certificate:
+    """A minor in balls; that nothing is left of other columns is checked with the numbers."""
+    assert matrix.numbers is not None
+    assert regressor.loops is not None
+    if wrong := {c for row in matrix.rows for c in row} - {*matrix.pivots, *matrix.numbers.columns}:
+        raise CertificateError(f"the coefficients of {matrix.parameters[min(wrong)]} are not said to be numbers")
+    states, motions = (
+        -(-(matrix.rank + _SURPLUS) // regressor.shape[0]),
+        len(regressor.loops.mechanism.independent_velocities),
+    )
+    with flint.ctx.workprec(_BALL_BITS):
+        rows = ball_rows(regressor.columns(matrix.pivots), matrix.numbers.at, states, rng, max(1, motions))
+        square, _ = independent_rows(rows)
+        if flint.arb_mat(rows[square].tolist()).det().contains(0):
+            raise CertificateError(f"the set is too large: its {matrix.rank} representatives are not independent")
+    return Certificate(matrix.rank, seed, 0, states, (), 0, 0.0, at_values=True)
 
 
 def _require(minor: Minor, matrix: BaseMatrix) -> None:

@@ -51,7 +51,6 @@ class Kernel:
     zero: frozenset[int]  # sources that vanish in X, so that their coefficients do not matter
     # powers of length of the coefficients, by source and target; None where they are inhomogeneous
     degrees: Sequence[int] | None
-    hard: bool = False  # whether closed poses modulo primes are known to take long to find
 
     @cached_property
     def sampler(self) -> FieldSampler:
@@ -78,11 +77,6 @@ class Kernel:
             return self.sampler.cost(program, self.unknowns + 1) + elimination
         return (self.unknowns + 1) * program + elimination
 
-    @property
-    def is_hard(self) -> bool:
-        """Whether closed poses modulo primes have taken long to find."""
-        return self.hard or (isinstance(self.sampler, CurveSampler) and self.sampler.is_hard)
-
     def unknown(self, rng: np.random.Generator) -> UnknownFunctions:
         """The coefficients of :attr:`pairs` as functions of the symbols."""
         roles = self.roles
@@ -91,8 +85,6 @@ class Kernel:
         chosen = [k for k, s in enumerate(s for s in self.sources for _ in self.targets) if s not in self.zero]
 
         def evaluate(field: PrimeField, geometry: Geometry) -> Residues:
-            if self.is_hard and not self.sampler.symbols:
-                raise ClosedFormError("numbers take less time in balls")
             found: Residues = self.coefficients(field, geometry, rng)[chosen]
             return found
 
@@ -223,7 +215,7 @@ def _across_robot(mechanism: Mechanism, structure: Structure, together: bool) ->
         sources = sorted({c for t in targets for c in structure.by_robot[t]})
         degrees = _degrees(mechanism, sources, targets)
         every = rows.columns([*sources, *targets])
-        kernel = Kernel(symbol_roles(mechanism), every, sources, targets, frozenset(), degrees, structure.hard)
+        kernel = Kernel(symbol_roles(mechanism), every, sources, targets, frozenset(), degrees)
         yield Relation(kernel, range(structure.parameters))
 
 

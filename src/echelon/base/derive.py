@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import overload
 
@@ -17,6 +18,7 @@ import numpy as np
 
 from echelon.base.certificate import certify, find_minor
 from echelon.base.closed_form import assembled, closed_columns, relations
+from echelon.base.in_balls import ball_relations
 from echelon.base.linear_base import LinearBase, linear_base_parameters
 from echelon.base.matrix import BaseMatrix, column_order, reordered
 from echelon.base.model import BaseModel
@@ -32,11 +34,13 @@ from echelon.errors import (
     InputError,
     OtherModeError,
     SingularPoseError,
+    UnknownRelationsError,
 )
 from echelon.exact.field import DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.interpolation import MOST_PRIMES
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.unknown_functions import Work
+from echelon.mechanism.closed_pose import as_stated
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import StatedValues, stated_values, symbol_roles
 from echelon.mechanism.substitute import substituted
@@ -44,6 +48,8 @@ from echelon.models import LinearModel
 from echelon.regressor.linear_forms import LinearForms, rows_of, virtual_power_form
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.exact_pose import closed_exactly
+
+_SEARCH = 1e6  # numbers that are added for a closed pose modulo a prime in half a second; balls take no longer then
 
 
 def silent(_: str) -> None:
@@ -141,7 +147,9 @@ def base_parameters(
     recorded = virtual_power_form(mechanism)
     found = specialised(mechanism, rng, recorded, generic=generic)
     own, structure = found.mechanism, found.structure
-    if own.closed_at or (own.closures and not symbol_roles(own).symbols):  # rounding may break what is special
+    if structure.balls is None and (
+        own.closed_at or (own.closures and not symbol_roles(own).symbols)
+    ):  # rounding may break what is special
         columns = firm_first(own, columns, structure.pivots, rng)
     matrix = base_matrix(own, structure, columns, rng, budget, progress)
     progress("certificate")
@@ -163,6 +171,12 @@ def base_matrix(
     report: Callable[[str], None],
 ) -> BaseMatrix:
     """B for a column order."""
+    if structure.balls is not None:
+        balls = structure.balls if sorted(order) == list(order) else ball_relations(mechanism, order)
+        after = tuple(column for column in order if column not in balls.pivots)
+        return assembled(
+            mechanism.parameters, balls.pivots, dict(balls.columns), (*balls.pivots, *after), balls.meaning
+        )
     work = Work.of(budget)
     found = relations(mechanism, structure)
     zero = [column for column, support in structure.by_robot.items() if not support]
@@ -228,22 +242,31 @@ def specialised(
     """A mechanism for its stated values, and its structure there."""
     try:
         return _specialised(mechanism, rng, recorded, generic)
-    except OtherModeError as error:
-        if mechanism.closed_at:
-            raise
+    except (OtherModeError, SingularPoseError) as error:
+        stated = as_stated(mechanism) if mechanism.closed_at else mechanism
+        if isinstance(error, OtherModeError) and stated is mechanism:
+            with suppress(ValueError, OtherModeError):  # a screw that is turned there
+                return _specialised(closed_exactly(mechanism, Assembly(mechanism).pose), rng, None, generic)
         try:
-            followed = closed_exactly(mechanism, Assembly(mechanism).pose)
-        except ValueError:  # a screw that is turned there
+            return _in_balls(replace(stated, closed_in_balls=True), rng)
+        except (InputError, SingularPoseError, UnknownRelationsError):
             raise error from None
-        return _specialised(followed, rng, None, generic)
+
+
+def _in_balls(mechanism: Mechanism, rng: np.random.Generator) -> SpecialisedMechanism:
+    structure = find_structure(mechanism, rng)
+    assert structure.balls is not None
+    return SpecialisedMechanism(mechanism, structure, undecided=structure.balls.doubt)
 
 
 def _specialised(
     mechanism: Mechanism, rng: np.random.Generator, recorded: LinearForms | None, generic: bool
 ) -> SpecialisedMechanism:
     values = stated_values(mechanism)
+    if mechanism.closed_in_balls:
+        return _in_balls(mechanism, rng)
     if not values.names:
-        return SpecialisedMechanism(mechanism, find_structure(mechanism, rng))
+        return SpecialisedMechanism(mechanism, find_structure(mechanism, rng, _SEARCH))
     if mechanism.closures:
         at_values, undecided = _at_values(mechanism, rng)
         if at_values is not None and _is_general_with_loops(mechanism, at_values, values, rng):

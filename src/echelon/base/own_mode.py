@@ -37,7 +37,7 @@ _NOISE, _CLEAR_FALL = 1e-14, 1e6
 _SAME_MARK = 1e-3  # coefficients that are simple rational numbers lie farther apart
 # precisions of balls until one tells: rounded geometry leaves true coefficients as small as the square of its
 # rounding, and states near one pose of many loops in series are hardly independent
-_BITS = (640, 1280, 2560)
+BITS = (640, 1280, 2560)
 _SURPLUS = 1.3  # of states that share poses
 
 
@@ -96,8 +96,8 @@ class OwnPose:
     @cached_property
     def rank(self) -> int | None:
         """Rank of the columns there; None if balls do not tell."""
-        for bits in _BITS:
-            table = self._balls(len(self._columns), bits, 1)
+        for bits in BITS:
+            table = self.balls(len(self._columns), bits, 1)
             if table is None:
                 return None
             with flint.ctx.workprec(bits):
@@ -151,7 +151,7 @@ class OwnPose:
 
     # -- balls -----------------------------------------------------------------------------------------------------
 
-    def _balls(self, wanted: int, bits: int, motions: int) -> npt.NDArray[Any] | None:
+    def balls(self, wanted: int, bits: int, motions: int) -> npt.NDArray[Any] | None:
         """So many rows in ball arithmetic, and some more, of some motions at each pose; auxiliary columns first.
 
         None if the loops are not proved to close; redundant constraints that miss by rounding are not.
@@ -185,9 +185,9 @@ class OwnPose:
         enough = len(self._columns)
         # several motions at a pose show as much as several poses, unless much changes along few ways
         several = max(2, len(self.mechanism.independent_velocities))
-        trials = [(min(2 * rank, enough), _BITS[0], several), (enough, _BITS[0], several), (enough, _BITS[0], 1)]
-        for wanted, bits, motions in (*trials, *((enough, bits, several) for bits in _BITS[1:])):
-            table = self._balls(wanted, bits, motions)
+        trials = [(min(2 * rank, enough), BITS[0], several), (enough, BITS[0], several), (enough, BITS[0], 1)]
+        for wanted, bits, motions in (*trials, *((enough, bits, several) for bits in BITS[1:])):
+            table = self.balls(wanted, bits, motions)
             if table is None:  # there is no exact pose of the stated frames
                 return self._moved and not self.shows_less(rank)
             with flint.ctx.workprec(bits):
@@ -205,11 +205,11 @@ class OwnPose:
         if found is None:
             return None
         solution, missed = found
-        zero = [_vanishes(x, bits) for x in missed]
+        zero = [vanishes(x, bits) for x in missed]
         if not all(zero):
             return None if False not in zero else False
         for k, column in enumerate(others):
-            vanish = {pivots[i - auxiliary]: _vanishes(solution[i, k], bits) for i in range(auxiliary, len(kept))}
+            vanish = {pivots[i - auxiliary]: vanishes(solution[i, k], bits) for i in range(auxiliary, len(kept))}
             if None in vanish.values():
                 return None
             if not self._moved and {p for p, zero in vanish.items() if not zero} != set(mode.dependence[column]):
@@ -222,7 +222,7 @@ class OwnPose:
 
 def _relations(table: npt.NDArray[Any], pivots: Sequence[int], others: Sequence[int]) -> tuple[Any, list[Any]] | None:
     """Columns as combinations of others, and what these miss in further rows; None if these are not independent."""
-    square, rest = _independent_rows(table[:, pivots])
+    square, rest = independent_rows(table[:, pivots])
     try:
         solution = flint.arb_mat(table[np.ix_(square, pivots)].tolist()).solve(
             flint.arb_mat(table[np.ix_(square, others)].tolist())
@@ -233,7 +233,7 @@ def _relations(table: npt.NDArray[Any], pivots: Sequence[int], others: Sequence[
     return solution, [table[i, c] - left[k, j] for k, i in enumerate(rest) for j, c in enumerate(others)]
 
 
-def _independent_rows(table: npt.NDArray[Any]) -> tuple[list[int], list[int]]:
+def independent_rows(table: npt.NDArray[Any]) -> tuple[list[int], list[int]]:
     """As many rows as there are columns, the most independent ones, and the others."""
     doubles = np.array([[float(x.mid()) for x in row] for row in table]).reshape(table.shape)
     order = pivoted_qr(doubles.T)[1]
@@ -249,7 +249,7 @@ def _same(value: float, mark: float) -> bool:
     return abs(value - mark) < _SAME_MARK * max(1.0, abs(mark))
 
 
-def _vanishes(x: Any, bits: int) -> bool | None:
+def vanishes(x: Any, bits: int) -> bool | None:
     """Whether a ball holds zero and little else; None if it holds much else, too."""
     if not x.contains(0):
         return False

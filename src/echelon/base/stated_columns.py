@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from fractions import Fraction
 from typing import Any
 
 import flint
 import numpy as np
 import numpy.typing as npt
 
-from echelon.base.ball_rows import Balls, ball_rows, stated_generators
+from echelon.base.ball_rows import Balls, ball_error, ball_rows, rounded, stated_generators
 from echelon.base.closed_form import Kernel, Relation
 from echelon.base.matrix import StatedNumbers
 from echelon.errors import ClosedFormError
@@ -30,7 +29,6 @@ from echelon.mechanism.stated import symbol_roles, value_texts
 from echelon.program.arithmetics import ball
 
 _BITS, _MOST_BITS = 512, 4096
-_DIGITS = 40
 _LOOSE = 1e-60
 """Coefficients must be known as well as this before they are rounded."""
 _SURPLUS_ROWS = 6
@@ -180,15 +178,13 @@ class StatedColumns:
         return {self.order[k]: {self.order[p]: x for p, x in pivots.items()} for k, pivots in found.items()}
 
     def _exact(self, pairs: Sequence[Pair], needed: Sequence[Relation], meaning: StatedNumbers) -> list[Number] | None:
-        """Exact values, or None where the stated values have no residues, or closed poses are hard to find."""
+        """Exact values, or None where the stated values have no residues."""
         values = meaning.exact(symbol_roles(self.mechanism).angles)
         if values is None:
             return None
 
         def evaluate(field: PrimeField, _: Mapping[str, Residues]) -> Residues:
             geometry = {s: np.array([field.embed(v)], dtype=np.int64) for s, v in values.items()}
-            if any(relation.kernel.is_hard for relation in needed):
-                raise ClosedFormError("numbers take less time in balls")
             solved = self._modular(field, geometry, needed)
             return np.array([[solved[column].get(pivot, 0)] for pivot, column in pairs], dtype=np.int64)
 
@@ -210,8 +206,8 @@ class StatedColumns:
         while bits <= _MOST_BITS:
             with flint.ctx.workprec(bits):
                 found = self._balls(pairs, needed, at)
-                if found is not None and all(_error(x) <= _LOOSE * max(1.0, float(abs(x).mid())) for x in found):
-                    return _rounded(found)
+                if found is not None and all(ball_error(x) <= _LOOSE * max(1.0, float(abs(x).mid())) for x in found):
+                    return rounded(found)
             bits *= 2
         raise ClosedFormError(
             f"{_MOST_BITS} bits of precision do not decide the coefficients; please report this model"
@@ -261,22 +257,3 @@ def _solved(kernel: Kernel, at: Mapping[str, str], rng: np.random.Generator) -> 
         table.ravel()[:] = solution.entries()
         return table[kernel.rows.auxiliary :]
     return None
-
-
-def _error(x: Any) -> float:
-    return float(x.rad())
-
-
-def _rounded(values: Sequence[Any]) -> tuple[list[Number], float]:
-    """Values to a fixed number of digits, and the largest error."""
-    rounded: list[Number] = []
-    radius = 0.0
-    for value in values:
-        if value.contains(0):  # it is smaller than the error allowed before
-            rounded.append(0)
-            radius = max(radius, float(abs(value).upper()))
-            continue
-        decimal = Fraction(value.mid().str(_DIGITS, radius=False))
-        rounded.append(decimal.numerator if decimal.denominator == 1 else decimal)
-        radius = max(radius, abs(float(decimal)) * 10.0 ** (1 - _DIGITS) + _error(value))
-    return rounded, radius

@@ -17,6 +17,7 @@ from operator import matmul
 import numpy as np
 
 from echelon.arrays import one_thread
+from echelon.base.in_balls import BallRelations, ball_relations
 from echelon.base.modes import Dependence, InMode, Mode, find_modes, in_mode
 from echelon.base.own_mode import OwnPose
 from echelon.errors import BrokenRelationsError, DegenerateSampleError, EchelonError, OtherModeError, SingularPoseError
@@ -55,8 +56,8 @@ class Structure:
         Sorts out poses in other assembly modes, if there are several.
     order : int
         With loops, the number of coefficients along curves that showed the dependences.
-    hard : bool
-        With loops, whether closed poses modulo primes take long to find.
+    balls : BallRelations, optional
+        With loops of which no exact closed pose is known, what was found in ball arithmetic instead.
     """
 
     parameters: int
@@ -66,7 +67,7 @@ class Structure:
     modes: tuple[int, ...] = ()
     accepted: InMode | None = None
     order: int = 0
-    hard: bool = False
+    balls: BallRelations | None = None
 
     @property
     def rank(self) -> int:
@@ -86,7 +87,7 @@ class Structure:
         InputError
             If it is not known which of several modes with the same dependence it is.
         """
-        if forms.loops is None:
+        if forms.loops is None or self.balls is not None:
             return forms
         # few freedoms that have to show many parameters need more
         each = self.rank // max(1, len(forms.loops.mechanism.independent))
@@ -94,15 +95,22 @@ class Structure:
         return in_mode(replace(forms, loops=replace(forms.loops, order=order)), self.accepted)
 
 
-def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
-    """Rank and pivots in base-to-tip order, for generic values of the geometry symbols."""
+def find_structure(mechanism: Mechanism, rng: np.random.Generator, search: float | None = None) -> Structure:
+    """Rank and pivots in base-to-tip order, for generic values of the geometry symbols.
+
+    SingularPoseError if no closed pose modulo a prime is found, with at most so many numbers added for it.
+    """
+    if mechanism.closed_in_balls:
+        return _in_balls(mechanism)
     by_joint = _dependent_by_joint(mechanism, rng)
     local = {column for columns in by_joint.values() for column in columns}
     remaining = [c for c in range(len(mechanism.parameters)) if c not in local]
     whole = rows_of(mechanism)
+    if search is not None and (loops := whole.forms.loops):
+        whole = Rows(replace(whole.forms, loops=replace(loops, search=search)), whole.auxiliary)
     settled = _shown_by_blocks(mechanism, whole, remaining, rng)
     remaining = [c for c in remaining if c not in settled]
-    rows, accepted, order, hard = whole.columns(remaining), None, 0, False
+    rows, accepted, order = whole.columns(remaining), None, 0
     modes: list[Mode] = []
     if mechanism.closures:
         try:
@@ -111,14 +119,18 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
             raise SingularPoseError(unsolved(mechanism, str(error))) from None
         supports, order = mode.dependence, mode.order
         accepted = InMode(rows, mode) if len(modes) > 1 or mode.marks is None else None
-        sampler = rows.forms.sampler()
-        hard = isinstance(sampler, CurveSampler) and sampler.is_hard
     else:
         supports = _confirmed_dependence(rows, rng)
     pivots = tuple(sorted((*settled, *(remaining[k] for k in range(len(remaining)) if k not in supports))))
     by_robot = {remaining[k]: tuple(remaining[s] for s in support) for k, support in supports.items()}
     ranks = tuple(len(remaining) - len(mode.dependence) for mode in modes)
-    return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, ranks, accepted, order, hard)
+    return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, ranks, accepted, order)
+
+
+def _in_balls(mechanism: Mechanism) -> Structure:
+    found = ball_relations(mechanism)
+    by_robot = {column: tuple(combination) for column, combination in found.columns.items()}
+    return Structure(len(mechanism.parameters), found.pivots, {}, by_robot, balls=found)
 
 
 def linear_structure(forms: LinearForms, rng: np.random.Generator) -> Structure:

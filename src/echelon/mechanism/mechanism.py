@@ -161,6 +161,8 @@ class Mechanism:
         Positions near which the loops close, which picks one of several ways to assemble them; zero where absent.
     closed_at : mapping of str to tuple of Polynomial
         Exact positions at which the loops are closed by construction, by motion; empty where there are none such.
+    closed_in_balls : bool
+        Whether the loops are closed at real poses only, in ball arithmetic, as no pose modulo primes is known.
     stated_closures : tuple of Closure
         The closures as they were before second frames were made to follow there.
     reading : Reading, optional
@@ -184,6 +186,7 @@ class Mechanism:
     independent: tuple[str, ...] = ()
     assembly: Mapping[str, float] = field(default_factory=dict)
     closed_at: ClosedAt = field(default_factory=dict)
+    closed_in_balls: bool = False
     stated_closures: tuple[Closure, ...] = ()
     reading: Reading | None = field(init=False, default=None, compare=False, repr=False)
 

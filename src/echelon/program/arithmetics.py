@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.exact import series
+from echelon.exact.expressions import PI, parse
 from echelon.exact.field import PrimeField
 from echelon.exact.polynomial import Number, parts_of
 from echelon.program.operations import FUNCTIONS, Op
@@ -49,6 +50,11 @@ def ball(value: Number | float) -> Any:
         if part:
             total += flint.arb(flint.fmpq(part.numerator, part.denominator)) * flint.arb(radicand).sqrt()
     return total
+
+
+def stated_ball(text: str) -> Any:
+    """The ball of a stated value, at the precision of FLINT's context."""
+    return parse(text).evaluate({PI: flint.arb.pi()}, ball)
 
 
 _UNARY: dict[Op, Callable[[Any], Any]] = {op: methodcaller(op.name.lower()) for op in FUNCTIONS}

@@ -53,7 +53,17 @@ from echelon.mechanism.mechanism import (
 FindPart = Callable[[str | None, str], tuple[int, Placement]]
 """The body that carries a part and where the part sits on it, by the part's name and the element that names it."""
 
-ADDITIONS = ("loops", "independent", "assembly", "closed_at", "actuators", "rotors", "effects", "outputs")
+ADDITIONS = (
+    "loops",
+    "independent",
+    "assembly",
+    "closed_at",
+    "closed_in_balls",
+    "actuators",
+    "rotors",
+    "effects",
+    "outputs",
+)
 """Keys of a description that add to its bodies and joints."""
 
 EVERY = "all"
@@ -224,7 +234,7 @@ class Additions:
         closures = (*self.mechanism.closures, *self._closures())
         if not closures:
             problem = "there are no loops, so no coordinate depends on others through them"
-            for key in ("independent", "assembly", "closed_at"):
+            for key in ("independent", "assembly", "closed_at", "closed_in_balls"):
                 if key in self.robot.model_fields_set:
                     raise self.expressions.error(key, problem)
             return self.mechanism
@@ -235,6 +245,8 @@ class Additions:
         opened = replace(self.mechanism, closures=closures, independent=(), assembly=assembly, symbols=symbols)
         if self.robot.closed_at:
             opened = self._followed(opened)
+        elif self.robot.closed_in_balls:
+            opened = replace(opened, closed_in_balls=True)
         elif self.robot.robot is not None or not self.robot.symbols:  # what has a name is as it is stated
             from echelon.formats.loop_axes import with_exact_axes
 

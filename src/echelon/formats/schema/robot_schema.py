@@ -221,6 +221,9 @@ class RobotDescription(Model):
         "displacement; or a quaternion. As Echelon writes it.",
         {"crank": ["cos(crank_closed)", "sin(crank_closed)"]},
     )
+    closed_in_balls: bool = optional(
+        False, "With loops, whether they are closed at real poses only, in ball arithmetic. As Echelon writes it.", True
+    )
     actuators: dict[str, Expression | LinearTerms] = optional(
         {},
         "Transmission: actuator coordinates as combinations of joint coordinates. A coordinate that none "

@@ -67,7 +67,7 @@ def frame_data(placement: Placement) -> dict[str, Any]:
 
 
 def _loops(mechanism: Mechanism) -> dict[str, Any]:
-    """The keys ``loops``, ``independent``, ``assembly`` and ``closed_at``, where there are loops."""
+    """The keys that describe loops, where there are some."""
     if not mechanism.closures:
         return {}
     closures = mechanism.stated_closures or mechanism.closures
@@ -77,6 +77,7 @@ def _loops(mechanism: Mechanism) -> dict[str, Any]:
         independent=list(mechanism.independent) or None,
         assembly={name: repr(float(value)) for name, value in mechanism.assembly.items()} or None,
         closed_at={name: [expression_text(x) for x in position] for name, position in pose} or None,
+        closed_in_balls=mechanism.closed_in_balls or None,
     )
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cached_property
 from typing import Any
 
 import flint
@@ -20,7 +21,7 @@ import numpy.typing as npt
 from echelon.arrays import Floats, Integers, pivoted_qr
 from echelon.errors import InputError
 from echelon.mechanism.joint import MotionKind
-from echelon.program.arithmetics import BallArithmetic, ball
+from echelon.program.arithmetics import BallArithmetic, ball, stated_ball
 from echelon.program.schedule import Schedule
 from echelon.program.tape import Program
 from echelon.regressor.loops.closures import Loops
@@ -95,8 +96,11 @@ class _Jacobian:
 class ClosedBalls:
     """Closed states of a program's inputs."""
 
-    def __init__(self, program: Program, loops: Loops, symbols: Mapping[str, Any]) -> None:
-        self.program, self.loops, self.symbols = program, loops, symbols
+    def __init__(self, program: Program, loops: Loops, at: Mapping[str, str], real: Mapping[str, Floats]) -> None:
+        """``at`` has exact values of symbols, ``real`` poses in doubles and what values are missing, by input."""
+        self.program, self.loops, self._real = program, loops, real
+        names = [given.name for given in program.inputs.values() if given.role == "symbol"]
+        self.symbols = {n: stated_ball(at[n]) if n in at else ball(float(real[n][0])) for n in names}
         self._names = loops.mechanism.velocities
         motions = loops.mechanism.free_motions
         self._balls = [(m.positions, m.velocities) for m in motions if m.kind is MotionKind.BALL]
@@ -104,14 +108,9 @@ class ClosedBalls:
         self._speeds = Schedule(program, list((loops.speeds or {}).values()))
         self._arithmetic = BallArithmetic()
 
-    def leaves(
-        self, schedule: Schedule, real: Mapping[str, Floats], rng: np.random.Generator, motions: int = 1
-    ) -> dict[int, Balls]:
-        """Values of a schedule's leaves, (motions · poses,), at some random motions through each of some poses."""
-        try:
-            q, chosen = self._poses(real)
-        except ZeroDivisionError:
-            raise InputError(self._open("their equations are singular there")) from None
+    def leaves(self, schedule: Schedule, rng: np.random.Generator, motions: int = 1) -> dict[int, Balls]:
+        """Values of a schedule's leaves, (motions · poses,), at some random motions through each of the poses."""
+        q, chosen = self.poses
         names = {n: self.program.inputs[n].name for n in {*schedule.leaves, *self._speeds.leaves}}
         jacobian = self._closure(q, self._names)[1]
         found = [self._moving(q, jacobian, chosen, sorted(set(names.values())), rng) for _ in range(motions)]
@@ -135,9 +134,17 @@ class ClosedBalls:
 
     # -- poses -----------------------------------------------------------------------------------------------------
 
-    def _poses(self, real: Mapping[str, Floats]) -> tuple[Values, _Choice]:
+    @cached_property
+    def poses(self) -> tuple[Values, _Choice]:
+        """Closed poses, and equations and freedoms that are solved for; InputError if they are not proved to close."""
+        try:
+            return self._poses()
+        except ZeroDivisionError:
+            raise InputError(self._open("their equations are singular there")) from None
+
+    def _poses(self) -> tuple[Values, _Choice]:
         names = self.loops.mechanism.positions
-        q: Values = {n: np.array([flint.arb(x) for x in real[f"q[{n}]"].tolist()], dtype=object) for n in names}
+        q: Values = {n: np.array([flint.arb(x) for x in self._real[f"q[{n}]"].tolist()], dtype=object) for n in names}
         none = _zeros((len(self._names), len(q[names[0]])))
         q = self._moved(q, none)
         chosen, size = _Choice(), flint.arb(0)

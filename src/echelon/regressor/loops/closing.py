@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial
 from math import inf
 
+import flint
 import numpy as np
 
 from echelon.arrays import Floats, one_thread
@@ -15,10 +16,18 @@ from echelon.errors import DegenerateSampleError, InputError, ShakyPoseError, Si
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, null_vectors, random_generator, rank
 from echelon.mechanism.closed_pose import as_stated, loop_motions, shown_loops
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import has_values, in_numbers, inexact_symbols
+from echelon.mechanism.stated import (
+    all_symbols,
+    has_values,
+    in_numbers,
+    inexact_symbols,
+    known_values,
+    value_texts,
+)
 from echelon.mechanism.substitute import with_numeric_ratios
 from echelon.program.tape import Program
 from echelon.regressor.loops.assembly import NEARLY_FREE, Assembled, Assembly, OpenLoopsError
+from echelon.regressor.loops.closed_balls import ClosedBalls
 from echelon.regressor.loops.closed_motion import RANK_TOLERANCE
 from echelon.regressor.loops.closures import Loops
 from echelon.regressor.loops.coordinates import independent_coordinates
@@ -30,6 +39,7 @@ from echelon.regressor.steps import Recorder
 _ATTEMPTS = 2
 _ORDER = 16  # of the coefficients of a curve that show whether the loops really move
 _STANDS_STILL = 1e-3  # rad or m
+_BALL_BITS = 512
 _EXACTLY = (
     "Write what is meant exactly: directions and angles as expressions such as pi/3 or sqrt(2)/2, equal lengths as "
     "equal numbers"
@@ -130,6 +140,19 @@ class _Real:
         motions = {motion.name: moving.intersection(motion.velocities) for motion in self.mechanism.motions}
         return not all(any(motions[n] for n in loop_motions(self.mechanism, [c])) for c in self.mechanism.closures)
 
+    @property
+    def closes_in_balls(self) -> bool:
+        """Whether balls show that the loops close exactly near the pose, as the numbers stand."""
+        real = {f"q[{name}]": self.states[:, k] for k, name in enumerate(self.mechanism.positions)}
+        real |= {name: np.array([value]) for name, value in known_values(self.mechanism).items()}
+        texts = value_texts(self.mechanism, all_symbols(self.mechanism))
+        try:
+            with flint.ctx.workprec(_BALL_BITS):
+                _ = ClosedBalls(self.loops.equations.program, self.loops, texts, real).poses
+        except InputError:
+            return False
+        return True
+
     def singular(self) -> str:
         """That more motions are possible at the pose than near it; empty if not."""
         here = int(self.assembly.mobility(self.assembly.pose[None])[0])
@@ -187,6 +210,8 @@ def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
         (lambda: stated, inf),
         (lambda: _recorded(in_numbers(mechanism)), inf),
     ]
+    if mechanism.closed_in_balls:
+        return mechanism
     for attempt, work in attempts[:1] if mechanism.closed_at else attempts:
         try:
             closed = attempt()
@@ -198,6 +223,8 @@ def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
         if freedom >= real.mobility:
             return closed.mechanism
         locked = _locked(mechanism, freedom, real)
+    if real.closes_in_balls:
+        return replace(mechanism, closed_in_balls=True)
     raise InputError(locked or real.singular() or reasons[0])
 
 

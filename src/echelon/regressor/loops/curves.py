@@ -21,7 +21,7 @@ from echelon.arrays import Floats, one_thread
 from echelon.errors import ShakyPoseError, SingularPoseError, UnknownRelationsError
 from echelon.exact import series
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank
-from echelon.mechanism.closed_pose import angle_parts
+from echelon.mechanism.closed_pose import angle_parts, shown_loops
 from echelon.program.canonical import Turn
 from echelon.program.generators import GeneratorValues, generators_of
 from echelon.program.operations import Op
@@ -52,6 +52,8 @@ class CurveSampler(FunctionSampler):
     """Evaluates outputs of a program along random curves of closed configurations."""
 
     def __init__(self, program: Program, outputs: Sequence[int], loops: Loops) -> None:
+        if loops.mechanism.closed_in_balls:
+            raise SingularPoseError(f"no exact closed pose is known for {shown_loops(loops.mechanism)}")
         closing = loops.equations
         known = [node for nodes in loops.closed_at.values() for node in nodes]
         centres = [node for wrist in loops.wrists for node in wrist.centre]
@@ -127,11 +129,6 @@ class CurveSampler(FunctionSampler):
     def at_stated_pose(self) -> bool:
         """Whether the poses that were found are the stated one, exactly."""
         return self._poses.takes_stated
-
-    @property
-    def is_hard(self) -> bool:
-        """Whether closed poses take long to find, as far as some were."""
-        return self._poses.is_hard
 
     def variants(
         self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues], pose: Pose, count: int

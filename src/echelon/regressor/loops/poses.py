@@ -24,7 +24,6 @@ _ROUNDS = 200
 _FIRST_TRIES, _MOST_TRIES = 1 << 10, 1 << 12  # together, in the first round and in one of the last
 _MOST_POINTS = 3**6  # at which the equations of a block are evaluated, for each sample
 _LEAST_KEPT = 64  # variants of poses while loops are closed one after the other
-_HARD = 1e6  # numbers that are added for one pose in half a second or more
 _FAILURES = 8  # of the tries that close a loop with one unknown about once in two
 
 Indices = npt.NDArray[np.intp]
@@ -37,7 +36,6 @@ class PoseFinder:
         self._preferred = [names.index(name) for name in loops.mechanism.independent]
         self._accepts, self._work, self._stated = loops.accepts, loops.work, loops.stated
         self._most = loops.search  # numbers that are added until one pose is found
-        self._searched, self._found = 0.0, 0  # for all, and how often some were found
         self.takes_stated = False  # whether the poses that are found are the stated one
         self._blocks: list[ClosureBlock] | None = None
         self._spent = 0.0  # work since a pose was found last, over all primes
@@ -58,13 +56,7 @@ class PoseFinder:
                 raise SingularPoseError("so many coordinates would have to be solved for at once that no search ends")
         found = self._solved(positions, rng, samples, self._blocks)
         self._spent = 0.0
-        self._found += 1
         return found
-
-    @property
-    def is_hard(self) -> bool:
-        """Whether the poses that were found took long."""
-        return 0 < _HARD * self._found < self._searched
 
     def variants(self, positions: Positions, pose: Pose, count: int, rng: np.random.Generator) -> Pose:
         """Closed poses of one sample that share the coordinates that were drawn, among them the given one."""
@@ -175,7 +167,6 @@ class PoseFinder:
     def _spend(self, work: float) -> None:
         """Go on while the budget lasts: loops that do not close could be tried at random points for ever."""
         self._spent += work
-        self._searched += work
         if self._spent > self._most:
             raise SingularPoseError("no random point within the budget of the search has a solution")
 

@@ -1,0 +1,172 @@
+"""Relations between columns of X in ball arithmetic, for loops of which no exact closed pose is known.
+
+Rows of X at real closed states are known to hundreds of digits.  Columns that are independent in double precision are
+representatives.  What the others are beside them is zero to all digits, or it shows columns that double precision does
+not: then those of them that are independent are representatives, too, and so on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import flint
+import numpy as np
+
+from echelon.arrays import Floats, independent_columns
+from echelon.base.ball_rows import Balls, rounded
+from echelon.base.matrix import StatedNumbers
+from echelon.base.own_mode import BITS, OwnPose, independent_rows, vanishes
+from echelon.errors import SingularPoseError, UnknownRelationsError
+from echelon.exact.rational import RationalFunction
+from echelon.mechanism.closed_pose import shown_loops
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.stated import all_symbols, value_texts
+from echelon.program.operations import FUNCTIONS, Op
+from echelon.regressor.linear_forms import rows_of
+
+_FIRM = 1e-6  # of a column, what double precision surely shows
+_SMALLEST = 1e-4  # of columns, about the largest one
+_ALGEBRAIC = {Op.SIN, Op.COS, Op.SIGN, Op.ABS}  # functions that no state makes vanish but for a few digits
+
+
+@dataclass(frozen=True)
+class BallRelations:
+    """Dependent columns as combinations of representatives, in numbers.
+
+    Attributes
+    ----------
+    pivots : tuple of int
+        Columns of the representatives, those that show most first.
+    columns : mapping of int to dict
+        For every other column its coefficients by pivot, without zeros.
+    meaning : StatedNumbers
+        At which values of symbols the numbers are true, and how exact they are.
+    faint : int
+        How many of the representatives, the last ones, double precision does not show.
+    size : float
+        How much shows of these, beside the others; 0 if there are none.
+    """
+
+    pivots: tuple[int, ...]
+    columns: Mapping[int, dict[int, RationalFunction]]
+    meaning: StatedNumbers
+    faint: int
+    size: float
+
+    @property
+    def doubt(self) -> str:
+        """What speaks against the number of representatives; empty if nothing does."""
+        if not self.faint:
+            return ""
+        count = len(self.pivots)
+        return (
+            f"{self.faint} of {count} base parameters hardly show ({self.size:.0e} of what others do): if rounding has "
+            f"broken what is special about the loops, there are {count - self.faint}; state them with more digits"
+        )
+
+
+def ball_relations(mechanism: Mechanism, order: Sequence[int] | None = None) -> BallRelations:
+    """The relations near the pose at which the loops close; of some columns the first ones in an order are preferred.
+
+    Raises
+    ------
+    SingularPoseError
+        If the loops are not proved to close, or precision does not tell.
+    UnknownRelationsError
+        If effects are functions such as exponentials, which may vanish to all digits at most states.
+    """
+    count, rows = len(mechanism.parameters), rows_of(mechanism)
+    program = rows.forms.program
+    others = {Op(program.ops[node]) for node in program.needed(rows.forms.entries.values())} & set(
+        FUNCTIONS
+    ) - _ALGEBRAIC
+    if others:
+        raise UnknownRelationsError(f"{min(others).name.lower()} in a mechanism with loops")
+    pose = OwnPose(mechanism, rows, range(count))
+    motions = max(1, len(mechanism.independent_velocities))
+    for bits in BITS:
+        table = pose.balls(count, bits, motions)
+        if table is None:
+            break
+        with flint.ctx.workprec(bits):
+            found = _Elimination(table, bits).done(range(count) if order is None else order)
+            if found is not None:
+                return _relations(found, value_texts(mechanism, all_symbols(mechanism)))
+    raise SingularPoseError(f"{shown_loops(mechanism)} are not known to close in ball arithmetic")
+
+
+@dataclass(frozen=True)
+class _Found:
+    pivots: list[int]
+    others: list[int]
+    solution: Any  # (pivots, others)
+    faint: int
+    size: float
+
+
+class _Elimination:
+    """Columns of a table in balls by others; those before the parameters, auxiliary ones, come first."""
+
+    def __init__(self, table: Balls, bits: int) -> None:
+        self.table, self.bits = table, bits
+
+    def done(self, order: Sequence[int]) -> _Found | None:
+        """The relations, or None if the precision does not tell."""
+        first = self.table.shape[1] - len(order)
+        left = [*range(first), *(first + column for column in order)]
+        pivots, rest, firm, size = list[int](), self.table[:, left], 0, 0.0
+        while True:
+            shown = _scaled(rest)
+            new = [left[k] for k in independent_columns(shown, _FIRM)]
+            firm, size = firm or len(new), float(np.abs(_doubles(rest)).max(initial=0.0)) if firm else 0.0
+            pivots += new
+            left = [column for column in left if column not in new]
+            solved = self._solved(pivots, left)
+            if not new or solved is None:
+                return None
+            solution, rest = solved
+            zero = [vanishes(x, self.bits) for x in rest.flat]
+            if all(zero):
+                others = [column - first for column in left]
+                own = [pivot - first for pivot in pivots[first:]]
+                return _Found(own, others, np.array(solution.tolist())[first:], len(pivots) - firm, size)
+            if False not in zero:
+                return None
+
+    def _solved(self, pivots: Sequence[int], others: Sequence[int]) -> tuple[Any, Balls] | None:
+        """Columns as combinations of others, and what is left of them in further rows."""
+        square, further = independent_rows(self.table[:, pivots])
+        try:
+            solution = self._part(square, pivots).solve(self._part(square, others))
+        except ZeroDivisionError:
+            return None
+        left = self._part(further, others) - self._part(further, pivots) * solution
+        return solution, np.array(left.entries(), dtype=object).reshape(len(further), len(others))
+
+    def _part(self, rows: Sequence[int], columns: Sequence[int]) -> Any:
+        return flint.arb_mat(len(rows), len(columns), self.table[np.ix_(rows, columns)].ravel().tolist())
+
+
+def _doubles(balls: Balls) -> Floats:
+    return np.array([float(x.mid()) for x in balls.flat]).reshape(balls.shape)
+
+
+def _scaled(balls: Balls) -> Floats:
+    """Columns in doubles of size one, but for those that vanish."""
+    table = _doubles(balls)
+    sizes = np.abs(table).max(axis=0, initial=0.0)
+    scaled: Floats = table / np.maximum(sizes, max(_SMALLEST * sizes.max(initial=0.0), np.finfo(float).tiny))
+    return scaled
+
+
+def _relations(found: _Found, at: Mapping[str, str]) -> BallRelations:
+    values, radius = rounded(found.solution.ravel().tolist())
+    table = np.array(values, dtype=object).reshape(found.solution.shape)
+    columns = {
+        column: {pivot: RationalFunction(x) for pivot, x in zip(found.pivots, table[:, k], strict=True) if x}
+        for k, column in enumerate(found.others)
+    }
+    meaning = StatedNumbers(tuple(sorted(found.others)), at, radius)
+    return BallRelations(tuple(found.pivots), columns, meaning, found.faint, found.size)

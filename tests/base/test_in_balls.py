@@ -1,0 +1,138 @@
+"""Sets in ball arithmetic, where no closed pose modulo a prime is known."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import echelon as ec
+from echelon.base import derive
+from echelon.base.certificate import certify
+from echelon.errors import SingularPoseError, UnknownRelationsError
+from echelon.mechanism.closed_pose import as_stated
+from echelon.mechanism.mechanism import Mechanism
+from echelon.regressor.linear_forms import virtual_power_form
+from echelon.regressor.loops import closing
+from echelon.results.saved import from_json, to_json
+from support.closed_states import states
+from support.paths import EXAMPLES
+from support.published_loops import LOOPS, PUBLISHED
+from support.selection import slow_unless
+
+EXAMPLE = ("four_bar", "parallelogram", "three_rps", "sr400", "gough_stewart", "bennett", "delta")
+
+
+def in_balls(mechanism: Mechanism) -> Mechanism:
+    return replace(as_stated(mechanism) if mechanism.closed_at else mechanism, closed_in_balls=True)
+
+
+def check(mechanism: Mechanism, rank: int) -> None:
+    """The set has the rank, expresses all columns at closed states, and is as good when it is read back."""
+    base = ec.base_parameters(in_balls(mechanism))
+    assert base.rank == rank
+    assert base.certificate.in_balls
+    assert base.certificate.log10_residual is not None
+    assert base.certificate.log10_residual < -30
+    state = states(base.mechanism, 20)
+    full = base.standard_regressor(*state)
+    np.testing.assert_allclose(base.regressor(*state) @ base.B_float(), full, atol=1e-8 * np.abs(full).max())
+    again = from_json(to_json(base))
+    assert again.mechanism.closed_in_balls
+    assert ec.verify(again).rank == rank
+
+
+@pytest.mark.parametrize("name", slow_unless(("four_bar", "parallelogram", "sr400"), EXAMPLE))
+def test_ranks_of_textbook_loops(name: str) -> None:
+    mechanism = ec.load(EXAMPLES / f"loops/{name}.yaml")
+    check(mechanism, ec.base_structure(mechanism).rank)
+
+
+@pytest.mark.parametrize(
+    ("name", "rank"),
+    slow_unless(
+        [("xarm7_gripper", 3)],
+        [
+            (m.name, m.rank)
+            for m in PUBLISHED
+            if not m.floating and m.name in ("cassie_leg", "talos_like", "reachy_mini")
+        ]
+        + [("xarm7_gripper", 3), ("planar_delta", 20)],
+    ),
+)
+def test_ranks_of_published_loops(name: str, rank: int) -> None:
+    file = next(model.file for model in PUBLISHED if model.name == name)
+    check(ec.load(file if file.suffix == ".xml" else file.with_suffix(".yaml")), rank)
+
+
+def test_representatives_may_be_chosen() -> None:
+    mechanism = in_balls(ec.load(EXAMPLES / "loops/four_bar.yaml"))
+    base = ec.base_parameters(mechanism, order="tip-to-base")
+    assert base.rank == ec.base_parameters(mechanism).rank
+    assert base.pivots != ec.base_parameters(mechanism).pivots
+    assert ec.verify(from_json(to_json(base))).rank == base.rank
+
+
+def test_a_wrong_number_is_refused() -> None:
+    text = to_json(ec.base_parameters(in_balls(ec.load(EXAMPLES / "loops/four_bar.yaml"))))
+    wrong = re.sub(r'("coefficient": "-?\d+/)\d', lambda m: m.group(1) + "7", text, count=1)
+    assert wrong != text
+    with pytest.raises((ec.CertificateError, ec.InputError)):
+        ec.verify(from_json(wrong))
+
+
+def test_too_many_representatives_are_refused() -> None:
+    mechanism = in_balls(ec.load(EXAMPLES / "loops/four_bar.yaml"))
+    base = ec.base_parameters(mechanism)
+    dependent = next(
+        c for c in range(len(base.parameters)) if c not in base.matrix.pivots and any(c in r for r in base.matrix.rows)
+    )
+    one = next(row[dependent] for row in base.matrix.rows if dependent in row)
+    pivots = tuple(sorted((*base.matrix.pivots, dependent)))
+    rows = [{k: v for k, v in row.items() if k != dependent} for row in base.matrix.rows]
+    by_pivot = dict(zip(base.matrix.pivots, rows, strict=True)) | {dependent: {dependent: one / one}}
+    order = (*pivots, *(c for c in range(len(base.parameters)) if c not in pivots))
+    more = replace(base.matrix, pivots=pivots, rows=tuple(by_pivot[p] for p in pivots), order=order)
+    with pytest.raises(ec.CertificateError, match="are not independent"):
+        certify(virtual_power_form(mechanism), more, 1)
+
+
+@pytest.mark.slow
+def test_rounded_relations_are_doubted() -> None:
+    """To twelve digits relations are broken that frames that follow keep."""
+    base = ec.base_parameters(in_balls(ec.load(LOOPS / "battobot/robot.yaml")))
+    assert base.rank == 162
+    assert "8 of 162 base parameters hardly show" in base.reading.doubt
+    assert "there are 154" in base.reading.doubt
+
+
+def test_loops_without_a_pose_modulo_primes_are_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none(*_: object) -> object:
+        raise ec.InputError("none is found")
+
+    monkeypatch.setattr(closing, "_jacobian", none)
+    mechanism = ec.load(EXAMPLES / "loops/four_bar.yaml")
+    assert mechanism.closed_in_balls
+    assert ec.base_parameters(mechanism).rank == 8
+
+
+def test_a_long_search_ends_in_balls(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(derive, "_SEARCH", 1.0)
+    mechanism = ec.load(LOOPS / "xarm7_gripper.xml")
+    base = ec.base_parameters(mechanism)
+    assert base.rank == 3
+
+
+def test_exponentials_are_refused() -> None:
+    """They vanish to hundreds of digits where speeds are not small."""
+    text = (EXAMPLES / "loops/four_bar.yaml").read_text()
+    mechanism = ec.load(f"{text}\neffects:\n  - {{type: stribeck, velocity: 0.05, at: all, side: joint}}\n")
+    with pytest.raises(UnknownRelationsError, match="exp in a mechanism with loops"):
+        ec.base_parameters(in_balls(mechanism))
+
+
+def test_sensors_are_not_compared() -> None:
+    with pytest.raises(SingularPoseError, match="no exact closed pose is known for the loops closed by"):
+        ec.sensor_report(in_balls(ec.load(EXAMPLES / "loops/four_bar.yaml")))
