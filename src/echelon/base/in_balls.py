@@ -28,6 +28,8 @@ from echelon.regressor.linear_forms import rows_of
 
 _FIRM = 1e-6  # of a column, what double precision surely shows
 _SMALLEST = 1e-4  # of columns, about the largest one
+_CHECKED = 40  # rows in which a column that depends on others has to vanish beside them
+_FAINT = 1e-9  # of what others show, what a file with many digits does not mean
 _ALGEBRAIC = {Op.SIN, Op.COS, Op.SIGN, Op.ABS}  # functions that no state makes vanish but for a few digits
 
 
@@ -44,7 +46,7 @@ class BallRelations:
     meaning : StatedNumbers
         At which values of symbols the numbers are true, and how exact they are.
     faint : int
-        How many of the representatives, the last ones, double precision does not show.
+        How many of the representatives, the last ones, show less than a file with many digits means.
     size : float
         How much shows of these, beside the others; 0 if there are none.
     """
@@ -116,11 +118,13 @@ class _Elimination:
         """The relations, or None if the precision does not tell."""
         first = self.table.shape[1] - len(order)
         left = [*range(first), *(first + column for column in order)]
-        pivots, rest, firm, size = list[int](), self.table[:, left], 0, 0.0
+        pivots, rest, largest, faint, size = list[int](), self.table[:, left], 0.0, 0, 0.0
         while True:
-            shown = _scaled(rest)
-            new = [left[k] for k in independent_columns(shown, _FIRM)]
-            firm, size = firm or len(new), float(np.abs(_doubles(rest)).max(initial=0.0)) if firm else 0.0
+            new = [left[k] for k in independent_columns(_scaled(rest), _FIRM)]
+            shown = float(np.abs(_doubles(rest)).max(initial=0.0))
+            largest = largest or shown
+            if shown < _FAINT * largest:
+                faint, size = faint + len(new), max(size, shown / largest)
             pivots += new
             left = [column for column in left if column not in new]
             solved = self._solved(pivots, left)
@@ -131,13 +135,14 @@ class _Elimination:
             if all(zero):
                 others = [column - first for column in left]
                 own = [pivot - first for pivot in pivots[first:]]
-                return _Found(own, others, np.array(solution.tolist())[first:], len(pivots) - firm, size)
+                return _Found(own, others, np.array(solution.tolist())[first:], faint, size)
             if False not in zero:
                 return None
 
     def _solved(self, pivots: Sequence[int], others: Sequence[int]) -> tuple[Any, Balls] | None:
         """Columns as combinations of others, and what is left of them in further rows."""
         square, further = independent_rows(self.table[:, pivots])
+        further = further[:_CHECKED]
         try:
             solution = self._part(square, pivots).solve(self._part(square, others))
         except ZeroDivisionError:

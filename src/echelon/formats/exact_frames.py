@@ -25,7 +25,7 @@ NEAR = 1e-4  # of directions that are meant to be parallel or perpendicular, rad
 _STEP = pi / STEPS_PER_HALF_TURN
 NOISE = 1e-13  # what is left of exact relations in doubles
 _MORE = 16  # times the largest miss that is seen, others may miss
-_FEW = 12  # places between which directions are tried
+_FEW, _MOST_TURNS = 12, 6000  # places between which directions are tried, and frames along these
 _TENS = 10.0 ** np.arange(DIGITS)[:, None]
 _QUARTER = Fraction(1, 2)
 _FROM_AXIS = (turn(1, Angle(-_QUARTER)), turn(0, Angle(_QUARTER)), Placement())
@@ -287,6 +287,7 @@ class ExactFrames:
             for a, b in combinations(places[:: -(-len(places) // _FEW)], 2):
                 x, y, _ = _floats(plane).T @ (b - a)
                 turns += [(plane, atan2(y, x))] * (hypot(x, y) > NEAR)
+        turns = turns[:: 1 + len(turns) // _MOST_TURNS]
         starts, all_places = [np.zeros(3), *places[:1]], np.array(places)
 
         def digits(choice: tuple[Floats, tuple[Placement, float]]) -> int:

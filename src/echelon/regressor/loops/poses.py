@@ -228,7 +228,9 @@ def _ordered(blocks: Sequence[ClosureBlock]) -> list[ClosureBlock]:
     """
     ordered, left = list[ClosureBlock](), list(blocks)
     while left:
-        ready = (b for b in left if all(other.solved.isdisjoint(b.moving) for other in left if other is not b))
+        ready = [b for b in left if all(other.solved.isdisjoint(b.moving) for other in left if other is not b)]
+        if not ready:
+            raise SingularPoseError("loops that are closed one after the other need one another's coordinates")
         ordered.append(min(ready, key=lambda block: block.work / block.fails))
         left.remove(ordered[-1])
     return ordered
