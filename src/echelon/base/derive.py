@@ -18,7 +18,7 @@ import numpy as np
 
 from echelon.base.certificate import certify, find_minor
 from echelon.base.closed_form import assembled, closed_columns, relations
-from echelon.base.in_balls import ball_relations
+from echelon.base.in_balls import BallRelations, ball_relations
 from echelon.base.linear_base import LinearBase, linear_base_parameters
 from echelon.base.matrix import BaseMatrix, column_order, reordered
 from echelon.base.model import BaseModel
@@ -42,13 +42,14 @@ from echelon.exact.polynomial import Polynomial
 from echelon.exact.unknown_functions import Work
 from echelon.mechanism.closed_pose import as_stated
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import StatedValues, stated_values, symbol_roles
+from echelon.mechanism.stated import StatedValues, largest_denominator, stated_values, symbol_roles
 from echelon.mechanism.substitute import substituted
 from echelon.models import LinearModel
 from echelon.regressor.linear_forms import LinearForms, rows_of, virtual_power_form
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.exact_pose import closed_exactly
 
+_LONG = 10**12  # denominators of numbers that no coefficient with few digits is made of
 _SEARCH = 1e6  # numbers that are added for a closed pose modulo a prime in half a second; balls take no longer then
 
 
@@ -147,10 +148,6 @@ def base_parameters(
     recorded = virtual_power_form(mechanism)
     found = specialised(mechanism, rng, recorded, generic=generic)
     own, structure = found.mechanism, found.structure
-    if structure.balls is None and (
-        own.closed_at or (own.closures and not symbol_roles(own).symbols)
-    ):  # rounding may break what is special
-        columns = firm_first(own, columns, structure.pivots, rng)
     matrix = base_matrix(own, structure, columns, rng, budget, progress)
     progress("certificate")
     forms = structure.on_curves(recorded if own is mechanism else virtual_power_form(own))
@@ -171,12 +168,11 @@ def base_matrix(
     report: Callable[[str], None],
 ) -> BaseMatrix:
     """B for a column order."""
-    if structure.balls is not None:
-        balls = structure.balls if sorted(order) == list(order) else ball_relations(mechanism, order)
-        after = tuple(column for column in order if column not in balls.pivots)
-        return assembled(
-            mechanism.parameters, balls.pivots, dict(balls.columns), (*balls.pivots, *after), balls.meaning
-        )
+    if (balls := _balls(mechanism, structure, order)) is not None:
+        order = (*balls.pivots, *(column for column in order if column not in balls.pivots))
+        return assembled(mechanism.parameters, balls.pivots, dict(balls.columns), order, balls.meaning)
+    if mechanism.closed_at or (mechanism.closures and not symbol_roles(mechanism).symbols):
+        order = firm_first(mechanism, order, structure.pivots, rng)  # rounding may break what is special
     work = Work.of(budget)
     found = relations(mechanism, structure)
     zero = [column for column, support in structure.by_robot.items() if not support]
@@ -198,6 +194,22 @@ def base_matrix(
         closed, open_columns = {}, [c for c in classical if c not in pivots]
     numbers, meaning = stated.numbers(open_columns)
     return assembled(mechanism.parameters, stated.pivots, closed | numbers, order, meaning)
+
+
+def _balls(mechanism: Mechanism, structure: Structure, order: tuple[int, ...]) -> BallRelations | None:
+    """What balls show where no exact pose is known, or where it has so many digits that no coefficient is short."""
+    if structure.balls is not None:
+        return structure.balls if sorted(order) == list(order) else ball_relations(mechanism, order)
+    if mechanism.closed_at:
+        few = bool(symbol_roles(mechanism).lengths)
+    else:
+        few = not mechanism.closures or bool(stated_values(mechanism).names) or largest_denominator(mechanism) < _LONG
+    if few:
+        return None
+    with suppress(SingularPoseError, UnknownRelationsError):
+        found = ball_relations(mechanism, order)
+        return found if len(found.pivots) == structure.rank else None
+    return None
 
 
 def base_structure(mechanism: Mechanism, *, generic: bool = False, seed: int = DEFAULT_SEED) -> Structure:
