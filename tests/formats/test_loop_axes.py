@@ -403,3 +403,41 @@ def test_a_rank_that_fades_below_rounding_raises_a_doubt() -> None:
     """Shafts at equal angles to the one between them have 12 base parameters; that angles are equal is not restored."""
     with pytest.warns(ec.DoubtWarning, match="perhaps fewer than 17"):
         assert found(BENT_SHAFTS) == (1, 17)
+
+
+def slider(heights: Sequence[str]) -> str:
+    """A vertical hinge that a slide between two balls turns; the balls are level if the second height is a sum."""
+    one, two, hinge = heights
+    inertial = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    links = "".join(f'<link name="{name}">{inertial}</link>' for name in ("hip", "leg", "rod", "arm", "motor", "nut"))
+    joints = (
+        ("leg", "revolute", "hip", f"-0.0125 -0.205 {hinge}", "0 0 3.141592653589793"),
+        ("rod", "revolute", "leg", f"0 0.044041666666666673 {one}", "1.5707963267948966 0 1.5707963267948966"),
+        ("arm", "revolute", "hip", "0.119625 -0.24904166666666669 0", "0 0 0"),
+        ("motor", "revolute", "arm", f"0 0 {two}", "1.5707963267948966 0 1.5707963267948966"),
+        ("nut", "prismatic", "motor", "0 0 -0.062916666666666649", "0 0 -1.5707963267948966"),
+        ("on_rod", "fixed", "rod", "0 -1.3877787807814457e-17 -0.025000000000000074246", "3.141592653589793 0 -1.5707963267948966"),
+        ("on_nut", "fixed", "nut", "-6.9388939039072284e-18 0 -0.025000000000000077716", "0 0 0"),
+    )
+    text = "".join(
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{name}"/><axis xyz="0 0 1"/>'
+        f'<origin xyz="{xyz}" rpy="{rpy}"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+        for name, kind, parent, xyz, rpy in joints
+    )
+    return f'<robot name="slider">{links}<link name="on_rod"/><link name="on_nut"/>{text}</robot>'
+
+
+@pytest.mark.parametrize(
+    "heights",
+    [
+        ("-0.053479166666666744234", "-0.058479166666666637653", "-0.0049999999999998934186"),
+        ("-0.0534791666667", "-0.0584791666667", "-0.005"),
+    ],
+)
+def test_sums_of_lengths_agree_beyond_the_digits_of_doubles(heights: Sequence[str], tmp_path: Path) -> None:
+    (tmp_path / "robot.urdf").write_text(slider(heights))
+    (tmp_path / "robot.yaml").write_text(
+        "closed_loop: [[on_nut, on_rod]]\ntype: [6d]\njoint_name: [rod, motor]\njoint_type: [SPHERICAL, SPHERICAL]\n"
+    )
+    mechanism = ec.load(tmp_path / "robot.yaml")
+    assert (mechanism.degrees_of_freedom, ec.base_structure(mechanism).rank) == (3, 13)

@@ -151,6 +151,7 @@ _STEP = pi / STEPS_PER_HALF_TURN
 _SAME = 1e-12
 _EXACT = 1e-15
 _FEW = 6  # digits of quaternions and angles in many files, of which other angles are computed
+_WRITTEN = 15  # decimals that a number has at most which nobody computed
 _DIGITS, _DOUBLE = 12, 1e-15  # digits of a short decimal, and how far a double is from it, of the largest length
 
 
@@ -199,12 +200,18 @@ class Snapping:
         return reduce(matmul, (self.placement(step, label) for step in literal), Placement())
 
     def _without_digits(self, value: Rational, element: str) -> Rational:
-        """A length without the last digits of a double, if without them it is a short decimal: 0.175 for 0.1749…933."""
+        """A length without the last digits of a double: 0.175 for 0.1749…933.
+
+        If it is no short decimal without them, it keeps fourteen digits of more than fifteen: those of sums of lengths
+        agree so far.
+        """
         if not self.scale or not self.options.snap_tolerance or element in self.literal:
             return value
         digits = _DIGITS - ceil(log10(self.scale))
         short = round(Fraction(value), digits)
-        return short if abs(float(short - value)) <= _DOUBLE * self.scale else value
+        if abs(float(short - value)) <= _DOUBLE * self.scale:
+            return short
+        return round(Fraction(value), digits + 2) if Fraction(value).denominator > 10**_WRITTEN else value
 
     def name_lengths(self, steps: tuple[Step, ...], label: str, element: str) -> tuple[Step, ...]:
         """The steps with tiny translations dropped and the others, if so wished, given symbols."""
