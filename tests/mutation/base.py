@@ -8,16 +8,16 @@ CLAIMS = "claims/test_false_claims.py"
 FAULTS = (
     Fault(
         CERTIFICATE,
-        "if (actual.get(column, 0) - claimed.get(column, 0)) % field.p:",
-        "if column in actual and (actual[column] - claimed.get(column, 0)) % field.p:",
+        "if (actual.get(column, 0) - claimed.get(column, 0)) % p:",
+        "if column in actual and (actual[column] - claimed.get(column, 0)) % p:",
         "a false claim about an invisible parameter",
         CLAIMS,
     ),
-    Fault(CERTIFICATE, "        states = sampler.regions\n", "        states = 1\n", "one region is looked at", CLAIMS),
+    Fault(CERTIFICATE, "0, : self.sampler.regions]", "0, :1]", "one region is looked at", CLAIMS),
     Fault(
         CERTIFICATE,
-        "if minor.rank < matrix.rank:",
-        "if minor.rank < 0:",
+        "if minor.rank < matrix.rank:\n        raise",
+        "if minor.rank < 0:\n        raise",
         "dependent parameters pass as base parameters",
         "base/test_certificate.py",
     ),

@@ -8,7 +8,7 @@ import pkgutil
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -220,6 +220,9 @@ OBJECTS: Mapping[str, Example] = {
     "base of a URDF": Example(lambda: ec.base_parameters(load("gripper.urdf")()), str),
     "base at special values": Example(lambda: ec.base_parameters(load("special.yaml")()), str),
     "structure": Example(modes),
+    "structure in balls": Example(
+        lambda: ec.base_structure(replace(load("loops/parallelogram.yaml")(), closed_in_balls=True))
+    ),
     "linear model": Example(lambda: ec.load_linear(EXAMPLES / "linear" / "arrhenius.yaml")),
     "linear base": Example(
         lambda: ec.base_parameters(ec.load_linear(EXAMPLES / "linear" / "single_track.yaml")), linear

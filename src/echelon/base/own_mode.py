@@ -19,7 +19,7 @@ from echelon.arrays import Floats, pivoted_qr
 from echelon.base.ball_rows import ball_rows
 from echelon.base.modes import Mode
 from echelon.errors import InputError
-from echelon.exact.field import DEFAULT_SEED, ball_rank, random_generator
+from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, known_values, value_texts
 from echelon.regressor.evaluate import evaluate_floats
@@ -53,6 +53,8 @@ class OwnPose:
 
     def mode(self, modes: Sequence[Mode]) -> Mode | None:
         """The one of some modes that the pose is in; None if it is in none of them, as far as can be told."""
+        if self._moved:  # which may have broken what is special
+            modes = [mode for mode in modes if not self.shows_less(len(self._columns) - len(mode.dependence))]
         verdicts = [self._clear(mode) for mode in modes]
         if verdicts.count(True) == 1 and None not in verdicts:
             return modes[verdicts.index(True)]
@@ -92,19 +94,6 @@ class OwnPose:
         """How far each singular value falls to the next one."""
         singular = np.linalg.svd(self._table[0], compute_uv=False)
         return np.asarray(singular / np.maximum(np.append(singular[1:], 0.0), _NOISE * singular[0]))
-
-    @cached_property
-    def rank(self) -> int | None:
-        """Rank of the columns there; None if balls do not tell."""
-        for bits in BITS:
-            table = self.balls(len(self._columns), bits, 1)
-            if table is None:
-                return None
-            with flint.ctx.workprec(bits):
-                found = ball_rank([list(row) for row in table], bits)
-            if found is not None:
-                return found - self._rows.auxiliary
-        return None
 
     # -- doubles ---------------------------------------------------------------------------------------------------
 
@@ -189,7 +178,7 @@ class OwnPose:
         for wanted, bits, motions in (*trials, *((enough, bits, several) for bits in BITS[1:])):
             table = self.balls(wanted, bits, motions)
             if table is None:  # there is no exact pose of the stated frames
-                return self._moved and not self.shows_less(rank)
+                return self._moved
             with flint.ctx.workprec(bits):
                 verdict = self._holds_in_balls(mode, table, bits)
             if verdict is not None:

@@ -174,7 +174,7 @@ def _modes(
     modes, own = find_modes(rows, rng, wanted)
     if own is None:
         ranks = [len(columns) - len(mode.dependence) for mode in modes]
-        raise OtherModeError(shown_loops(mechanism), pose.rank, ranks, bool(mechanism.closed_at))
+        raise OtherModeError(shown_loops(mechanism), ranks, bool(mechanism.closed_at))
     count = len(columns) - len(own.dependence)
     if (moved or inexact_symbols(mechanism)) and pose.shows_less(count):
         problem = f"{shown_loops(mechanism)}: {count} base parameters would show, but fewer do in floating point"

@@ -232,27 +232,6 @@ def solve_batched(left: Residues, right: Residues, field: PrimeField) -> Residue
     return table[:, :unknowns, unknowns:]
 
 
-_DECIDED = 3  # a ball that may be zero is taken as zero when it is below 2^-(precision / 3)
-
-
-def ball_rank(matrix: list[list[Any]], bits: int) -> int | None:
-    """Rank of a matrix of balls, or None if the precision does not decide it."""
-    rows, rank = [list(row) for row in matrix], 0
-    for column in range(len(matrix[0])):
-        best = max(range(rank, len(rows)), key=lambda i: float(rows[i][column].abs_lower()), default=None)
-        if best is None or not float(rows[best][column].abs_lower()) > 0:
-            largest = max((float(rows[i][column].abs_upper()) for i in range(rank, len(rows))), default=0.0)
-            if not largest < 2.0 ** (-bits / _DECIDED):
-                return None
-            continue
-        rows[rank], rows[best] = rows[best], rows[rank]
-        lead, rank = rows[rank], rank + 1
-        for i in range(rank, len(rows)):
-            factor = rows[i][column] / lead[column]
-            rows[i] = [a - factor * b for a, b in zip(rows[i], lead, strict=True)]
-    return rank
-
-
 class Ring(Protocol):
     """Numbers that can be added and multiplied."""
 

@@ -99,7 +99,7 @@ class Triangle:
             return f"{start}: there are only {self.rows} rows; give more samples"
         directions = np.linalg.svd(self.scaled)[2][rank:]
         weight = np.abs(directions).max(axis=0)
-        involved = [self.parameters[k] for k in np.argsort(-weight, kind="stable") if weight[k] > 1e-3]
+        involved = [self.parameters[k] for k in np.argsort(-weight.round(9), kind="stable") if weight[k] > 1e-3]
         shown = ", ".join(involved[:_SHOWN]) + (", …" if len(involved) > _SHOWN else "")
         return f"{start}; those they leave open involve {shown}: excite them, or leave parameters out with select()"
 
