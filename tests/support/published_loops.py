@@ -80,6 +80,15 @@ PUBLISHED = (
     Published("talos", 52, 372, floating=True),
 )
 
+ASSEMBLED = (
+    Published("disney_robot", 16, 168),
+    Published("kangaroo_like", 19, 201),
+    Published("marcheur_4", 15, 178),
+)
+"""Models that are open at zero, with the ranks that `loop_oracle` finds in steps of 0.004 from where they are assembled:
+from zero, or in longer steps, it comes to other modes.
+"""
+
 LITERAL = {"battobot": 166}
 """Ranks with all digits as they stand, where noise of rounding does not lock the loops and changes the rank."""
 

@@ -24,8 +24,8 @@ from echelon.base.matrix import BaseMatrix, column_order, reordered
 from echelon.base.model import BaseModel
 from echelon.base.reading_report import doubt_of_loops, firm_first, report_reading
 from echelon.base.stated_columns import StatedColumns
-from echelon.base.stated_values import RelationSearch, SpecialValues, stated_structure
-from echelon.base.structure import Structure, dependent_columns, find_structure
+from echelon.base.stated_values import RelationSearch, SpecialValues, at_stated_values
+from echelon.base.structure import Structure, dependent_columns, find_structure, in_balls
 from echelon.errors import (
     BrokenRelationsError,
     DegenerateSampleError,
@@ -40,7 +40,6 @@ from echelon.exact.field import DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.interpolation import MOST_PRIMES
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.unknown_functions import Work
-from echelon.mechanism.closed_pose import as_stated
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import StatedValues, largest_denominator, stated_values, symbol_roles
 from echelon.mechanism.substitute import substituted
@@ -255,20 +254,16 @@ def specialised(
     try:
         return _specialised(mechanism, rng, recorded, generic)
     except (OtherModeError, SingularPoseError) as error:
-        stated = as_stated(mechanism) if mechanism.closed_at else mechanism
-        if isinstance(error, OtherModeError) and stated is mechanism:
-            with suppress(ValueError, OtherModeError):  # a screw that is turned there
+        if isinstance(error, OtherModeError) and not mechanism.closed_at:
+            with suppress(ValueError, OtherModeError, SingularPoseError):  # such as a screw that is turned there
                 return _specialised(closed_exactly(mechanism, Assembly(mechanism).pose), rng, None, generic)
-        try:
-            return _in_balls(replace(stated, closed_in_balls=True), rng)
-        except (InputError, SingularPoseError, UnknownRelationsError):
-            raise error from None
+        if generic:
+            raise
+        return _doubted(*in_balls(mechanism, rng, error))
 
 
-def _in_balls(mechanism: Mechanism, rng: np.random.Generator) -> SpecialisedMechanism:
-    structure = find_structure(mechanism, rng)
-    assert structure.balls is not None
-    return SpecialisedMechanism(mechanism, structure, undecided=structure.balls.doubt)
+def _doubted(mechanism: Mechanism, structure: Structure) -> SpecialisedMechanism:
+    return SpecialisedMechanism(mechanism, structure, undecided=structure.balls.doubt if structure.balls else "")
 
 
 def _specialised(
@@ -276,7 +271,7 @@ def _specialised(
 ) -> SpecialisedMechanism:
     values = stated_values(mechanism)
     if mechanism.closed_in_balls:
-        return _in_balls(mechanism, rng)
+        return _doubted(mechanism, find_structure(mechanism, rng))
     if not values.names:
         return SpecialisedMechanism(mechanism, find_structure(mechanism, rng, _SEARCH))
     if mechanism.closures:
@@ -308,7 +303,7 @@ def _specialised(
 def _at_values(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Structure | None, str]:
     """The structure at the stated values, or why it could not be found."""
     try:
-        return stated_structure(mechanism, rng), ""
+        return find_structure(at_stated_values(mechanism), rng), ""
     except (OtherModeError, BrokenRelationsError):
         raise
     except EchelonError as error:

@@ -20,9 +20,17 @@ from echelon.arrays import one_thread
 from echelon.base.in_balls import BallRelations, ball_relations
 from echelon.base.modes import Dependence, InMode, Mode, find_modes, in_mode
 from echelon.base.own_mode import OwnPose
-from echelon.errors import BrokenRelationsError, DegenerateSampleError, EchelonError, OtherModeError, SingularPoseError
+from echelon.errors import (
+    BrokenRelationsError,
+    DegenerateSampleError,
+    EchelonError,
+    InputError,
+    OtherModeError,
+    SingularPoseError,
+    UnknownRelationsError,
+)
 from echelon.exact.field import PrimeField, by_pivots, rank
-from echelon.mechanism.closed_pose import shown_loops
+from echelon.mechanism.closed_pose import as_stated, shown_loops
 from echelon.mechanism.joint import ALL, GROUND, Body, Joint, Motion, Placement, Step, floating_motions
 from echelon.mechanism.mechanism import Cut, Mechanism
 from echelon.mechanism.stated import UNITS, has_values, inexact_symbols
@@ -125,6 +133,15 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator, search: float
     by_robot = {remaining[k]: tuple(remaining[s] for s in support) for k, support in supports.items()}
     ranks = tuple(len(remaining) - len(mode.dependence) for mode in modes)
     return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, ranks, accepted, order)
+
+
+def in_balls(mechanism: Mechanism, rng: np.random.Generator, error: EchelonError) -> tuple[Mechanism, Structure]:
+    """A mechanism with loops as it is stated, and its structure, in ball arithmetic; the error if that cannot be."""
+    stated = replace(as_stated(mechanism) if mechanism.closed_at else mechanism, closed_in_balls=True)
+    try:
+        return stated, find_structure(stated, rng)
+    except (InputError, SingularPoseError, UnknownRelationsError):
+        raise error from None
 
 
 def _in_balls(mechanism: Mechanism) -> Structure:
