@@ -85,7 +85,7 @@ ASSEMBLED = (
     Published("kangaroo_like", 19, 201),
     Published("marcheur_4", 15, 178),
 )
-"""Models that are open at zero, with the ranks that `loop_oracle` finds in steps of 0.004 from where they are assembled.
+"""Models that are open at zero, with ranks that `loop_oracle` finds from where they are assembled, in steps of 0.004.
 
 From zero, or in longer steps, it comes to other modes.
 """
