@@ -183,14 +183,13 @@ def _certified(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: St
             f"the set has {len(matrix.parameters)} standard parameters, the model {regressor.shape[1]}"
         )
     rng = random_generator(seed)
-    if regressor.loops is not None or values is None or not values.can_be_drawn:
-        values = GENERAL  # lengths of loops cannot be chosen freely modulo a prime
     if regressor.loops is not None and regressor.loops.mechanism.closed_in_balls:
         return _certified_in_balls(regressor, matrix, seed, rng)
     complete = _Completeness(regressor, matrix, rng)
     sampler = complete.sampler
     if isinstance(sampler, CurveSampler):
         return _certified_on_curves(complete, sampler, seed)
+    values = values if values is not None and values.can_be_drawn else GENERAL
     minor = find_minor(regressor, matrix.pivots, values, rng)
     _require(minor, matrix)
     primes = list[int]()
@@ -207,7 +206,10 @@ def _certified(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: St
 
 
 def _certified_on_curves(complete: _Completeness, sampler: CurveSampler, seed: int) -> Certificate:
-    """Closed poses may take long to find, so the first one shows the minor, too."""
+    """Closed poses may take long to find, so the first one shows the minor, too.
+
+    Symbols have any values: lengths of loops cannot be chosen freely modulo a prime.
+    """
     matrix, regressor = complete.matrix, complete.regressor
     first = complete.point(ARRAY_BITS, states=2 + matrix.rank // max(1, regressor.shape[0]))
     minor = complete.minor(first)
@@ -227,12 +229,10 @@ def _certified_in_balls(regressor: LinearForms, matrix: BaseMatrix, seed: int, r
     assert regressor.loops is not None
     if wrong := {c for row in matrix.rows for c in row} - {*matrix.pivots, *matrix.numbers.columns}:
         raise CertificateError(f"the coefficients of {matrix.parameters[min(wrong)]} are not said to be numbers")
-    states, motions = (
-        -(-(matrix.rank + _SURPLUS) // regressor.shape[0]),
-        len(regressor.loops.mechanism.independent_velocities),
-    )
+    states = -(-(matrix.rank + _SURPLUS) // regressor.shape[0])
+    motions = max(1, len(regressor.loops.mechanism.independent_velocities))
     with flint.ctx.workprec(_BALL_BITS):
-        rows = ball_rows(regressor.columns(matrix.pivots), matrix.numbers.at, states, rng, max(1, motions))
+        rows = ball_rows(regressor.columns(matrix.pivots), matrix.numbers.at, states, rng, motions)
         square, _ = independent_rows(rows)
         if flint.arb_mat(rows[square].tolist()).det().contains(0):
             raise CertificateError(f"the set is too large: its {matrix.rank} representatives are not independent")

@@ -202,6 +202,8 @@ def _real(mechanism: Mechanism) -> tuple[Mechanism, _Real | None]:
 @one_thread()
 def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
     """The mechanism as it is if its loops close exactly and move as in doubles, else with frames that follow."""
+    if mechanism.closed_in_balls:
+        return mechanism
     reasons, locked = [], ""
     stated = replace(real.loops, mechanism=mechanism)
     attempts: list[tuple[Callable[[], Loops], float]] = [
@@ -210,8 +212,6 @@ def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
         (lambda: stated, inf),
         (lambda: _recorded(in_numbers(mechanism)), inf),
     ]
-    if mechanism.closed_in_balls:
-        return mechanism
     for attempt, work in attempts[:1] if mechanism.closed_at else attempts:
         try:
             closed = attempt()

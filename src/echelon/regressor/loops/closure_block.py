@@ -40,19 +40,19 @@ class ClosureBlock:
         self._variables = sum(widths)
         self.points = prod(len(_points(part.width, part.degree)) for part in self._parts)
         self.equations = recorded.schedule(nodes)
-        self.unmoved = recorded.unmoved(nodes, self.solved)
-        self._unmoved, self._moved = recorded.schedule(self.unmoved), recorded.schedule(nodes, self.unmoved)
-        self.tried = self.closed = 0  # samples, over all primes
+        self._known = recorded.unmoved(nodes, self.solved)
+        self._before, self._moved = recorded.schedule(self._known), recorded.schedule(nodes, self._known)
+        self._tried = self._closed = 0  # samples, over all primes
 
     @property
     def work(self) -> int:
         """Operations for the coefficients of one sample."""
-        return self._unmoved.size + self.points * self._moved.size
+        return self._before.size + self.points * self._moved.size
 
     @property
     def fails(self) -> float:
         """How often the equations have no solution."""
-        return (1 + self.tried - self.closed) / (2 + self.tried)
+        return (1 + self._tried - self._closed) / (2 + self._tried)
 
     @property
     def solved(self) -> set[str]:
@@ -72,7 +72,10 @@ class ClosureBlock:
     def solve(self, positions: Positions, pose: Pose, spend: Callable[[float], None]) -> Solutions:
         """Values of the unknown coordinates at which the equations hold; see :meth:`Solver.solve`."""
         spend(len(pose.numbers) * self.work / AT_ONCE)
-        return self.recorded.solver.solve(self._polynomials(positions, pose), positions.field, spend)
+        found = self.recorded.solver.solve(self._polynomials(positions, pose), positions.field, spend)
+        self._tried += len(found.counts)
+        self._closed += int(np.count_nonzero(found.counts))
+        return found
 
     def put(self, pose: Pose, points: Residues, field: PrimeField) -> None:
         """Write solutions (samples, variables) into poses, those that they were found from."""
@@ -106,8 +109,8 @@ class ClosureBlock:
         for part, point, corner in zip(self._parts, points, corners, strict=True):
             part.put(probes, np.tile(point[corner].T, samples), field)
         owners = np.repeat(np.arange(samples), corners.shape[1])
-        known = positions.equations(pose, self._unmoved)[owners].T
-        repeated = positions.at(owners).equations(probes, self._moved, dict(zip(self.unmoved, known, strict=True)))
+        known = positions.equations(pose, self._before)[owners].T
+        repeated = positions.at(owners).equations(probes, self._moved, dict(zip(self._known, known, strict=True)))
         values = repeated.reshape(samples, *map(len, points), len(self.nodes))
         for axis, part in enumerate(self._parts, 1):
             moved = _interpolated(np.moveaxis(values, axis, 0), part.width, part.degree, field)

@@ -277,7 +277,6 @@ def _closed(
     if block.points > _MOST_POINTS:
         raise SingularPoseError(f"{len(block.unknown)} coordinates would have to be solved for at once")
     solutions = block.solve(positions, pose, spend)
-    block.tried, block.closed = block.tried + len(pose.numbers), block.closed + int(np.count_nonzero(solutions.counts))
     samples = np.repeat(np.arange(len(solutions.counts)), np.maximum(solutions.counts, 0))
     closed = pose.at(samples)
     if samples.size:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import reduce
-from types import MappingProxyType
 
 import numpy as np
 
@@ -114,7 +113,7 @@ class Positions:
         self, pose: Pose, schedule: Schedule | None = None, known: Mapping[int, Residues] | None = None
     ) -> Residues:
         """Closure equations at poses, all or those of a schedule from what is known, (samples, equations)."""
-        return self._run(schedule or self.recorded.equations, self.resting(pose), known or {})[..., 0].T
+        return self._run(schedule or self.recorded.equations, self.resting(pose), known)[..., 0].T
 
     def along(self, moving: MovingCoordinates) -> Residues:
         """Closure equations along curves, (samples, equations, order)."""
@@ -173,8 +172,9 @@ class Positions:
         return values
 
     def _run(
-        self, schedule: Schedule, moving: MovingCoordinates, known: Mapping[int, Residues] = MappingProxyType({})
+        self, schedule: Schedule, moving: MovingCoordinates, known: Mapping[int, Residues] | None = None
     ) -> Residues:
+        known = known or {}
         leaves = {n: known[n][..., None] if n in known else self.leaf(n, moving) for n in schedule.leaves}
         return schedule.run(SeriesArithmetic(self.field, moving.order), leaves, moving.samples)
 
