@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from fractions import Fraction
 from typing import Any
 
@@ -10,13 +10,11 @@ import flint
 import numpy as np
 import numpy.typing as npt
 
-from echelon.exact.polynomial import Number, generator_values
+from echelon.exact.polynomial import generator_values
 from echelon.program.arithmetics import BallArithmetic, ball, stated_ball
 from echelon.program.schedule import Schedule
 from echelon.regressor.linear_forms import LinearForms
 from echelon.regressor.loops.closed_balls import BALL_STEPS, ClosedBalls, random_balls
-
-_DIGITS = 40
 
 Balls = npt.NDArray[Any]
 """Array of ``arb``."""
@@ -75,23 +73,3 @@ def _sphere(rng: np.random.Generator, size: int) -> list[Any]:
     t = [Fraction(int(n), BALL_STEPS) for n in rng.integers(-2 * BALL_STEPS, 2 * BALL_STEPS, size=size - 1)]
     scale = 1 / (1 + sum(x * x for x in t))
     return [ball((1 - sum(x * x for x in t)) * scale), *(ball(2 * x * scale) for x in t)]
-
-
-def ball_error(x: Any) -> float:
-    """The radius of a ball."""
-    return float(x.rad())
-
-
-def rounded(values: Sequence[Any]) -> tuple[list[Number], float]:
-    """Values to a fixed number of digits, and the largest error."""
-    rounded: list[Number] = []
-    radius = 0.0
-    for value in values:
-        if value.contains(0):  # it is smaller than the error allowed before
-            rounded.append(0)
-            radius = max(radius, float(abs(value).upper()))
-            continue
-        decimal = Fraction(value.mid().str(_DIGITS, radius=False))
-        rounded.append(decimal.numerator if decimal.denominator == 1 else decimal)
-        radius = max(radius, abs(float(decimal)) * 10.0 ** (1 - _DIGITS) + ball_error(value))
-    return rounded, radius

@@ -29,8 +29,8 @@ import flint
 import numpy as np
 
 from echelon.base.ball_rows import ball_rows
+from echelon.base.ball_tables import independent_rows
 from echelon.base.matrix import BaseMatrix, StatedNumbers
-from echelon.base.own_mode import independent_rows
 from echelon.errors import CertificateError, DegenerateSampleError
 from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField, Residues, random_generator, rank, substituted
 from echelon.exact.polynomial import Number, is_trigonometric, multiple_of

@@ -16,16 +16,16 @@ from typing import overload
 
 import numpy as np
 
+from echelon.base.ball_relations import BallRelations, ball_relations
 from echelon.base.certificate import certify, find_minor
 from echelon.base.closed_form import assembled, closed_columns, relations
-from echelon.base.in_balls import BallRelations, ball_relations
 from echelon.base.linear_base import LinearBase, linear_base_parameters
 from echelon.base.matrix import BaseMatrix, column_order, reordered
 from echelon.base.model import BaseModel
 from echelon.base.reading_report import doubt_of_loops, firm_first, report_reading
 from echelon.base.stated_columns import StatedColumns
 from echelon.base.stated_values import RelationSearch, SpecialValues, at_stated_values
-from echelon.base.structure import Structure, dependent_columns, find_structure, in_balls
+from echelon.base.structure import Structure, dependent_columns, find_structure, stated_in_balls
 from echelon.errors import (
     BrokenRelationsError,
     DegenerateSampleError,
@@ -259,7 +259,7 @@ def specialised(
                 return _specialised(closed_exactly(mechanism, Assembly(mechanism).pose), rng, None, generic)
         if generic:
             raise
-        return _doubted(*in_balls(mechanism, rng, error))
+        return _doubted(*stated_in_balls(mechanism, rng, error))
 
 
 def _doubted(mechanism: Mechanism, structure: Structure) -> SpecialisedMechanism:

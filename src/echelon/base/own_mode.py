@@ -15,8 +15,9 @@ import flint
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats, pivoted_qr
+from echelon.arrays import Floats
 from echelon.base.ball_rows import ball_rows
+from echelon.base.ball_tables import combinations_of, vanishes
 from echelon.base.modes import Mode
 from echelon.errors import InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
@@ -190,11 +191,11 @@ class OwnPose:
         auxiliary = self._rows.auxiliary
         pivots, others = _split(mode, len(self._columns))
         kept = [*range(auxiliary), *(auxiliary + k for k in pivots)]
-        found = _relations(table, kept, [auxiliary + k for k in others])
+        found = combinations_of(table, kept, [auxiliary + k for k in others])
         if found is None:
             return None
         solution, missed = found
-        zero = [vanishes(x, bits) for x in missed]
+        zero = [vanishes(x, bits) for x in missed.flat]
         if not all(zero):
             return None if False not in zero else False
         for k, column in enumerate(others):
@@ -209,26 +210,6 @@ class OwnPose:
         )
 
 
-def _relations(table: npt.NDArray[Any], pivots: Sequence[int], others: Sequence[int]) -> tuple[Any, list[Any]] | None:
-    """Columns as combinations of others, and what these miss in further rows; None if these are not independent."""
-    square, rest = independent_rows(table[:, pivots])
-    try:
-        solution = flint.arb_mat(table[np.ix_(square, pivots)].tolist()).solve(
-            flint.arb_mat(table[np.ix_(square, others)].tolist())
-        )
-    except ZeroDivisionError:
-        return None
-    left = flint.arb_mat(table[np.ix_(rest, pivots)].tolist()) * solution
-    return solution, [table[i, c] - left[k, j] for k, i in enumerate(rest) for j, c in enumerate(others)]
-
-
-def independent_rows(table: npt.NDArray[Any]) -> tuple[list[int], list[int]]:
-    """As many rows as there are columns, the most independent ones, and the others."""
-    doubles = np.array([[float(x.mid()) for x in row] for row in table]).reshape(table.shape)
-    order = pivoted_qr(doubles.T)[1]
-    return [int(k) for k in order[: table.shape[1]]], [int(k) for k in order[table.shape[1] :]]
-
-
 def _split(mode: Mode, columns: int) -> tuple[list[int], list[int]]:
     """The columns that are representatives in a mode, and the others."""
     return [k for k in range(columns) if k not in mode.dependence], list(mode.dependence)
@@ -236,10 +217,3 @@ def _split(mode: Mode, columns: int) -> tuple[list[int], list[int]]:
 
 def _same(value: float, mark: float) -> bool:
     return abs(value - mark) < _SAME_MARK * max(1.0, abs(mark))
-
-
-def vanishes(x: Any, bits: int) -> bool | None:
-    """Whether a ball holds zero and little else; None if it holds much else, too."""
-    if not x.contains(0):
-        return False
-    return True if float(x.abs_upper()) < 2.0 ** (-bits / 4) else None

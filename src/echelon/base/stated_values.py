@@ -15,7 +15,7 @@ from itertools import combinations, product
 import numpy as np
 
 from echelon.base.matrix import BaseMatrix
-from echelon.base.structure import Structure, find_structure, in_balls
+from echelon.base.structure import Structure, find_structure, stated_in_balls
 from echelon.errors import DegenerateSampleError, EchelonError, InputError, OtherModeError, SingularPoseError
 from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle, decimal_text
 from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator
@@ -213,7 +213,7 @@ def stated_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structur
     try:
         return find_structure(own, rng)
     except (OtherModeError, SingularPoseError) as error:
-        return in_balls(own, rng, error)[1]
+        return stated_in_balls(own, rng, error)[1]
 
 
 def at_values(matrix: BaseMatrix, values: StatedValues) -> BaseMatrix:

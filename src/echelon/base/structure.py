@@ -17,7 +17,7 @@ from operator import matmul
 import numpy as np
 
 from echelon.arrays import one_thread
-from echelon.base.in_balls import BallRelations, ball_relations
+from echelon.base.ball_relations import BallRelations, ball_relations
 from echelon.base.modes import Dependence, InMode, Mode, find_modes, in_mode
 from echelon.base.own_mode import OwnPose
 from echelon.errors import (
@@ -109,7 +109,7 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator, search: float
     SingularPoseError if no closed pose modulo a prime is found, with at most so many numbers added for it.
     """
     if mechanism.closed_in_balls:
-        return _in_balls(mechanism)
+        return _from_balls(mechanism)
     by_joint = _dependent_by_joint(mechanism, rng)
     local = {column for columns in by_joint.values() for column in columns}
     remaining = [c for c in range(len(mechanism.parameters)) if c not in local]
@@ -135,7 +135,7 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator, search: float
     return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, ranks, accepted, order)
 
 
-def in_balls(mechanism: Mechanism, rng: np.random.Generator, error: EchelonError) -> tuple[Mechanism, Structure]:
+def stated_in_balls(mechanism: Mechanism, rng: np.random.Generator, error: EchelonError) -> tuple[Mechanism, Structure]:
     """A mechanism with loops as it is stated, and its structure, in ball arithmetic; the error if that cannot be."""
     stated = replace(as_stated(mechanism) if mechanism.closed_at else mechanism, closed_in_balls=True)
     try:
@@ -144,7 +144,7 @@ def in_balls(mechanism: Mechanism, rng: np.random.Generator, error: EchelonError
         raise error from None
 
 
-def _in_balls(mechanism: Mechanism) -> Structure:
+def _from_balls(mechanism: Mechanism) -> Structure:
     found = ball_relations(mechanism)
     by_robot = {column: tuple(combination) for column, combination in found.columns.items()}
     return Structure(len(mechanism.parameters), found.pivots, {}, by_robot, balls=found)

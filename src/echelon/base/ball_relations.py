@@ -15,9 +15,10 @@ import flint
 import numpy as np
 
 from echelon.arrays import Floats, independent_columns
-from echelon.base.ball_rows import Balls, rounded
+from echelon.base.ball_rows import Balls
+from echelon.base.ball_tables import combinations_of, doubles, rounded, vanishes
 from echelon.base.matrix import StatedNumbers
-from echelon.base.own_mode import BITS, OwnPose, independent_rows, vanishes
+from echelon.base.own_mode import BITS, OwnPose
 from echelon.errors import SingularPoseError, UnknownRelationsError
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.closed_pose import shown_loops
@@ -121,13 +122,13 @@ class _Elimination:
         pivots, rest, largest, faint, size = list[int](), self.table[:, left], 0.0, 0, 0.0
         while True:
             new = [left[k] for k in independent_columns(_scaled(rest), _FIRM)]
-            shown = float(np.abs(_doubles(rest)).max(initial=0.0))
+            shown = float(np.abs(doubles(rest)).max(initial=0.0))
             largest = largest or shown
             if shown < _FAINT * largest:
                 faint, size = faint + len(new), max(size, shown / largest)
             pivots += new
             left = [column for column in left if column not in new]
-            solved = self._solved(pivots, left)
+            solved = combinations_of(self.table, pivots, left, _CHECKED)
             if not new or solved is None:
                 return None
             solution, rest = solved
@@ -139,28 +140,10 @@ class _Elimination:
             if False not in zero:
                 return None
 
-    def _solved(self, pivots: Sequence[int], others: Sequence[int]) -> tuple[Any, Balls] | None:
-        """Columns as combinations of others, and what is left of them in further rows."""
-        square, further = independent_rows(self.table[:, pivots])
-        further = further[:_CHECKED]
-        try:
-            solution = self._part(square, pivots).solve(self._part(square, others))
-        except ZeroDivisionError:
-            return None
-        left = self._part(further, others) - self._part(further, pivots) * solution
-        return solution, np.array(left.entries(), dtype=object).reshape(len(further), len(others))
-
-    def _part(self, rows: Sequence[int], columns: Sequence[int]) -> Any:
-        return flint.arb_mat(len(rows), len(columns), self.table[np.ix_(rows, columns)].ravel().tolist())
-
-
-def _doubles(balls: Balls) -> Floats:
-    return np.array([float(x.mid()) for x in balls.flat]).reshape(balls.shape)
-
 
 def _scaled(balls: Balls) -> Floats:
     """Columns in doubles of size one, but for those that vanish."""
-    table = _doubles(balls)
+    table = doubles(balls)
     sizes = np.abs(table).max(axis=0, initial=0.0)
     scaled: Floats = table / np.maximum(sizes, max(_SMALLEST * sizes.max(initial=0.0), np.finfo(float).tiny))
     return scaled

@@ -1,0 +1,75 @@
+"""Tables of balls: columns as combinations of others, what counts as zero, and balls as decimals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any
+
+import flint
+import numpy as np
+
+from echelon.arrays import Floats, pivoted_qr
+from echelon.base.ball_rows import Balls
+from echelon.exact.polynomial import Number
+
+_DIGITS = 40
+
+
+def doubles(table: Balls) -> Floats:
+    """The middles of balls."""
+    return np.array([float(x.mid()) for x in table.flat]).reshape(table.shape)
+
+
+def independent_rows(table: Balls) -> tuple[list[int], list[int]]:
+    """As many rows as there are columns, the most independent ones, and the others."""
+    order = pivoted_qr(doubles(table).T)[1]
+    return [int(k) for k in order[: table.shape[1]]], [int(k) for k in order[table.shape[1] :]]
+
+
+def combinations_of(
+    table: Balls, pivots: Sequence[int], others: Sequence[int], most: int | None = None
+) -> tuple[Any, Balls] | None:
+    """Columns as combinations of others, (pivots, others), and what is left of them in further rows, perhaps few.
+
+    None if the precision does not show the pivots to be independent.
+    """
+
+    def part(rows: Sequence[int], columns: Sequence[int]) -> Any:
+        return flint.arb_mat(len(rows), len(columns), table[np.ix_(rows, columns)].ravel().tolist())
+
+    square, further = independent_rows(table[:, pivots])
+    further = further[:most]
+    try:
+        solution = part(square, pivots).solve(part(square, others))
+    except ZeroDivisionError:
+        return None
+    left = part(further, others) - part(further, pivots) * solution
+    return solution, np.array(left.entries(), dtype=object).reshape(len(further), len(others))
+
+
+def vanishes(x: Any, bits: int) -> bool | None:
+    """Whether a ball holds zero and little else; None if it holds much else, too."""
+    if not x.contains(0):
+        return False
+    return True if float(x.abs_upper()) < 2.0 ** (-bits / 4) else None
+
+
+def ball_error(x: Any) -> float:
+    """The radius of a ball."""
+    return float(x.rad())
+
+
+def rounded(values: Sequence[Any]) -> tuple[list[Number], float]:
+    """Values to a fixed number of digits, and the largest error."""
+    rounded: list[Number] = []
+    radius = 0.0
+    for value in values:
+        if value.contains(0):  # it is smaller than the error allowed before
+            rounded.append(0)
+            radius = max(radius, float(abs(value).upper()))
+            continue
+        decimal = Fraction(value.mid().str(_DIGITS, radius=False))
+        rounded.append(decimal.numerator if decimal.denominator == 1 else decimal)
+        radius = max(radius, abs(float(decimal)) * 10.0 ** (1 - _DIGITS) + ball_error(value))
+    return rounded, radius
