@@ -105,11 +105,11 @@ def test_too_many_representatives_are_refused() -> None:
 def test_rounded_relations_are_doubted() -> None:
     """To the letter, digits of doubles break relations that are kept where fourteen digits count."""
     mechanism = ec.load(LOOPS / "battobot/robot.yaml")
-    assert not specialised(in_balls(mechanism), random_generator(1)).undecided
+    assert not specialised(in_balls(mechanism), random_generator(1)).doubt
     to_the_letter = specialised(in_balls(ec.load(LOOPS / "battobot/robot.yaml", snap_tolerance=0)), random_generator(1))
     assert to_the_letter.structure.rank > 154
-    assert "base parameters hardly show" in to_the_letter.undecided
-    assert "there are 154" in to_the_letter.undecided
+    assert "base parameters hardly show" in to_the_letter.doubt
+    assert "there are 154" in to_the_letter.doubt
 
 
 def test_loops_without_a_pose_modulo_primes_are_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -127,6 +127,15 @@ def test_a_long_search_ends_in_balls(monkeypatch: pytest.MonkeyPatch) -> None:
     base = ec.base_parameters(ec.load(LOOPS / "five_bar/robot.yaml"))
     assert base.rank == 14
     assert base.certificate.in_balls
+
+
+def test_signs_are_those_of_random_states() -> None:
+    text = (EXAMPLES / "loops/four_bar.yaml").read_text()
+    mechanism = ec.load(f"{text}\neffects:\n  - {{type: coulomb, at: all, side: joint}}\n")
+    base = ec.base_parameters(in_balls(mechanism))
+    assert base.rank == ec.base_parameters(mechanism).rank
+    assert "Regions of signs" in base.certificate.assumptions
+    assert "signs as they are at random states" in str(base.certificate)
 
 
 def test_exponentials_are_refused() -> None:

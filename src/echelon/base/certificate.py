@@ -36,6 +36,7 @@ from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField, Residu
 from echelon.exact.polynomial import Number, is_trigonometric, multiple_of
 from echelon.mechanism.stated import GENERAL, StatedValues
 from echelon.program.arithmetics import ball
+from echelon.program.operations import Op
 from echelon.program.schedule import FieldSampler, Size, polynomial_size, size_bound
 from echelon.regressor.linear_forms import LinearForms
 from echelon.regressor.loops.curves import CurveSampler
@@ -136,6 +137,7 @@ class Certificate:
             return (
                 f"rank {self.rank} proved from below by a non-zero minor in ball arithmetic; completeness X·N = 0 "
                 f"checked in ball arithmetic at {_BALL_STATES} closed states{rest}"
+                f"{f', {self.regions_note}' if self.regions_note else ''}"
             )
         count = len(self.identity_primes)
         how = f"modulo {count} primes of {CERTIFICATE_BITS} bits, error probability below 1e{int(self.log10_error)}"
@@ -169,7 +171,7 @@ def certify(
     """Check a base parameter set against a regressor."""
     _check_echelon(matrix)
     found = _certified(regressor, matrix, seed, values)
-    regions, note = (0, "") if found.in_balls else regressor.sampler().signs
+    regions, note = (0, _signs_seen(regressor)) if found.in_balls else regressor.sampler().signs
     certificate = replace(found, modes=modes, regions=regions, regions_note=note)
     if matrix.numbers is None:
         return certificate
@@ -237,6 +239,13 @@ def _certified_in_balls(regressor: LinearForms, matrix: BaseMatrix, seed: int, r
         if flint.arb_mat(rows[square].tolist()).det().contains(0):
             raise CertificateError(f"the set is too large: its {matrix.rank} representatives are not independent")
     return Certificate(matrix.rank, seed, 0, states, (), 0, 0.0, at_values=True)
+
+
+def _signs_seen(regressor: LinearForms) -> str:
+    """What is said of regions of signs where states are random; empty without signs."""
+    program = regressor.program
+    functions = {program.ops[node] for node in program.needed(regressor.entries.values())}
+    return "signs as they are at random states" if functions & {Op.SIGN, Op.ABS} else ""
 
 
 def _require(minor: Minor, matrix: BaseMatrix) -> None:

@@ -153,8 +153,8 @@ def base_parameters(
     certificate = certify(forms, matrix, seed, None if generic else stated_values(own), structure.modes)
     stated_rank = structure.rank if found.special is None else found.special.rank
     reading = report_reading(mechanism, stated_rank, rng, recorded, None if generic else matrix)
-    if found.undecided:
-        reading = replace(reading, doubt=found.undecided)
+    if found.doubt:
+        reading = replace(reading, doubt=found.doubt)
     return BaseModel(own, matrix, certificate, reading, seed, found.special, generic)
 
 
@@ -229,7 +229,7 @@ def base_structure(mechanism: Mechanism, *, generic: bool = False, seed: int = D
     Structure
     """
     answer = specialised(mechanism, random_generator(seed), generic=generic)
-    if doubt := answer.undecided or doubt_of_loops(answer.mechanism, answer.structure.rank):
+    if doubt := answer.doubt or doubt_of_loops(answer.mechanism, answer.structure.rank):
         warnings.warn(doubt, DoubtWarning, stacklevel=2)
     return answer.structure
 
@@ -244,7 +244,7 @@ class SpecialisedMechanism:
     mechanism: Mechanism
     structure: Structure  # for general values of the symbols that are left, which is that at the stated values
     special: SpecialValues | None = None  # none where the stated values are like any others
-    undecided: str = ""  # why the structure at the stated values could not be found; empty if it was
+    doubt: str = ""  # what speaks against it: the structure at the stated values was not found, or rounding shows
 
 
 def specialised(
@@ -263,7 +263,7 @@ def specialised(
 
 
 def _doubted(mechanism: Mechanism, structure: Structure) -> SpecialisedMechanism:
-    return SpecialisedMechanism(mechanism, structure, undecided=structure.balls.doubt if structure.balls else "")
+    return SpecialisedMechanism(mechanism, structure, doubt=structure.balls.doubt if structure.balls else "")
 
 
 def _specialised(
@@ -285,7 +285,7 @@ def _specialised(
             return SpecialisedMechanism(mechanism, structure)
         at_values, undecided = _at_values(mechanism, rng)
     if at_values is None:
-        return SpecialisedMechanism(mechanism, structure, undecided=undecided)
+        return SpecialisedMechanism(mechanism, structure, doubt=undecided)
     if at_values.pivots == structure.pivots:
         return SpecialisedMechanism(mechanism, structure)
 

@@ -138,7 +138,7 @@ def _rank_text(answer: SpecialisedMechanism, mimics: MimicRanks | None, moved: A
     if moved is not None:
         lines.append(f"assembly pose: {moved}")
     lines += [f"note: {note}" for note in mechanism_notes(robot)]
-    if doubt := answer.undecided or doubt_of_loops(robot, structure.rank):
+    if doubt := answer.doubt or doubt_of_loops(robot, structure.rank):
         lines.append(f"doubt: {doubt}")
     if len(structure.modes) > 1:
         ranks = ", ".join(map(str, structure.modes))
