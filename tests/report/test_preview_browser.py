@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from echelon.report.preview import preview_html
-from support.browser import Browser, check_buttons, plots
+from support.browser import Browser, check_buttons
 from support.preview_pages import broken, hostile, trajectory
 
 # virtual time runs timers, but hardly draws frames: these come from timers too
@@ -93,9 +93,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> dict:
 )
 def test_draws_without_complaint(kind: str, tmp_path: Path) -> None:
     """Plots are there, the console is silent, and nothing from a file became an element."""
-    dom, said = BROWSER.browse(tmp_path, html_of(kind), "--window-size=1280,5000", "--dump-dom")
-    assert said == []
-    assert plots(dom) == 3
+    assert BROWSER.drawn(tmp_path, html_of(kind), "1280,5000") == 3
 
 
 def test_the_robot_moves_and_stops(driven: dict) -> None:

@@ -38,6 +38,16 @@ class Browser:
         said = [line for line in done.stderr.decode(errors="replace").splitlines() if "CONSOLE" in line]
         return done.stdout.decode(), said
 
+    def drawn(self, folder: Path, html: str, window: str) -> int:
+        """How many plots a page has that says nothing; a busy browser may dump it before it has drawn."""
+        count = 0
+        for _ in range(3):
+            dom, said = self.browse(folder, html, f"--window-size={window}", "--dump-dom")
+            assert said == []
+            if count := plots(dom):
+                break
+        return count
+
     def drive(self, folder: Path, html: str, driver: str, window: str) -> dict[str, Any]:
         """What a driver at the page's end found out and left there as JSON, in ``<output id="result">``."""
         html = html.replace("</body>", driver + "</body>")
