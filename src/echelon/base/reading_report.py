@@ -101,8 +101,8 @@ def report_reading(
     mimics, moved = mimic_ranks(mechanism, rank, rng), assembled(mechanism) if mechanism.closures else None
     report = ReadingReport(snaps, notes, mimics=mimics, assembled=moved)
     coarse = [snap for snap in snaps if snap.difference > ROUNDING]
-    if reading is None or not coarse:
-        return replace(report, doubt=_doubt(mechanism, recorded, rank, rank, matrix))
+    if reading is None or not coarse:  # to double precision, the numbers as they are read are those of the file
+        return replace(report, doubt=_doubt(mechanism, recorded, rank, rank, matrix, mechanism))
     try:
         literal = reading.literal()
         literal_rank = stated_structure(literal, rng).rank
@@ -145,7 +145,7 @@ def doubt_of_loops(mechanism: Mechanism, rank: int) -> str:
     if coarse:
         doubt = _faint(mechanism, rank, coarse)
     else:
-        doubt = _doubt(mechanism, None, rank, rank, None) if inexact_symbols(mechanism) else ""
+        doubt = _doubt(mechanism, None, rank, rank, None, mechanism) if inexact_symbols(mechanism) else ""
     # rounding may have locked what is meant to move, but not where lengths have names and frames are as they are stated
     rounded = has_values(mechanism) and (mechanism.closed_at or not symbol_roles(mechanism).lengths)
     return doubt or "".join(nearly_free(mechanism) if rounded else ())
@@ -157,12 +157,12 @@ def _doubt(
     literal: int,
     intended: int,
     matrix: BaseMatrix | None,
-    as_stated: Mechanism | None = None,
+    as_stated: Mechanism,
 ) -> str:
     """The float ranks of the literal numbers, if none of them is the expected one; else empty.
 
     Snaps explain all ranks from the intended one to the literal one: what they move by little shows little.
-    ``as_stated`` is the literal reading where it is at hand.
+    ``as_stated`` has the literal numbers, as far as they differ in double precision.
     """
     low, high = sorted((literal, intended))
     columns, where = None, ""
@@ -177,9 +177,7 @@ def _doubt(
     if high > _LARGEST_RANK:
         return f"not compared with float ranks, as {high} is more than {_LARGEST_RANK}"
     try:
-        found = numeric_ranks(
-            as_stated or mechanism, literal=as_stated is None, near=high, recorded=recorded, columns=columns
-        )
+        found = numeric_ranks(as_stated, literal=False, near=high, recorded=recorded, columns=columns)
     except InputError:  # values are missing, or loops do not close at the stated ones
         return ""
     widest = found.widest_gap()

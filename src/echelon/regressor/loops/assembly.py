@@ -8,9 +8,9 @@ steps that are small enough to stay on one of them.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -21,7 +21,9 @@ from echelon.mechanism.closed_pose import loop_motions
 from echelon.mechanism.joint import MotionKind
 from echelon.regressor.loops.closed_motion import (
     RANK_TOLERANCE,
+    REMEMBERED,
     ClosedMotion,
+    Known,
     largest,
     normalised,
     places,
@@ -33,7 +35,6 @@ NEARLY_FREE = 1e-2
 
 _RESIDUAL = 1e-12  # of the characteristic length
 _ITERATIONS = 100
-_REMEMBERED = 8
 _LONGEST = 0.5  # of one Gauss–Newton step, rad or characteristic lengths
 _FLOOR = 1e-12  # of the damping: the steps stay finite where constraints are redundant
 STRIDE, _SHORTEST = 0.1, 1e-4  # of a step on the way to given coordinates, rad or characteristic lengths
@@ -114,9 +115,6 @@ class OpenLoopsError(InputError):
         self.pose, self.size = pose, size
 
 
-_nearest: dict[Hashable, Floats] = {}  # closed poses by what moves; one derivation asks for them from many places
-
-
 class Assembly(ClosedMotion):
     """Closed configurations, and motion there."""
 
@@ -131,13 +129,10 @@ class Assembly(ClosedMotion):
         mechanism = self.mechanism
         values = (mechanism.symbols, mechanism.assembly, self.symbols or {})
         moving = (mechanism.bodies, mechanism.couplings, mechanism.closures, *(frozenset(v.items()) for v in values))
-        if moving not in _nearest:
-            if len(_nearest) == _REMEMBERED:
-                del _nearest[next(iter(_nearest))]
-            _nearest[moving] = self._found()
-        return _nearest[moving].copy()
+        return _nearest(Known(moving, self)).copy()
 
-    def _found(self) -> Floats:
+    def nearest(self) -> Floats:
+        """The same, found anew."""
         q, done = self.closed(self._stated[None])
         if not done[0] or self._distances(q)[0].max(initial=0.0) > _FAR:
             # a pose in which the links are in line leads nowhere or far, so disturbances of it are tried, too
@@ -389,6 +384,11 @@ class Assembly(ClosedMotion):
         if not done[0]:
             problem = self.opening(self.closures.at(nearest)[0][0])
         raise InputError(f"the loops cannot be closed at the independent positions of sample {sample}: {problem}")
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _nearest(known: Known[Assembly]) -> Floats:
+    return known.subject.nearest()
 
 
 def _random_motion(rng: np.random.Generator, across: Floats, size: float) -> Floats:

@@ -64,9 +64,9 @@ class _Jacobian:
         return table
 
     def times(self, x: Balls) -> Balls:
-        """Rates of the equations, (equations, poses), from those of freedoms."""
-        total = _zeros((self.shape[0], x.shape[1]))
-        np.add.at(total, self.rows, self.values * x[self.columns])
+        """Rates of the equations, (equations, motions, poses), from those of freedoms."""
+        total = _zeros((self.shape[0], *x.shape[1:]))
+        np.add.at(total, self.rows, self.values[:, None] * x[self.columns])
         return total
 
     def chosen(self, given: Sequence[int] = ()) -> _Choice:
@@ -81,15 +81,16 @@ class _Jacobian:
         return found
 
     def completed(self, chosen: _Choice, free: Balls, bias: Balls | int = 0) -> Balls:
-        """x (freedoms, poses) with J x + bias = 0, of which those that are not solved for are given."""
+        """x (freedoms, motions, poses) with J x + bias = 0, of which those that are not solved for are given."""
         result, dense = free.copy(), self.dense
         for pose, (_, columns) in enumerate(chosen):
-            result[columns, pose] = flint.arb(0)
+            result[columns, :, pose] = flint.arb(0)
         opening = self.times(result) + bias
         for pose, (rows, columns) in enumerate(chosen):
             if rows:
                 square = flint.arb_mat(dense[np.ix_(rows, columns)][..., pose].tolist())
-                result[columns, pose] = square.solve(flint.arb_mat([[-x] for x in opening[rows, pose]])).entries()
+                solved = square.solve(flint.arb_mat((-opening[rows, :, pose]).tolist()))
+                result[columns, :, pose] = np.array(solved.entries(), dtype=object).reshape(len(columns), -1)
         return result
 
 
@@ -110,26 +111,25 @@ class ClosedBalls:
 
     def leaves(self, schedule: Schedule, rng: np.random.Generator, motions: int = 1) -> dict[int, Balls]:
         """Values of a schedule's leaves, (motions · poses,), at some random motions through each of the poses."""
-        q, chosen = self.poses
         names = {n: self.program.inputs[n].name for n in {*schedule.leaves, *self._speeds.leaves}}
-        jacobian = self._closure(q, self._names)[1]
-        found = [self._moving(q, jacobian, chosen, sorted(set(names.values())), rng) for _ in range(motions)]
-        return {node: np.concatenate([values[names[node]] for values in found]) for node in schedule.leaves}
+        values = self._moving({*names.values()}, rng, motions)
+        return {node: values[names[node]] for node in schedule.leaves}
 
-    def _moving(
-        self, q: Values, jacobian: _Jacobian, chosen: _Choice, names: Sequence[str], rng: np.random.Generator
-    ) -> Values:
-        """Values of inputs at a random motion through each pose."""
-        shape = (len(self._names), len(chosen))
+    def _moving(self, names: set[str], rng: np.random.Generator, motions: int) -> Values:
+        """Values of inputs, (motions · poses,), at random motions through the poses."""
+        there, chosen = self.poses
+        jacobian, q = self._closure(there, self._names)[1], {name: np.tile(x, motions) for name, x in there.items()}
+        shape, count = (len(self._names), motions, len(chosen)), motions * len(chosen)
         rates = jacobian.completed(chosen, random_balls(rng, shape))
-        values = _inputs("q", q) | _inputs("qd", dict(zip(self._names, rates, strict=True)))
+        values = _inputs("q", q) | _inputs("qd", _flat(self._names, rates))
         if any(name.startswith("qdd[") for name in names):
-            found = jacobian.completed(chosen, random_balls(rng, shape), self._bias(q, rates))
-            values |= _inputs("qdd", dict(zip(self._names, found, strict=True)))
-        values |= {name: random_balls(rng, shape[1:]) for name in names if name not in {*values, *self.symbols}}
-        values |= {name: np.array([x] * len(chosen), dtype=object) for name, x in self.symbols.items()}
+            bias = self._bias(q, _flat(self._names, rates)).reshape(-1, *shape[1:])
+            found = jacobian.completed(chosen, random_balls(rng, shape), bias)
+            values |= _inputs("qdd", _flat(self._names, found))
+        values |= {n: random_balls(rng, (count,)) for n in sorted(names) if n not in {*values, *self.symbols}}
+        values |= {name: np.array([x] * count, dtype=object) for name, x in self.symbols.items()}
         if any(name.startswith("v[") for name in names):
-            values |= _inputs("v", self._virtual(q, values, rng, len(chosen)))
+            values |= _inputs("v", self._virtual(there, values, rng, motions))
         return values
 
     # -- poses -----------------------------------------------------------------------------------------------------
@@ -145,13 +145,13 @@ class ClosedBalls:
     def _poses(self) -> tuple[Values, _Choice]:
         names = self.loops.mechanism.positions
         q: Values = {n: np.array([flint.arb(x) for x in self._real[f"q[{n}]"].tolist()], dtype=object) for n in names}
-        none = _zeros((len(self._names), len(q[names[0]])))
-        q = self._moved(q, none)
+        none = _zeros((len(self._names), 1, len(q[names[0]])))
+        q = self._moved(q, none[:, 0])
         chosen, size = _Choice(), flint.arb(0)
         for _ in range(_ITERATIONS):
             values, jacobian = self._closure(q, self._names)
             chosen = chosen or jacobian.chosen()
-            step = _middle(jacobian.completed(chosen, none, values))
+            step = _middle(jacobian.completed(chosen, none, values[:, None])[:, 0])
             q = {name: _middle(x) for name, x in self._moved(q, step).items()}
             size = max((abs(x).upper() for x in step.flat), default=flint.arb(0))
             if size < _power_of_two(-(flint.ctx.prec // 2)):
@@ -218,26 +218,27 @@ class ClosedBalls:
         rows, columns = np.array([row for _, row, _ in places]), np.array([names.index(name) for *_, name in places])
         return found[:count], _Jacobian((count, len(names)), rows, columns, found[[count + k for k, *_ in places]])
 
-    def _bias(self, q: Values, rates: Balls) -> Balls:
-        """J̇ q̇ for every equation, from the first two coefficients along the motion."""
-        speeds = dict(zip(self._names, rates, strict=True))
+    def _bias(self, q: Values, speeds: Values) -> Balls:
+        """J̇ q̇ for every equation, (equations, poses), from the first two coefficients along the motion."""
         changes = dict(speeds)
         for positions, velocities in self._balls:
             turned = quaternion_times([q[name] for name in positions], [speeds[name] / 2 for name in velocities])
             changes |= dict(zip(positions, turned, strict=True))
         jacobian = self._closure({name: _series(x, changes[name]) for name, x in q.items()}, self._names)[1]
-        return replace(jacobian, values=_slope(jacobian.values)).times(rates)
+        rates = np.array([speeds[name] for name in self._names], dtype=object)
+        return replace(jacobian, values=_slope(jacobian.values)).times(rates[:, None])[:, 0]
 
-    def _virtual(self, q: Values, values: Values, rng: np.random.Generator, poses: int) -> Values:
-        """Virtual velocities that keep the loops closed."""
+    def _virtual(self, q: Values, values: Values, rng: np.random.Generator, motions: int) -> Values:
+        """Virtual velocities that keep the loops closed, at motions through poses."""
         speeds = list(self.loops.speeds or ())
         names = [*self._names, *(name for name in speeds if name not in self._names)]
-        given = [names.index(name) for name in speeds]
-        free = random_balls(rng, (len(names), poses)) if self.loops.speeds is None else _zeros((len(names), poses))
+        given, shape = [names.index(name) for name in speeds], (len(names), motions, len(next(iter(q.values()))))
+        free = random_balls(rng, shape) if self.loops.speeds is None else _zeros(shape)
         if given:
-            free[given] = self._run(self._speeds, values)
+            free[given] = self._run(self._speeds, values).reshape(-1, *shape[1:])
         jacobian = self._closure(q, names)[1]
-        return dict(zip(names, jacobian.completed(jacobian.chosen(given), free), strict=True))
+        found = jacobian.completed(jacobian.chosen(given), free)
+        return _flat(names, found)
 
     def _run(self, schedule: Schedule, values: Values) -> Balls:
         poses, leaves = len(next(iter(values.values()))), dict[int, Balls]()
@@ -251,6 +252,11 @@ def _independent(matrix: Floats) -> list[int]:
     """Columns that span all columns, in doubles."""
     sizes, order = pivoted_qr(matrix)
     return sorted(order[: int((sizes > _RANK * sizes.max(initial=0.0)).sum())].tolist())
+
+
+def _flat(names: Sequence[str], found: Balls) -> Values:
+    """Rates of freedoms, (freedoms, motions, poses), by name."""
+    return {name: x.ravel() for name, x in zip(names, found, strict=True)}
 
 
 def _inputs(kind: str, values: Values) -> Values:

@@ -6,10 +6,10 @@ four-bar has in space, so there may be more equations than unknowns; but their r
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
-from functools import cached_property
-from typing import NoReturn
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from typing import Generic, NoReturn, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -28,11 +28,15 @@ from echelon.regressor.steps import Probes, Recorder, cut_names, quaternion_time
 RANK_TOLERANCE = 1e-6
 """Singular values below this part of the largest one count as zero."""
 
+REMEMBERED = 8
+"""Of how many mechanisms what takes time is kept."""
+
 CLOSED = 1e-6
 """Given states may miss the closure equations by this part of the mechanism's size."""
 
 _CONSISTENT = 1e-4  # redundant constraints of states that are closed roughly agree roughly
 
+T = TypeVar("T")
 _Numbers = npt.NDArray[np.inexact]
 
 _BLOCK = 1024  # samples evaluated together, so that the table of intermediate values stays small
@@ -41,6 +45,24 @@ _STEP = 1e-30  # of a complex step: its square vanishes against 1, and nothing i
 
 class _ComplexArithmetic(FloatArithmetic):
     dtype: npt.DTypeLike = np.complex128
+
+
+@dataclass(frozen=True)
+class Known(Generic[T]):
+    """A subject that is known again by a part of it: one derivation asks for the same things from many places."""
+
+    part: Hashable
+    subject: T = field(compare=False)
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _recorded(known: Known[Mechanism]) -> tuple[ClosureEquations, Schedule]:
+    recorder = Recorder(known.subject, Program())
+    return _scheduled(record_closures(known.subject, recorder, Probes(known.subject, recorder)))
+
+
+def _scheduled(equations: ClosureEquations) -> tuple[ClosureEquations, Schedule]:
+    return equations, Schedule(equations.program, [*equations.equations, *equations.jacobian.values()])
 
 
 class ClosureValues:
@@ -56,10 +78,8 @@ class ClosureValues:
         equations: ClosureEquations | None = None,
     ) -> None:
         self.mechanism = mechanism
-        if equations is None:
-            recorder = Recorder(mechanism, Program())
-            equations = record_closures(mechanism, recorder, Probes(mechanism, recorder))
-        self._schedule = Schedule(equations.program, [*equations.equations, *equations.jacobian.values()])
+        moving = Known((mechanism.bodies, mechanism.couplings, mechanism.closures, mechanism.measured), mechanism)
+        equations, self._schedule = _recorded(moving) if equations is None else _scheduled(equations)
         used = [equations.program.inputs[n] for n in self._schedule.leaves]
         self._constants = symbol_values(mechanism, [i.name for i in used if i.role == "symbol"], symbols)
         self._columns = {f"q[{name}]": k for k, name in enumerate(mechanism.positions)}
