@@ -50,6 +50,8 @@ class BallRelations:
         How many of the representatives, the last ones, show less than a file with many digits means.
     size : float
         How much shows of these, beside the others; 0 if there are none.
+    singular : bool
+        Whether more motions are possible at the pose itself than near it, so that modes of assembly may meet there.
     """
 
     pivots: tuple[int, ...]
@@ -57,10 +59,16 @@ class BallRelations:
     meaning: StatedNumbers
     faint: int
     size: float
+    singular: bool = False
 
     @property
     def doubt(self) -> str:
         """What speaks against the number of representatives; empty if nothing does."""
+        if self.singular:
+            return (
+                "the assembly pose is singular: more motions are possible there than near it, and ways of assembly may "
+                "meet; what shows near it was counted: state a pose away from it"
+            )
         if not self.faint:
             return ""
         count = len(self.pivots)
@@ -96,7 +104,7 @@ def ball_relations(mechanism: Mechanism, order: Sequence[int] | None = None) -> 
         with flint.ctx.workprec(bits):
             found = _Elimination(table, bits).done(range(count) if order is None else order)
             if found is not None:
-                return _relations(found, value_texts(mechanism, all_symbols(mechanism)))
+                return _relations(found, value_texts(mechanism, all_symbols(mechanism)), pose.is_singular)
     raise SingularPoseError(f"{shown_loops(mechanism)} are not known to close in ball arithmetic")
 
 
@@ -149,7 +157,7 @@ def _scaled(balls: Balls) -> Floats:
     return scaled
 
 
-def _relations(found: _Found, at: Mapping[str, str]) -> BallRelations:
+def _relations(found: _Found, at: Mapping[str, str], singular: bool) -> BallRelations:
     values, radius = rounded(found.solution.ravel().tolist())
     table = np.array(values, dtype=object).reshape(found.solution.shape)
     columns = {
@@ -157,4 +165,4 @@ def _relations(found: _Found, at: Mapping[str, str]) -> BallRelations:
         for k, column in enumerate(found.others)
     }
     meaning = StatedNumbers(tuple(sorted(found.others)), at, radius)
-    return BallRelations(tuple(found.pivots), columns, meaning, found.faint, found.size)
+    return BallRelations(tuple(found.pivots), columns, meaning, found.faint, found.size, singular)

@@ -26,14 +26,21 @@ def stated_generators(generators: Iterable[str], at: Mapping[str, str]) -> dict[
 
 
 def ball_rows(
-    forms: LinearForms, at: Mapping[str, str], states: int, rng: np.random.Generator, motions: int = 1
+    forms: LinearForms,
+    at: Mapping[str, str],
+    states: int,
+    rng: np.random.Generator,
+    motions: int = 1,
+    *,
+    at_rest: bool = False,
 ) -> Balls:
-    """Entries of forms at random states."""
+    """Entries of forms at random states; with loops there are some motions at each pose, perhaps from rest."""
     schedule = Schedule(forms.program, list(forms.entries.values()))
     if forms.loops is None:
         leaves = _free_states(forms, schedule, at, states, rng)
     else:
-        leaves = _closed_states(forms, schedule, at, -(-states // motions), rng, motions)
+        real = forms.loops.real(rng, -(-states // motions))
+        leaves = ClosedBalls(forms.program, forms.loops, at, real).leaves(schedule, rng, motions, at_rest=at_rest)
         states = -(-states // motions) * motions
     found = schedule.run(BallArithmetic(), leaves, states)
     table = np.full((states, *forms.shape), flint.arb(0), dtype=object)
@@ -58,14 +65,6 @@ def _free_states(
         points = np.array([_sphere(rng, len(group)) for _ in range(states)], dtype=object).T
         leaves |= {node: point for node, point in zip(group, points, strict=True) if node in leaves}
     return leaves
-
-
-def _closed_states(
-    forms: LinearForms, schedule: Schedule, at: Mapping[str, str], poses: int, rng: np.random.Generator, motions: int
-) -> dict[int, Balls]:
-    assert forms.loops is not None
-    real = forms.loops.real(rng, poses)
-    return ClosedBalls(forms.program, forms.loops, at, real).leaves(schedule, rng, motions)
 
 
 def _sphere(rng: np.random.Generator, size: int) -> list[Any]:

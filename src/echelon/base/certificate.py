@@ -231,14 +231,17 @@ def _certified_in_balls(regressor: LinearForms, matrix: BaseMatrix, seed: int, r
     assert regressor.loops is not None
     if wrong := {c for row in matrix.rows for c in row} - {*matrix.pivots, *matrix.numbers.columns}:
         raise CertificateError(f"the coefficients of {matrix.parameters[min(wrong)]} are not said to be numbers")
-    states = -(-(matrix.rank + _SURPLUS) // regressor.shape[0])
-    motions = max(1, len(regressor.loops.mechanism.independent_velocities))
-    with flint.ctx.workprec(_BALL_BITS):
-        rows = ball_rows(regressor.columns(matrix.pivots), matrix.numbers.at, states, rng, motions)
-        square, _ = independent_rows(rows)
-        if flint.arb_mat(rows[square].tolist()).det().contains(0):
-            raise CertificateError(f"the set is too large: its {matrix.rank} representatives are not independent")
-    return Certificate(matrix.rank, seed, 0, states, (), 0, 0.0, at_values=True)
+    mechanism, pivots = regressor.loops.mechanism, regressor.columns(matrix.pivots)
+    motions = max(1, len(mechanism.independent_velocities))
+    # the mass matrix and gravity show at rest, which takes less time; all other forces of bodies follow from them
+    for at_rest in (True, False) if mechanism.measures_every_force and not mechanism.effects else (False,):
+        states = (1 + at_rest) * -(-(matrix.rank + _SURPLUS) // regressor.shape[0])
+        with flint.ctx.workprec(_BALL_BITS):
+            rows = ball_rows(pivots, matrix.numbers.at, states, rng, motions, at_rest=at_rest)
+            square, _ = independent_rows(rows)
+            if not flint.arb_mat(rows[square].tolist()).det().contains(0):
+                return Certificate(matrix.rank, seed, 0, states, (), 0, 0.0, at_values=True)
+    raise CertificateError(f"the set is too large: its {matrix.rank} representatives are not independent")
 
 
 def _signs_seen(regressor: LinearForms) -> str:

@@ -25,7 +25,7 @@ from echelon.base.model import BaseModel
 from echelon.base.reading_report import doubt_of_loops, firm_first, report_reading
 from echelon.base.stated_columns import StatedColumns
 from echelon.base.stated_values import RelationSearch, SpecialValues, at_stated_values
-from echelon.base.structure import Structure, dependent_columns, find_structure, stated_in_balls
+from echelon.base.structure import Structure, dependent_columns, find_structure, settled_in_balls, stated_in_balls
 from echelon.errors import (
     BrokenRelationsError,
     DegenerateSampleError,
@@ -152,7 +152,8 @@ def base_parameters(
     forms = structure.on_curves(recorded if own is mechanism else virtual_power_form(own))
     certificate = certify(forms, matrix, seed, None if generic else stated_values(own), structure.modes)
     stated_rank = structure.rank if found.special is None else found.special.rank
-    reading = report_reading(mechanism, stated_rank, rng, recorded, None if generic else matrix)
+    read = own if structure.balls else mechanism  # without frames that were made to follow
+    reading = report_reading(read, stated_rank, rng, recorded, None if generic else matrix)
     if found.doubt:
         reading = replace(reading, doubt=found.doubt)
     return BaseModel(own, matrix, certificate, reading, seed, found.special, generic)
@@ -251,19 +252,21 @@ def specialised(
     mechanism: Mechanism, rng: np.random.Generator, recorded: LinearForms | None = None, *, generic: bool = False
 ) -> SpecialisedMechanism:
     """A mechanism for its stated values, and its structure there."""
+    if (found := settled_in_balls(mechanism, rng)) is not None:
+        return _doubted(*found)
     try:
         return _specialised(mechanism, rng, recorded, generic)
     except (OtherModeError, SingularPoseError) as error:
         if isinstance(error, OtherModeError) and not mechanism.closed_at:
             with suppress(ValueError, OtherModeError, SingularPoseError):  # such as a screw that is turned there
                 return _specialised(closed_exactly(mechanism, Assembly(mechanism).pose), rng, None, generic)
-        if generic:
+        if generic or (found := stated_in_balls(mechanism, rng)) is None:
             raise
-        return _doubted(*stated_in_balls(mechanism, rng, error))
+        return _doubted(*found)
 
 
 def _doubted(mechanism: Mechanism, structure: Structure) -> SpecialisedMechanism:
-    return SpecialisedMechanism(mechanism, structure, doubt=structure.balls.doubt if structure.balls else "")
+    return SpecialisedMechanism(mechanism, structure, doubt=structure.doubt)
 
 
 def _specialised(

@@ -159,12 +159,12 @@ def _linear_facts(base: _LinearSet) -> list[tuple[str, str]]:
 def _robot_facts(model: _RobotSet) -> list[tuple[str, str]]:
     used = [model.mechanism.symbols[s] for s in model.matrix.symbols if s in model.mechanism.symbols]
     numbers, reading = model.matrix.numbers, model.reading
-    moved = "coefficients below 1e-11, from frames that were moved by rounding"
+    rounding = "coefficients below 1e-11, from rounding where loops close"
     return [
         ("symbols", ", ".join(f"{s.name} = {value_text(s.exact, s.value)}" for s in used)),
         ("stated values", model.special.text("robot") if model.special else ""),
         ("numbers", numbers_text(model, numbers) if numbers else ""),
-        ("not shown", f"{model.hidden} {moved}" if model.hidden else ""),
+        ("not shown", f"{model.hidden} {rounding}" if model.hidden else ""),
         ("read as exact", snap_summary(model) if reading.snaps else ""),
         ("mimic joints", str(reading.mimics or "")),
         ("assembly pose", str(reading.assembled or "")),

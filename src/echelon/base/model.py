@@ -101,7 +101,7 @@ class BaseSet(ABC):
         return dict(values)
 
 
-_MOVED = 1e-11  # a coefficient that frames and places moved by rounding of doubles can cause
+_ROUNDED = 1e-11  # a coefficient that rounding of doubles can cause where loops close
 
 
 @dataclass(frozen=True, repr=False)
@@ -157,17 +157,18 @@ class BaseModel(BaseSet, Evaluation):
 
     @property
     def _shown_rows(self) -> Sequence[Row]:
-        """Rows of B without what is only there because frames were moved by rounding."""
-        return [{c: v for c, v in row.items() if not self._is_moved(v)} for row in self.matrix.rows]
+        """Rows of B without what is only there because of rounding."""
+        return [{c: v for c, v in row.items() if not self._is_rounding(v)} for row in self.matrix.rows]
 
-    def _is_moved(self, coefficient: RationalFunction) -> bool:
+    def _is_rounding(self, coefficient: RationalFunction) -> bool:
         number = coefficient.numerator.number if coefficient.is_polynomial else None
-        return bool(self.mechanism.closed_at) and number is not None and abs(float(number)) < _MOVED
+        in_numbers = bool(self.mechanism.closed_at) or self.mechanism.closed_in_balls
+        return in_numbers and number is not None and abs(float(number)) < _ROUNDED
 
     @property
     def hidden(self) -> int:
-        """Number of coefficients below 1e-11, from frames that were moved by rounding, that no expression shows."""
-        return sum(self._is_moved(c) for row in self.matrix.rows for c in row.values())
+        """Number of coefficients below 1e-11, from rounding where loops close, that no expression shows."""
+        return sum(self._is_rounding(c) for row in self.matrix.rows for c in row.values())
 
     # -- B in other forms --------------------------------------------------------------------------------------
 

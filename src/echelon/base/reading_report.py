@@ -360,7 +360,8 @@ def numeric_ranks(
         mechanism, recorded = reading.literal(), None
     rng = random_generator(seed)
     columns = range(len(mechanism.parameters)) if columns is None else columns
-    if near is None or near + 2 * _MARGIN >= len(columns):
+    # rows at few closed states are hardly independent
+    if near is None or near + 2 * _MARGIN >= len(columns) or mechanism.closures:
         return ranks_of_matrix(_sampled(mechanism, columns, rng, None, symbols, recorded), tolerances, pivoted=pivoted)
     matrix = _sampled(mechanism, columns, rng, near + 2 * _MARGIN, symbols, recorded)
     mixed = matrix @ rng.standard_normal((matrix.shape[1], near + _MARGIN))

@@ -212,8 +212,10 @@ def stated_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structur
     own = at_stated_values(mechanism)
     try:
         return find_structure(own, rng)
-    except (OtherModeError, SingularPoseError) as error:
-        return stated_in_balls(own, rng, error)[1]
+    except (OtherModeError, SingularPoseError):
+        if (found := stated_in_balls(own, rng)) is None:
+            raise
+        return found[1]
 
 
 def at_values(matrix: BaseMatrix, values: StatedValues) -> BaseMatrix:

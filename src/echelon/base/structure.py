@@ -10,6 +10,7 @@ the base and around couplings, is eliminated at once.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import matmul
@@ -33,7 +34,7 @@ from echelon.exact.field import PrimeField, by_pivots, rank
 from echelon.mechanism.closed_pose import as_stated, shown_loops
 from echelon.mechanism.joint import ALL, GROUND, Body, Joint, Motion, Placement, Step, floating_motions
 from echelon.mechanism.mechanism import Cut, Mechanism
-from echelon.mechanism.stated import UNITS, has_values, inexact_symbols
+from echelon.mechanism.stated import UNITS, has_values, inexact_symbols, symbol_roles
 from echelon.program.schedule import FieldSampler
 from echelon.regressor.linear_forms import FEW_COLUMNS, LinearForms, Rows, energy_changes, energy_form, rows_of
 from echelon.regressor.loops.closing import broken_relations, check_independent, closable_as_stated, unsolved
@@ -81,6 +82,11 @@ class Structure:
     def rank(self) -> int:
         """Number of base parameters."""
         return len(self.pivots)
+
+    @property
+    def doubt(self) -> str:
+        """What speaks against the rank; empty if nothing does."""
+        return self.balls.doubt if self.balls else ""
 
     def on_curves(self, forms: LinearForms) -> LinearForms:
         """Forms with loops where the structure holds: in its assembly mode, with as many coefficients as show it.
@@ -135,13 +141,20 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator, search: float
     return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, ranks, accepted, order)
 
 
-def stated_in_balls(mechanism: Mechanism, rng: np.random.Generator, error: EchelonError) -> tuple[Mechanism, Structure]:
-    """A mechanism with loops as it is stated, and its structure, in ball arithmetic; the error if that cannot be."""
+def stated_in_balls(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Mechanism, Structure] | None:
+    """A mechanism with loops as it is stated, and its structure, in ball arithmetic; None if that cannot be."""
     stated = replace(as_stated(mechanism) if mechanism.closed_at else mechanism, closed_in_balls=True)
-    try:
+    with suppress(InputError, SingularPoseError, UnknownRelationsError):
         return stated, find_structure(stated, rng)
-    except (InputError, SingularPoseError, UnknownRelationsError):
-        raise error from None
+    return None
+
+
+def settled_in_balls(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Mechanism, Structure] | None:
+    """The same where frames in numbers were made to follow, if there is no doubt that balls do better without."""
+    if not mechanism.closed_at or symbol_roles(mechanism).lengths:
+        return None
+    found = stated_in_balls(mechanism, rng)
+    return None if found is None or found[1].doubt else found
 
 
 def _from_balls(mechanism: Mechanism) -> Structure:

@@ -37,8 +37,12 @@ class Unknowns:
         self.forms: list[Vector] = [(new(f"x{k}"), new(f"y{k}"), new(f"z{k}")) for k in range(len(near))]
 
     @property
+    def _coordinates(self) -> list[Polynomial]:
+        return [form for place in self.forms for form in place]
+
+    @property
     def _free(self) -> list[str]:
-        return sorted({name for place in self.forms for form in place for name in form.generators()})
+        return sorted({name for form in self._coordinates for name in form.generators()})
 
     def require(self, rows: Sequence[Polynomial]) -> None:
         """Make linear forms zero, if those that were before leave a choice and places stay where they are."""
@@ -52,10 +56,12 @@ class Unknowns:
             pivot = lead[0][0]
             rest = Polynomial.generator(pivot) - row * inverse(row.terms[lead])
             given = {name: _put_in(form, {pivot: rest}) for name, form in given.items()} | {pivot: rest}
-        known = self.forms
-        self.forms = [(_put_in(x, given), _put_in(y, given), _put_in(z, given)) for x, y, z in known]
-        if given and self._nearest()[1] > self._length:
-            self.forms = known
+        free = self._free
+        left = [name for name in free if name not in given]
+        kept = _matrix([given.get(name) or Polynomial.generator(name) for name in free], left)
+        matrix = _matrix(self._coordinates, free) @ kept  # doubles show what exact forms would take long for
+        if given and self._nearest(matrix)[1] <= self._length:
+            self.forms = [(_put_in(x, given), _put_in(y, given), _put_in(z, given)) for x, y, z in self.forms]
 
     def are_equal(self, one: Sequence[Polynomial], two: Sequence[Polynomial]) -> bool:
         """Whether vectors have the same length, by random values of what is free."""
@@ -66,19 +72,25 @@ class Unknowns:
 
     def places(self, shortest: Callable[[float], Polynomial]) -> list[Vector]:
         """The places next to those that were given."""
-        nearest = self._nearest()[0]
-        values = {name: shortest(float(value)) for name, value in zip(self._free, nearest, strict=True)}
+        free = self._free
+        nearest = self._nearest(_matrix(self._coordinates, free))[0]
+        values = {name: shortest(float(value)) for name, value in zip(free, nearest, strict=True)}
         return [(_put_in(x, values), _put_in(y, values), _put_in(z, values)) for x, y, z in self.forms]
 
-    def _nearest(self) -> tuple[Floats, float]:
+    def _nearest(self, matrix: Floats) -> tuple[Floats, float]:
         """Values of what is free with which places are nearest to those that were given, and how far they are off."""
-        free = {name: k for k, name in enumerate(self._free)}
-        matrix = np.zeros((len(self._near), len(free)))
-        for k, form in enumerate(form for place in self.forms for form in place):
-            for monomial, factor in form.terms.items():
-                matrix[k, free[monomial[0][0]]] = float(factor)
         values = np.linalg.lstsq(matrix, self._near, rcond=None)[0].astype(np.float64)
         return values, float(np.abs(matrix @ values - self._near).max())
+
+
+def _matrix(forms: Sequence[Polynomial], names: Sequence[str]) -> Floats:
+    """Coefficients of linear forms in doubles, (forms, names)."""
+    columns = {name: k for k, name in enumerate(names)}
+    matrix = np.zeros((len(forms), len(names)))
+    for k, form in enumerate(forms):
+        for monomial, factor in form.terms.items():
+            matrix[k, columns[monomial[0][0]]] = float(factor)
+    return matrix
 
 
 @dataclass(frozen=True)
