@@ -18,7 +18,7 @@ from echelon.arrays import Floats, independent_columns
 from echelon.base.ball_rows import Balls
 from echelon.base.ball_tables import combinations_of, doubles, rounded, vanishes
 from echelon.base.matrix import StatedNumbers
-from echelon.base.own_mode import BITS, OwnPose
+from echelon.base.near_pose import BITS, NearPose
 from echelon.errors import SingularPoseError, UnknownRelationsError
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.closed_pose import shown_loops
@@ -95,7 +95,7 @@ def ball_relations(mechanism: Mechanism, order: Sequence[int] | None = None) -> 
     ) - _ALGEBRAIC
     if others:
         raise UnknownRelationsError(f"{min(others).name.lower()} in a mechanism with loops")
-    pose = OwnPose(mechanism, rows, range(count))
+    pose = NearPose(mechanism, rows, range(count))
     motions = max(1, len(mechanism.independent_velocities))
     for bits in BITS:
         table = pose.balls(count, bits, motions)

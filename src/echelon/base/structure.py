@@ -20,7 +20,8 @@ import numpy as np
 from echelon.arrays import one_thread
 from echelon.base.ball_relations import BallRelations, ball_relations
 from echelon.base.modes import Dependence, InMode, Mode, find_modes, in_mode
-from echelon.base.own_mode import OwnPose
+from echelon.base.near_pose import NearPose
+from echelon.base.own_mode import OwnMode
 from echelon.errors import (
     BrokenRelationsError,
     DegenerateSampleError,
@@ -185,7 +186,8 @@ def _modes(
     # frames that were made to follow are as good as the stated ones only if they show as much
     stated = closable_as_stated(mechanism)
     moved = stated is not mechanism
-    pose = OwnPose(stated, rows_of(stated).columns(columns) if moved else rows, columns, moved)
+    pose = NearPose(stated, rows_of(stated).columns(columns) if moved else rows, columns)
+    here = OwnMode(pose, moved=moved)
     sampler = rows.forms.sampler()
     assert isinstance(sampler, CurveSampler)
 
@@ -199,7 +201,7 @@ def _modes(
             return _lowest(found)
         # what is special about the stated values is in no mode of general ones
         general = not set(sampler.symbols) <= {*UNITS, *inexact_symbols(mechanism)}
-        return pose.likely(found) if general else pose.mode(found)
+        return here.likely(found) if general else here.mode(found)
 
     modes, own = find_modes(rows, rng, wanted)
     if own is None:
