@@ -78,8 +78,10 @@ class BallRelations:
         )
 
 
-def ball_relations(mechanism: Mechanism, order: Sequence[int] | None = None) -> BallRelations:
-    """The relations near the pose at which the loops close; of some columns the first ones in an order are preferred.
+def ball_relations(mechanism: Mechanism, most: int, order: Sequence[int] | None = None) -> BallRelations:
+    """The relations near the pose at which the loops close, with no more than some number of representatives.
+
+    Of some columns the first ones in an order are preferred.
 
     Raises
     ------
@@ -98,7 +100,7 @@ def ball_relations(mechanism: Mechanism, order: Sequence[int] | None = None) -> 
     pose = NearPose(mechanism, rows, range(count))
     motions = max(1, len(mechanism.independent_velocities))
     for bits in BITS:
-        table = pose.balls(count, bits, motions)
+        table = pose.balls(most, bits, motions)
         if table is None:
             break
         with flint.ctx.workprec(bits):

@@ -199,7 +199,7 @@ def base_matrix(
 def _balls(mechanism: Mechanism, structure: Structure, order: tuple[int, ...]) -> BallRelations | None:
     """What balls show where no exact pose is known, or where it has so many digits that no coefficient is short."""
     if structure.balls is not None:
-        return structure.balls if sorted(order) == list(order) else ball_relations(mechanism, order)
+        return structure.balls if sorted(order) == list(order) else ball_relations(mechanism, structure.rank, order)
     if mechanism.closed_at:
         few = bool(symbol_roles(mechanism).lengths)
     else:
@@ -207,7 +207,7 @@ def _balls(mechanism: Mechanism, structure: Structure, order: tuple[int, ...]) -
     if few:
         return None
     with suppress(SingularPoseError, UnknownRelationsError):
-        found = ball_relations(mechanism, order)
+        found = ball_relations(mechanism, structure.rank, order)
         return found if len(found.pivots) == structure.rank else None
     return None
 

@@ -116,7 +116,7 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator, search: float
     SingularPoseError if no closed pose modulo a prime is found, with at most so many numbers added for it.
     """
     if mechanism.closed_in_balls:
-        return _from_balls(mechanism)
+        return _from_balls(mechanism, rng)
     by_joint = _dependent_by_joint(mechanism, rng)
     local = {column for columns in by_joint.values() for column in columns}
     remaining = [c for c in range(len(mechanism.parameters)) if c not in local]
@@ -158,10 +158,11 @@ def settled_in_balls(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Me
     return None if found is None or found[1].doubt else found
 
 
-def _from_balls(mechanism: Mechanism) -> Structure:
-    found = ball_relations(mechanism)
+def _from_balls(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
+    count = len(mechanism.parameters)
+    found = ball_relations(mechanism, count - sum(map(len, _dependent_by_joint(mechanism, rng).values())))
     by_robot = {column: tuple(combination) for column, combination in found.columns.items()}
-    return Structure(len(mechanism.parameters), found.pivots, {}, by_robot, balls=found)
+    return Structure(count, found.pivots, {}, by_robot, balls=found)
 
 
 def linear_structure(forms: LinearForms, rng: np.random.Generator) -> Structure:
