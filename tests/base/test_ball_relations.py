@@ -12,7 +12,7 @@ import echelon as ec
 from echelon.base import derive
 from echelon.base.certificate import certify
 from echelon.base.derive import specialised
-from echelon.errors import SingularPoseError, UnknownRelationsError
+from echelon.errors import SingularPoseError
 from echelon.exact.field import random_generator
 from echelon.mechanism.closed_pose import as_stated
 from echelon.mechanism.mechanism import Mechanism
@@ -138,14 +138,37 @@ def test_signs_are_those_of_random_states() -> None:
     assert "signs as they are at random states" in str(base.certificate)
 
 
-def test_exponentials_are_refused() -> None:
-    """They vanish to hundreds of digits where speeds are not small."""
+@pytest.mark.parametrize("velocity", ["0.5", "0.002"])
+def test_exponentials_show_at_small_speeds(velocity: str) -> None:
+    """At others they vanish to hundreds of digits."""
     text = (EXAMPLES / "loops/four_bar.yaml").read_text()
-    mechanism = ec.load(f"{text}\neffects:\n  - {{type: stribeck, velocity: 0.05, at: all, side: joint}}\n")
-    with pytest.raises(UnknownRelationsError, match="exp in a mechanism with loops"):
-        ec.base_parameters(in_balls(mechanism))
+    effects = f"  - {{type: stribeck, velocity: {velocity}, at: all, side: joint}}\n  - {{type: viscous, at: all}}\n"
+    mechanism = ec.load(f"{text}\neffects:\n{effects}")
+    base = ec.base_parameters(in_balls(mechanism))
+    assert base.certificate.in_balls
+    assert base.rank == ec.base_parameters(mechanism).rank
 
 
-def test_sensors_are_not_compared() -> None:
+@pytest.mark.parametrize("name", slow_unless(("four_bar", "parallelogram"), EXAMPLE))
+def test_sensors_see_what_they_do_modulo_primes(name: str) -> None:
+    mechanism = ec.load(EXAMPLES / f"loops/{name}.yaml")
+    exact, balls = (ec.sensor_report(m, 2) for m in (mechanism, in_balls(mechanism)))
+    assert (exact.ranks, exact.greedy, exact.smallest) == (balls.ranks, balls.greedy, balls.smallest)
+
+
+def test_a_sensor_may_see_nothing() -> None:
+    text = (EXAMPLES / "loops/parallelogram.yaml").read_text()
+    mechanism = in_balls(ec.load(text, gravity=None))
+    report = ec.sensor_report(mechanism)
+    assert report.ranks == ec.sensor_report(replace(mechanism, closed_in_balls=False)).ranks
+
+
+def test_row_spaces_modulo_primes_are_not_known() -> None:
     with pytest.raises(SingularPoseError, match="no exact closed pose is known for the loops closed by"):
-        ec.sensor_report(in_balls(ec.load(EXAMPLES / "loops/four_bar.yaml")))
+        ec.same_row_space(*[in_balls(ec.load(EXAMPLES / "loops/four_bar.yaml"))] * 2)
+
+
+def test_a_singular_pose_is_doubted() -> None:
+    """Flat parallelograms may go on as others."""
+    found = specialised(in_balls(ec.load(LOOPS / "palletizer.xml")), random_generator(1))
+    assert "the assembly pose is singular" in found.doubt

@@ -49,6 +49,7 @@ def test_sets_of_models_that_are_open_at_zero(model: Published) -> None:
     base = ec.base_parameters(mechanism)
     assert base.rank == model.rank
     assert base.certificate.in_balls
+    assert not base.reading.doubt
 
 
 @pytest.mark.slow

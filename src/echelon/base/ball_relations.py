@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import flint
 import numpy as np
@@ -19,19 +18,17 @@ from echelon.base.ball_rows import Balls
 from echelon.base.ball_tables import combinations_of, doubles, rounded, vanishes
 from echelon.base.matrix import StatedNumbers
 from echelon.base.near_pose import BITS, NearPose
-from echelon.errors import SingularPoseError, UnknownRelationsError
+from echelon.errors import SingularPoseError
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.closed_pose import shown_loops
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, value_texts
-from echelon.program.operations import FUNCTIONS, Op
 from echelon.regressor.linear_forms import rows_of
 
 _FIRM = 1e-6  # of a column, what double precision surely shows
 _SMALLEST = 1e-4  # of columns, about the largest one
 _CHECKED = 40  # rows in which a column that depends on others has to vanish beside them
 _FAINT = 1e-9  # of what others show, what a file with many digits does not mean
-_ALGEBRAIC = {Op.SIN, Op.COS, Op.SIGN, Op.ABS}  # functions that no state makes vanish but for a few digits
 
 
 @dataclass(frozen=True)
@@ -87,45 +84,39 @@ def ball_relations(mechanism: Mechanism, most: int, order: Sequence[int] | None 
     ------
     SingularPoseError
         If the loops are not proved to close, or precision does not tell.
-    UnknownRelationsError
-        If effects are functions such as exponentials, which may vanish to all digits at most states.
     """
-    count, rows = len(mechanism.parameters), rows_of(mechanism)
-    program = rows.forms.program
-    others = {Op(program.ops[node]) for node in program.needed(rows.forms.entries.values())} & set(
-        FUNCTIONS
-    ) - _ALGEBRAIC
-    if others:
-        raise UnknownRelationsError(f"{min(others).name.lower()} in a mechanism with loops")
-    pose = NearPose(mechanism, rows, range(count))
+    count = len(mechanism.parameters)
+    pose = NearPose(mechanism, rows_of(mechanism), range(count))
     motions = max(1, len(mechanism.independent_velocities))
     for bits in BITS:
         table = pose.balls(most, bits, motions)
         if table is None:
             break
         with flint.ctx.workprec(bits):
-            found = _Elimination(table, bits).done(range(count) if order is None else order)
+            found = Elimination(table, bits).done(range(count) if order is None else order)
             if found is not None:
                 return _relations(found, value_texts(mechanism, all_symbols(mechanism)), pose.is_singular)
     raise SingularPoseError(f"{shown_loops(mechanism)} are not known to close in ball arithmetic")
 
 
 @dataclass(frozen=True)
-class _Found:
+class Found:
+    """Columns by others; see :class:`BallRelations`."""
+
     pivots: list[int]
     others: list[int]
-    solution: Any  # (pivots, others)
+    solution: Balls  # (pivots, others)
     faint: int
     size: float
 
 
-class _Elimination:
+class Elimination:
     """Columns of a table in balls by others; those before the parameters, auxiliary ones, come first."""
 
     def __init__(self, table: Balls, bits: int) -> None:
         self.table, self.bits = table, bits
 
-    def done(self, order: Sequence[int]) -> _Found | None:
+    def done(self, order: Sequence[int]) -> Found | None:
         """The relations, or None if the precision does not tell."""
         first = self.table.shape[1] - len(order)
         left = [*range(first), *(first + column for column in order)]
@@ -139,15 +130,15 @@ class _Elimination:
             pivots += new
             left = [column for column in left if column not in new]
             solved = combinations_of(self.table, pivots, left, _CHECKED)
-            if not new or solved is None:
+            if solved is None:
                 return None
             solution, rest = solved
             zero = [vanishes(x, self.bits) for x in rest.flat]
             if all(zero):
                 others = [column - first for column in left]
                 own = [pivot - first for pivot in pivots[first:]]
-                return _Found(own, others, np.array(solution.tolist())[first:], faint, size)
-            if False not in zero:
+                return Found(own, others, solution[first:], faint, size)
+            if not new or False not in zero:
                 return None
 
 
@@ -159,7 +150,7 @@ def _scaled(balls: Balls) -> Floats:
     return scaled
 
 
-def _relations(found: _Found, at: Mapping[str, str], singular: bool) -> BallRelations:
+def _relations(found: Found, at: Mapping[str, str], singular: bool) -> BallRelations:
     values, radius = rounded(found.solution.ravel().tolist())
     table = np.array(values, dtype=object).reshape(found.solution.shape)
     columns = {

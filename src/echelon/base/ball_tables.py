@@ -29,11 +29,13 @@ def independent_rows(table: Balls) -> tuple[list[int], list[int]]:
 
 def combinations_of(
     table: Balls, pivots: Sequence[int], others: Sequence[int], most: int | None = None
-) -> tuple[Any, Balls] | None:
+) -> tuple[Balls, Balls] | None:
     """Columns as combinations of others, (pivots, others), and what is left of them in further rows, perhaps few.
 
     None if the precision does not show the pivots to be independent.
     """
+    if not pivots:
+        return table[:0, others], table[:most, others]
 
     def part(rows: Sequence[int], columns: Sequence[int]) -> Any:
         return flint.arb_mat(len(rows), len(columns), table[np.ix_(rows, columns)].ravel().tolist())
@@ -45,7 +47,11 @@ def combinations_of(
     except ZeroDivisionError:
         return None
     left = part(further, others) - part(further, pivots) * solution
-    return solution, np.array(left.entries(), dtype=object).reshape(len(further), len(others))
+    return _array(solution), _array(left)
+
+
+def _array(matrix: Any) -> Balls:
+    return np.array(matrix.entries(), dtype=object).reshape(matrix.nrows(), matrix.ncols())
 
 
 def vanishes(x: Any, bits: int) -> bool | None:

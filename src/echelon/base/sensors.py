@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from math import comb
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from echelon.base.ball_spaces import ball_spaces
 from echelon.base.derive import silent
 from echelon.base.row_space import row_space
 from echelon.base.stated_values import at_stated_values
-from echelon.base.structure import find_structure
+from echelon.base.structure import settled_structure
 from echelon.errors import ClosedFormError, DegenerateSampleError, EchelonError, InputError
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank
 from echelon.exact.unknown_functions import SOLVING, Work
@@ -22,6 +26,7 @@ from echelon.regressor.linear_forms import LinearForms, virtual_power_form
 
 _FIELDS = 2
 _ATTEMPTS = 8
+_BALL = 100  # operations modulo a prime take as long as one in ball arithmetic
 Progress = Callable[[str], None]
 Geometry = Mapping[str, Residues]
 
@@ -101,7 +106,7 @@ def sensor_report(
     """
     mechanism = at_stated_values(mechanism)
     groups = _candidates(mechanism)
-    spaces = _Spaces(mechanism, groups, random_generator(seed), progress)
+    spaces = _spaces(mechanism, groups, random_generator(seed), progress)
     names = tuple(groups)
     total = spaces.rank(names)
     progress("adding the most informative sensors")
@@ -125,33 +130,18 @@ def _candidates(mechanism: Mechanism) -> dict[str, tuple[Output, ...]]:
     return {name: tuple(group) for name, group in groups.items()}
 
 
-class _Spaces:
-    """Row spaces of the sensors modulo primes, at one random geometry each."""
+_Base = tuple[Callable[[npt.NDArray[Any]], int], Mapping[str, npt.NDArray[Any]]]
+"""How a rank is counted, and a basis of every sensor's row space."""
 
-    def __init__(
-        self,
-        mechanism: Mechanism,
-        groups: Mapping[str, tuple[Output, ...]],
-        rng: np.random.Generator,
-        progress: Progress,
-    ) -> None:
-        progress("structure")
-        self._forms = {name: virtual_power_form(replace(mechanism, measured=group)) for name, group in groups.items()}
-        if mechanism.closures:
-            structure = find_structure(mechanism, rng)
-            self._forms = {name: structure.on_curves(forms) for name, forms in self._forms.items()}
+
+class _Spaces:
+    """Row spaces of the sensors: modulo primes, at one random geometry each, or in ball arithmetic."""
+
+    def __init__(self, bases: Sequence[_Base], each: int = 1) -> None:
+        """``each`` is what an operation counts."""
+        self._bases, self._each = bases, each
         self.work: Work | None = None  # what subsets may still take; unlimited if None
         self._known: dict[tuple[str, ...], int] = {}
-        self._bases: list[tuple[PrimeField, dict[str, Residues]]] = []
-        for _ in range(_ATTEMPTS):
-            field = PrimeField.random(rng)
-            try:
-                self._bases.append((field, _row_spaces(self._forms, field, rng, progress)))
-            except DegenerateSampleError:
-                continue
-            if len(self._bases) == _FIELDS:
-                return
-        raise EchelonError("every random point is singular; please report this model")
 
     def rank(self, names: Sequence[str]) -> int:
         """Rank of the sensors together; an unlucky point could only lower it, so the larger of two counts."""
@@ -160,8 +150,7 @@ class _Spaces:
             if self.work is not None:
                 self.work.spend(self.cost(key))
             self._known[key] = max(
-                rank(np.vstack([spaces[name] for name in names]), field) if names else 0
-                for field, spaces in self._bases
+                counted(np.vstack([spaces[name] for name in names])) if names else 0 for counted, spaces in self._bases
             )
         return self._known[key]
 
@@ -169,7 +158,33 @@ class _Spaces:
         """Operations that a rank takes."""
         shapes = [spaces[name].shape for _, spaces in self._bases for name in names]
         widest = max((columns for _, columns in shapes), default=0)
-        return float(SOLVING * sum(rows for rows, _ in shapes) * widest**2)
+        return float(self._each * SOLVING * sum(rows for rows, _ in shapes) * widest**2)
+
+
+def _spaces(
+    mechanism: Mechanism, groups: Mapping[str, tuple[Output, ...]], rng: np.random.Generator, progress: Progress
+) -> _Spaces:
+    progress("structure")
+    numbers = {name: f"sensor {number} of {len(groups)}" for number, name in enumerate(groups, 1)}
+    structure = None
+    if mechanism.closures:
+        mechanism, structure = settled_structure(mechanism, rng)
+        if structure.balls:
+            said = "what {} sees ({}, in ball arithmetic)"
+            found = ball_spaces(mechanism, groups, rng, lambda name: progress(said.format(name, numbers[name])))
+            return _Spaces([(found.rank, found.bases)], _BALL)
+    forms = {name: virtual_power_form(replace(mechanism, measured=group)) for name, group in groups.items()}
+    forms = {name: structure.on_curves(form) if structure else form for name, form in forms.items()}
+    bases = list[_Base]()
+    for _ in range(_ATTEMPTS):
+        field = PrimeField.random(rng)
+        try:
+            bases.append((partial(rank, field=field), _row_spaces(forms, field, rng, progress)))
+        except DegenerateSampleError:
+            continue
+        if len(bases) == _FIELDS:
+            return _Spaces(bases)
+    raise EchelonError("every random point is singular; please report this model")
 
 
 def _row_spaces(

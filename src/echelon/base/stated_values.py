@@ -15,8 +15,8 @@ from itertools import combinations, product
 import numpy as np
 
 from echelon.base.matrix import BaseMatrix
-from echelon.base.structure import Structure, find_structure, stated_in_balls
-from echelon.errors import DegenerateSampleError, EchelonError, InputError, OtherModeError, SingularPoseError
+from echelon.base.structure import Structure, settled_structure
+from echelon.errors import DegenerateSampleError, EchelonError, InputError
 from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle, decimal_text
 from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.polynomial import Polynomial, Surd, format_polynomial
@@ -209,13 +209,7 @@ def at_stated_values(mechanism: Mechanism) -> Mechanism:
 
 def stated_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
     """Structure at the stated values of all symbols that have one."""
-    own = at_stated_values(mechanism)
-    try:
-        return find_structure(own, rng)
-    except (OtherModeError, SingularPoseError):
-        if (found := stated_in_balls(own, rng)) is None:
-            raise
-        return found[1]
+    return settled_structure(at_stated_values(mechanism), rng)[1]
 
 
 def at_values(matrix: BaseMatrix, values: StatedValues) -> BaseMatrix:

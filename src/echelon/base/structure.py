@@ -150,6 +150,16 @@ def stated_in_balls(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Mec
     return None
 
 
+def settled_structure(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Mechanism, Structure]:
+    """The structure, in ball arithmetic where primes do not show the own mode, and the mechanism that it belongs to."""
+    try:
+        return mechanism, find_structure(mechanism, rng)
+    except (OtherModeError, SingularPoseError):
+        if (found := stated_in_balls(mechanism, rng)) is None:
+            raise
+        return found
+
+
 def settled_in_balls(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Mechanism, Structure] | None:
     """The same where frames in numbers were made to follow, if there is no doubt that balls do better without."""
     if not mechanism.closed_at or symbol_roles(mechanism).lengths:

@@ -22,7 +22,8 @@ from echelon.arrays import Floats, Integers, pivoted_qr
 from echelon.errors import InputError
 from echelon.mechanism.joint import MotionKind
 from echelon.program.arithmetics import BallArithmetic, ball, stated_ball
-from echelon.program.schedule import Schedule
+from echelon.program.operations import Op
+from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program
 from echelon.regressor.loops.closures import Loops
 from echelon.regressor.steps import quaternion_times
@@ -37,6 +38,7 @@ _ITERATIONS = 16
 _RANK = 1e-6  # what counts as nothing among the pivots of a Jacobian in doubles
 BALL_STEPS = 256  # of random numbers, to one
 _SPARE = 32  # bits between the last step and the box
+_LARGEST_EXPONENT, _SLOWEST = 40.0, 40
 
 _middle = np.frompyfunc(lambda x: x.mid(), 1, 1)
 _series = np.frompyfunc(lambda x, rate: flint.arb_series([x, rate], 2), 2, 1)
@@ -120,12 +122,28 @@ class ClosedBalls:
         values = self._moving({*names.values()}, rng, motions, at_rest)
         return {node: values[names[node]] for node in schedule.leaves}
 
+    @cached_property
+    def _pace(self) -> Any:
+        """How slowly things move, so that exponentials of speeds are more than nothing: 1, or a power of two."""
+        program, count = self.program, len(next(iter(self._real.values())))
+        exponents = [program.lhs[node] for node, op in enumerate(program.ops) if op == Op.EXP]
+        schedule = Schedule(program, exponents)
+        leaves = {node: program.inputs[node].name for node in schedule.leaves}
+        moving = {node for node, name in leaves.items() if name.startswith("qd[")}
+        for halvings in range(_SLOWEST if moving else 0):
+            pace = 0.5**halvings
+            real = {node: self._real.get(name, np.ones(count)) for node, name in leaves.items()}
+            found = schedule.run(FloatArithmetic(), {n: x * pace if n in moving else x for n, x in real.items()}, count)
+            if np.abs(found).max() < _LARGEST_EXPONENT:
+                return flint.arb(pace)
+        return flint.arb(1)
+
     def _moving(self, names: set[str], rng: np.random.Generator, motions: int, at_rest: bool) -> Values:
         """Values of inputs, (motions · poses,), at random motions through the poses."""
         there, chosen = self.poses
         jacobian, q = self._closure(there, self._names)[1], {name: np.tile(x, motions) for name, x in there.items()}
         shape, count = (len(self._names), motions, len(chosen)), motions * len(chosen)
-        rates = _zeros(shape) if at_rest else jacobian.completed(chosen, random_balls(rng, shape))
+        rates = _zeros(shape) if at_rest else jacobian.completed(chosen, random_balls(rng, shape) * self._pace)
         values = _inputs("q", q) | _inputs("qd", _flat(self._names, rates))
         if any(name.startswith("qdd[") for name in names):
             bias = 0 if at_rest else self._bias(q, _flat(self._names, rates)).reshape(-1, *shape[1:])

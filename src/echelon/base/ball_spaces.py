@@ -1,0 +1,87 @@
+"""What sensors of a mechanism with loops see, in ball arithmetic: bases of their row spaces at real closed states."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import flint
+import numpy as np
+
+from echelon.base.ball_relations import Elimination
+from echelon.base.ball_rows import Balls
+from echelon.base.near_pose import BITS, NearPose
+from echelon.base.structure import find_structure
+from echelon.errors import SingularPoseError
+from echelon.mechanism.closed_pose import shown_loops
+from echelon.mechanism.mechanism import Mechanism, Output
+from echelon.regressor.linear_forms import Rows, virtual_power_form
+
+
+@dataclass(frozen=True)
+class BallSpaces:
+    """A basis of every sensor's row space, (rank, base parameters of all sensors together), to some precision."""
+
+    bases: Mapping[str, Balls]
+    bits: int
+
+    def rank(self, rows: Balls) -> int:
+        """Dimension of what rows span.
+
+        Raises
+        ------
+        SingularPoseError
+            If the precision does not tell.
+        """
+        with flint.ctx.workprec(self.bits):
+            found = Elimination(rows, self.bits).done(range(rows.shape[1]))
+        if found is None:
+            raise SingularPoseError("ball arithmetic does not tell what some sensors see together")
+        return len(found.pivots)
+
+
+def ball_spaces(
+    mechanism: Mechanism,
+    groups: Mapping[str, tuple[Output, ...]],
+    rng: np.random.Generator,
+    report: Callable[[str], None],
+) -> BallSpaces:
+    """What groups of outputs see near the pose at which the loops close, told of each that starts.
+
+    Raises
+    ------
+    SingularPoseError
+        If the loops are not proved to close, or no precision tells.
+    """
+    outputs = tuple(output for group in groups.values() for output in group)
+    columns = find_structure(replace(mechanism, measured=outputs), rng).pivots
+    near = dict[str, NearPose]()
+    for name, group in groups.items():
+        measured = replace(mechanism, measured=group)
+        near[name] = NearPose(measured, Rows(virtual_power_form(measured), 0).columns(columns), columns)
+    for bits in BITS:
+        bases = dict[str, Balls]()
+        for name, pose in near.items():
+            report(name)
+            if (basis := _basis(pose, bits)) is None:
+                break
+            bases[name] = basis
+        else:
+            return BallSpaces(bases, bits)
+    raise SingularPoseError(f"{shown_loops(mechanism)}: ball arithmetic does not tell what the sensors see")
+
+
+def _basis(pose: NearPose, bits: int) -> Balls | None:
+    """Rows that span all others, the identity in some columns; None if the precision does not tell."""
+    count = len(pose.columns)
+    table = pose.balls(count, bits, max(1, len(pose.mechanism.independent_velocities)))
+    if table is None:
+        return None
+    with flint.ctx.workprec(bits):
+        found = Elimination(table, bits).done(range(count))
+    if found is None:
+        return None
+    basis = np.full((len(found.pivots), count), flint.arb(0), dtype=object)
+    basis[range(len(found.pivots)), found.pivots] = flint.arb(1)
+    basis[:, found.others] = found.solution
+    return basis
