@@ -123,7 +123,7 @@ def test_loops_without_a_pose_modulo_primes_are_accepted(monkeypatch: pytest.Mon
 
 
 def test_a_long_search_ends_in_balls(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(derive, "_SEARCH", 1.0)
+    monkeypatch.setattr(derive, "SEARCH", 1.0)
     base = ec.base_parameters(ec.load(LOOPS / "five_bar/robot.yaml"))
     assert base.rank == 14
     assert base.certificate.in_balls

@@ -25,7 +25,14 @@ from echelon.base.model import BaseModel
 from echelon.base.reading_report import doubt_of_loops, firm_first, report_reading
 from echelon.base.stated_columns import StatedColumns
 from echelon.base.stated_values import RelationSearch, SpecialValues, at_stated_values
-from echelon.base.structure import Structure, dependent_columns, find_structure, settled_in_balls, stated_in_balls
+from echelon.base.structure import (
+    SEARCH,
+    Structure,
+    dependent_columns,
+    find_structure,
+    settled_in_balls,
+    stated_in_balls,
+)
 from echelon.errors import (
     BrokenRelationsError,
     DegenerateSampleError,
@@ -49,7 +56,6 @@ from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.exact_pose import closed_exactly
 
 _LONG = 10**12  # denominators of numbers that no coefficient with few digits is made of
-_SEARCH = 1e6  # numbers that are added for a closed pose modulo a prime in half a second; balls take no longer then
 
 
 def silent(_: str) -> None:
@@ -276,7 +282,7 @@ def _specialised(
     if mechanism.closed_in_balls:
         return _doubted(mechanism, find_structure(mechanism, rng))
     if not values.names:
-        return SpecialisedMechanism(mechanism, find_structure(mechanism, rng, _SEARCH))
+        return SpecialisedMechanism(mechanism, find_structure(mechanism, rng, SEARCH))
     if mechanism.closures:
         at_values, undecided = _at_values(mechanism, rng)
         if at_values is not None and _is_general_with_loops(mechanism, at_values, values, rng):

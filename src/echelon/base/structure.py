@@ -35,7 +35,7 @@ from echelon.exact.field import PrimeField, by_pivots, rank
 from echelon.mechanism.closed_pose import as_stated, shown_loops
 from echelon.mechanism.joint import ALL, GROUND, Body, Joint, Motion, Placement, Step, floating_motions
 from echelon.mechanism.mechanism import Cut, Mechanism
-from echelon.mechanism.stated import UNITS, has_values, inexact_symbols, symbol_roles
+from echelon.mechanism.stated import UNITS, has_values, inexact_symbols, stated_values, symbol_roles
 from echelon.program.schedule import FieldSampler
 from echelon.regressor.linear_forms import FEW_COLUMNS, LinearForms, Rows, energy_changes, energy_form, rows_of
 from echelon.regressor.loops.closing import broken_relations, check_independent, closable_as_stated, unsolved
@@ -44,6 +44,8 @@ from echelon.regressor.loops.curves import CurveSampler
 _SURPLUS_ROWS = 8
 _ATTEMPTS, _PASSES = 8, 2
 _SURPLUS_ORDER = 16
+SEARCH = 1e6
+"""Numbers that are added for a closed pose modulo a prime in half a second; balls take no longer then."""
 
 
 @dataclass(frozen=True)
@@ -152,8 +154,9 @@ def stated_in_balls(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Mec
 
 def settled_structure(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Mechanism, Structure]:
     """The structure, in ball arithmetic where primes do not show the own mode, and the mechanism that it belongs to."""
+    search = None if stated_values(mechanism).names else SEARCH
     try:
-        return mechanism, find_structure(mechanism, rng)
+        return mechanism, find_structure(mechanism, rng, search)
     except (OtherModeError, SingularPoseError):
         if (found := stated_in_balls(mechanism, rng)) is None:
             raise
