@@ -281,6 +281,7 @@ _MARGIN = 32
 _MOST_SINGULAR_VALUES = 400
 _RATE, _ACCELERATION = 3.0, 10.0  # largest random ones, rad/s and rad/s²
 _BLOCK = 128  # states that are evaluated together
+_FEW_STATES, _MOTIONS = 100, 3  # closed states, of which more share poses: even one freedom shows as much at each
 _ROUNDS = 8  # of drawing, where states outside a function's domain are left out
 _ROUNDING = float(np.finfo(np.float64).eps)
 _SINGLE_TO_DOUBLE = _ROUNDING / float(np.finfo(np.float32).eps)
@@ -414,7 +415,8 @@ def _sampled(
     rows = rows or max(_FEWEST_ROWS, int(_ROWS_PER_COLUMN * len(columns)))
     if mechanism.closures:
         closed = Assembly(mechanism, symbols)
-        states = closed.determined_states(rng, -(-rows // max(1, len(mechanism.outputs))))
+        count = -(-rows // max(1, len(mechanism.outputs)))
+        states = closed.determined_states(rng, count, motions=_MOTIONS if count > _FEW_STATES else 1)
         found = evaluate_floats(virtual_power_form(mechanism), mechanism, *states, symbols, assembly=closed)
         stacked = found.reshape(-1, found.shape[2])[:, list(columns)]
         length = characteristic_length(mechanism)

@@ -315,14 +315,14 @@ class Assembly(ClosedMotion):
 
     @one_thread()
     def random_closed_states(
-        self, rng: np.random.Generator, count: int, reach: float = 1.0
+        self, rng: np.random.Generator, count: int, reach: float = 1.0, motions: int = 1
     ) -> tuple[Floats, Floats, Floats]:
-        """Random q, qd and qdd of all coordinates.
+        """Random q, qd and qdd of all coordinates, of some motions at each configuration.
 
         Configurations are those of random walks from the assembly pose, which keep away from singular ones, so that
         they cannot change over to another way of assembly there.
         """
-        q = np.repeat(self.pose[None], count, axis=0)
+        q = np.repeat(self.pose[None], -(-count // motions), axis=0)
         (sizes, across), strides = _singular(self._jacobian(q)), max(_FEWEST, round(_WALK * reach**2))
         size = 2 * STRIDE * reach * np.sqrt(_WALK / strides)  # as far on average, however many there are
         rank = len(self.mechanism.velocities) - int(self.mobility(self.pose[None])[0])
@@ -333,22 +333,23 @@ class Assembly(ClosedMotion):
             sizes, ahead = _singular(self._jacobian(found))
             done &= sizes[:, smallest] > near
             q[done], across[done] = found[done], ahead[done]
+        q, across = (np.repeat(x, motions, axis=0)[:count] for x in (q, across))
         units = self.closures.units[: len(self.mechanism.velocities)]
         qd = _random_motion(rng, across, _RATE) * units
         back = np.linalg.pinv(self._jacobian(q), rcond=RANK_TOLERANCE) @ self.closures.bias(q, qd)[:, :, None]
         return q, qd, (_random_motion(rng, across, _RATE) - back[:, :, 0]) * units
 
     def determined_states(
-        self, rng: np.random.Generator, count: int, reach: float = 1.0
+        self, rng: np.random.Generator, count: int, reach: float = 1.0, motions: int = 1
     ) -> tuple[Floats, Floats, Floats]:
         """Random closed states at which the independent coordinates determine the others, as far as there are some.
 
         Near poses at which they do not, as those of a Delta robot with parallel rods, more states are tried.
         """
-        found = self.random_closed_states(rng, count, reach)
+        found = self.random_closed_states(rng, count, reach, motions)
         if self.determined(found[0]).min() > _DETERMINED:
             return found
-        q, qd, qdd = self.random_closed_states(rng, _MORE * count, reach)
+        q, qd, qdd = self.random_closed_states(rng, _MORE * count, reach, motions)
         best = np.argsort(self.determined(q))[-count:]
         return q[best], qd[best], qdd[best]
 
