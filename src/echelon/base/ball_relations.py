@@ -15,7 +15,7 @@ import numpy as np
 
 from echelon.arrays import Floats, independent_columns
 from echelon.base.ball_rows import Balls
-from echelon.base.ball_tables import combinations_of, doubles, rounded, vanishes
+from echelon.base.ball_tables import combinations_of, doubles, left_of, rounded, vanishes
 from echelon.base.matrix import StatedNumbers
 from echelon.base.near_pose import BITS, NearPose
 from echelon.errors import SingularPoseError
@@ -87,16 +87,9 @@ def ball_relations(mechanism: Mechanism, most: int, order: Sequence[int] | None 
     """
     count = len(mechanism.parameters)
     pose = NearPose(mechanism, rows_of(mechanism), range(count))
-    motions = max(1, len(mechanism.independent_velocities))
-    for bits in BITS:
-        table = pose.balls(most, bits, motions)
-        if table is None:
-            break
-        with flint.ctx.workprec(bits):
-            found = Elimination(table, bits).done(range(count) if order is None else order)
-            if found is not None:
-                return _relations(found, value_texts(mechanism, all_symbols(mechanism)), pose.is_singular)
-    raise SingularPoseError(f"{shown_loops(mechanism)} are not known to close in ball arithmetic")
+    found, bits = eliminated(pose, most, range(count) if order is None else order)
+    with flint.ctx.workprec(bits):
+        return _relations(found, value_texts(mechanism, all_symbols(mechanism)), pose.is_singular)
 
 
 @dataclass(frozen=True)
@@ -110,14 +103,31 @@ class Found:
     size: float
 
 
+def eliminated(pose: NearPose, most: int, order: Sequence[int]) -> tuple[Found, int]:
+    """Relations between columns near a pose that hold at other poses, too, and the bits that they are known to.
+
+    Several motions at a pose show as much as several poses, unless much changes along few ways.
+    """
+    several = max(1, len(pose.mechanism.independent_velocities))
+    for bits, motions in dict.fromkeys(((BITS[0], several), *((bits, 1) for bits in BITS))):
+        table, others = pose.balls(most, bits, motions), pose.other_balls(bits)
+        if table is None or others is None:
+            break
+        with flint.ctx.workprec(bits):
+            found = Elimination(table, bits).done(order, others)
+        if found is not None:
+            return found, bits
+    raise SingularPoseError(f"{shown_loops(pose.mechanism)} are not known to close in ball arithmetic")
+
+
 class Elimination:
     """Columns of a table in balls by others; those before the parameters, auxiliary ones, come first."""
 
     def __init__(self, table: Balls, bits: int) -> None:
         self.table, self.bits = table, bits
 
-    def done(self, order: Sequence[int]) -> Found | None:
-        """The relations, or None if the precision does not tell."""
+    def done(self, order: Sequence[int], others: Balls | None = None) -> Found | None:
+        """The relations; None if the precision does not tell, or they do not hold in other rows."""
         first = self.table.shape[1] - len(order)
         left = [*range(first), *(first + column for column in order)]
         pivots, rest, largest, faint, size = list[int](), self.table[:, left], 0.0, 0, 0.0
@@ -135,11 +145,15 @@ class Elimination:
             solution, rest = solved
             zero = [vanishes(x, self.bits) for x in rest.flat]
             if all(zero):
-                others = [column - first for column in left]
+                if others is not None and not self._vanish(left_of(others, pivots, left, solution)):
+                    return None
                 own = [pivot - first for pivot in pivots[first:]]
-                return Found(own, others, solution[first:], faint, size)
+                return Found(own, [column - first for column in left], solution[first:], faint, size)
             if not new or False not in zero:
                 return None
+
+    def _vanish(self, table: Balls) -> bool:
+        return all(vanishes(x, self.bits) for x in table.flat)
 
 
 def _scaled(balls: Balls) -> Floats:

@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 import flint
 import numpy as np
 
-from echelon.base.ball_relations import Elimination
+from echelon.base.ball_relations import Elimination, Found, eliminated
 from echelon.base.ball_rows import Balls
-from echelon.base.near_pose import BITS, NearPose
+from echelon.base.near_pose import NearPose
 from echelon.base.structure import find_structure
 from echelon.errors import SingularPoseError
-from echelon.mechanism.closed_pose import shown_loops
 from echelon.mechanism.mechanism import Mechanism, Output
 from echelon.regressor.linear_forms import Rows, virtual_power_form
 
@@ -59,29 +58,19 @@ def ball_spaces(
     for name, group in groups.items():
         measured = replace(mechanism, measured=group)
         near[name] = NearPose(measured, Rows(virtual_power_form(measured), 0).columns(columns), columns)
-    for bits in BITS:
-        bases = dict[str, Balls]()
-        for name, pose in near.items():
-            report(name)
-            if (basis := _basis(pose, bits)) is None:
-                break
-            bases[name] = basis
-        else:
-            return BallSpaces(bases, bits)
-    raise SingularPoseError(f"{shown_loops(mechanism)}: ball arithmetic does not tell what the sensors see")
+    bases, precisions = dict[str, Balls](), list[int]()
+    for name, pose in near.items():
+        report(name)
+        found, bits = eliminated(pose, len(columns), range(len(columns)))
+        bases[name] = _basis(found)
+        precisions.append(bits)
+    return BallSpaces(bases, min(precisions))
 
 
-def _basis(pose: NearPose, bits: int) -> Balls | None:
-    """Rows that span all others, the identity in some columns; None if the precision does not tell."""
-    count = len(pose.columns)
-    table = pose.balls(count, bits, max(1, len(pose.mechanism.independent_velocities)))
-    if table is None:
-        return None
-    with flint.ctx.workprec(bits):
-        found = Elimination(table, bits).done(range(count))
-    if found is None:
-        return None
-    basis = np.full((len(found.pivots), count), flint.arb(0), dtype=object)
-    basis[range(len(found.pivots)), found.pivots] = flint.arb(1)
+def _basis(found: Found) -> Balls:
+    """Rows that span all others: the identity in the columns of representatives."""
+    rank, others = found.solution.shape
+    basis = np.full((rank, rank + others), flint.arb(0), dtype=object)
+    basis[range(rank), found.pivots] = flint.arb(1)
     basis[:, found.others] = found.solution
     return basis

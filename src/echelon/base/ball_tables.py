@@ -36,18 +36,23 @@ def combinations_of(
     """
     if not pivots:
         return table[:0, others], table[:most, others]
-
-    def part(rows: Sequence[int], columns: Sequence[int]) -> Any:
-        return flint.arb_mat(len(rows), len(columns), table[np.ix_(rows, columns)].ravel().tolist())
-
     square, further = independent_rows(table[:, pivots])
-    further = further[:most]
     try:
-        solution = part(square, pivots).solve(part(square, others))
+        solution = _array(_matrix(table[np.ix_(square, pivots)]).solve(_matrix(table[np.ix_(square, others)])))
     except ZeroDivisionError:
         return None
-    left = part(further, others) - part(further, pivots) * solution
-    return _array(solution), _array(left)
+    return solution, left_of(table[further[:most]], pivots, others, solution)
+
+
+def left_of(table: Balls, pivots: Sequence[int], others: Sequence[int], solution: Balls) -> Balls:
+    """What is left of columns beside combinations of others."""
+    if not pivots:
+        return table[:, others]
+    return _array(_matrix(table[:, others]) - _matrix(table[:, pivots]) * _matrix(solution))
+
+
+def _matrix(table: Balls) -> Any:
+    return flint.arb_mat(table.shape[0], table.shape[1], table.ravel().tolist())
 
 
 def _array(matrix: Any) -> Balls:

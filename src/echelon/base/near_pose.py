@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import flint
 import numpy as np
@@ -29,6 +29,7 @@ _NOISE, _CLEAR_FALL = 1e-14, 1e6
 # rounding, and states near one pose of many loops in series are hardly independent
 BITS = (640, 1280, 2560)
 _SURPLUS = 1.3  # of states that share poses
+_OTHERS = 10  # poses at which relations are checked
 
 
 class NearPose:
@@ -36,7 +37,7 @@ class NearPose:
 
     def __init__(self, mechanism: Mechanism, rows: Rows, columns: Sequence[int]) -> None:
         self.mechanism, self.rows, self.columns = mechanism, rows, list(columns)
-        self._tables = dict[tuple[int, int, int], Balls | None]()  # rows in balls, as they were asked for
+        self._tables = dict[tuple[int, int, int, int], Balls | None]()  # rows in balls, as they were asked for
 
     @property
     def is_singular(self) -> bool:
@@ -93,24 +94,32 @@ class NearPose:
 
         None if the loops are not proved to close; redundant constraints that miss by rounding are not.
         """
-        forms = self.rows.forms
-        assert forms.loops is not None
         rows = self.rows.auxiliary + wanted + _STATES
-        states = int(_SURPLUS * -(-rows // forms.shape[0])) + 2 * motions
-        if (states, bits, motions) not in self._tables:
-            near = replace(forms, loops=replace(forms.loops, real=self._inputs))
+        states = int(_SURPLUS * -(-rows // self.rows.forms.shape[0])) + 2 * motions
+        return self._balls(states, bits, motions, DEFAULT_SEED)
+
+    def other_balls(self, bits: int) -> Balls | None:
+        """The same at a few other poses."""
+        return self._balls(_OTHERS, bits, 1, DEFAULT_SEED + 1)
+
+    def _balls(self, states: int, bits: int, motions: int, seed: int) -> Balls | None:
+        key, forms = (states, bits, motions, seed), self.rows.forms
+        assert forms.loops is not None
+        if key not in self._tables:
+            known = seed == DEFAULT_SEED  # as those of the rows in doubles
+            near = replace(forms, loops=replace(forms.loops, real=partial(self._inputs, known)))
             texts = value_texts(self.mechanism, all_symbols(self.mechanism))
             try:
                 with flint.ctx.workprec(bits):
-                    found = ball_rows(near, texts, states, random_generator(DEFAULT_SEED), motions)
+                    found = ball_rows(near, texts, states, random_generator(seed), motions)
             except InputError:
                 found = None
-            self._tables[states, bits, motions] = found
-        return self._tables[states, bits, motions]
+            self._tables[key] = found
+        return self._tables[key]
 
-    def _inputs(self, rng: np.random.Generator, count: int) -> dict[str, Floats]:
-        """Inputs of closed states near the pose, those of the rows in doubles where these are enough."""
-        known = len(self._real[0]) >= count
+    def _inputs(self, known: bool, rng: np.random.Generator, count: int) -> dict[str, Floats]:
+        """Inputs of closed states near the pose, of known ones where these are enough."""
+        known = known and len(self._real[0]) >= count
         states = self._real if known else self._assembly.random_closed_states(rng, count, _NEAR)
         values = {name: np.full(count, value) for name, value in known_values(self.mechanism).items()}
         return values | state_inputs(self.mechanism, *(x[:count] for x in states))

@@ -19,7 +19,7 @@ from echelon.base.stated_values import at_stated_values
 from echelon.base.structure import settled_structure
 from echelon.errors import ClosedFormError, DegenerateSampleError, EchelonError, InputError
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank
-from echelon.exact.unknown_functions import SOLVING, Work
+from echelon.exact.unknown_functions import SOLVING, Work, persistent
 from echelon.mechanism.joint import GROUND, Placement
 from echelon.mechanism.mechanism import Cut, Mechanism, Output, wrench_output
 from echelon.regressor.linear_forms import LinearForms, virtual_power_form
@@ -180,7 +180,7 @@ def _spaces(
         field = PrimeField.random(rng)
         try:
             bases.append((partial(rank, field=field), _row_spaces(forms, field, rng, progress)))
-        except DegenerateSampleError:
+        except (DegenerateSampleError, ClosedFormError):
             continue
         if len(bases) == _FIELDS:
             return _Spaces(bases)
@@ -198,7 +198,7 @@ def _row_spaces(
     for number, (name, sampler) in enumerate(samplers.items(), 1):
         progress(f"what {name} sees (sensor {number} of {len(samplers)}, modulo {field.p})")
         own = {s: geometry[s] for s in sampler.symbols}
-        spaces[name] = row_space(forms[name], field, rng, own)
+        spaces[name] = persistent(partial(row_space, forms[name], field, rng, own))  # loops close with some luck
     return spaces
 
 
