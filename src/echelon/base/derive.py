@@ -258,7 +258,7 @@ def specialised(
     mechanism: Mechanism, rng: np.random.Generator, recorded: LinearForms | None = None, *, generic: bool = False
 ) -> SpecialisedMechanism:
     """A mechanism for its stated values, and its structure there."""
-    if (found := settled_in_balls(mechanism, rng)) is not None:
+    if not generic and (found := settled_in_balls(mechanism, rng)) is not None:
         return _doubted(*found)
     try:
         return _specialised(mechanism, rng, recorded, generic)
