@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
+import flint
 import numpy as np
 import pytest
 
 import echelon as ec
 from echelon.base import derive
+from echelon.base.ball_relations import Elimination
 from echelon.base.certificate import certify
 from echelon.base.derive import specialised
 from echelon.errors import SingularPoseError
@@ -166,6 +168,18 @@ def test_a_sensor_may_see_nothing() -> None:
 def test_row_spaces_modulo_primes_are_not_known() -> None:
     with pytest.raises(SingularPoseError, match="no exact closed pose is known for the loops closed by"):
         ec.same_row_space(*[in_balls(ec.load(EXAMPLES / "loops/four_bar.yaml"))] * 2)
+
+
+def test_relations_hold_in_other_rows() -> None:
+    """As those of a few poses may not hold elsewhere."""
+    table = np.array([[flint.arb(k), flint.arb(2 * k)] for k in range(1, 60)], dtype=object)
+    alike, others = (np.array([[flint.arb(1), flint.arb(x)]], dtype=object) for x in (2, 3))
+    with flint.ctx.workprec(64):
+        eliminate = Elimination(table, 64).done
+        found = eliminate(range(2), alike)
+        assert found is not None
+        assert found.pivots == [0]
+        assert eliminate(range(2), others) is None
 
 
 def test_a_singular_pose_is_doubted() -> None:
