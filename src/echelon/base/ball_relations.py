@@ -1,4 +1,4 @@
-"""Relations between columns of X in ball arithmetic, for loops of which no exact closed pose is known.
+"""Relations between columns of X in ball arithmetic, at real closed states of mechanisms with loops.
 
 Rows of X at real closed states are known to hundreds of digits.  Columns that are independent in double precision are
 representatives.  What the others are beside them is zero to all digits, or it shows columns that double precision does

@@ -41,7 +41,6 @@ from echelon.errors import (
     InputError,
     OtherModeError,
     SingularPoseError,
-    UnknownRelationsError,
 )
 from echelon.exact.field import DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.interpolation import MOST_PRIMES
@@ -212,7 +211,7 @@ def _balls(mechanism: Mechanism, structure: Structure, order: tuple[int, ...]) -
         few = not mechanism.closures or bool(stated_values(mechanism).names) or largest_denominator(mechanism) < _LONG
     if few:
         return None
-    with suppress(SingularPoseError, UnknownRelationsError):
+    with suppress(SingularPoseError):
         found = ball_relations(mechanism, structure.rank, order)
         return found if len(found.pivots) == structure.rank else None
     return None

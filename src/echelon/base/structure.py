@@ -152,6 +152,14 @@ def stated_in_balls(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Mec
     return None
 
 
+def settled_in_balls(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Mechanism, Structure] | None:
+    """The same where frames in numbers were made to follow, if balls leave no doubt that they do without."""
+    if not mechanism.closed_at or symbol_roles(mechanism).lengths:
+        return None
+    found = stated_in_balls(mechanism, rng)
+    return None if found is None or found[1].doubt else found
+
+
 def settled_structure(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Mechanism, Structure]:
     """The structure, in ball arithmetic where primes do not show the own mode, and the mechanism that it belongs to."""
     search = None if stated_values(mechanism).names else SEARCH
@@ -161,14 +169,6 @@ def settled_structure(mechanism: Mechanism, rng: np.random.Generator) -> tuple[M
         if (found := stated_in_balls(mechanism, rng)) is None:
             raise
         return found
-
-
-def settled_in_balls(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Mechanism, Structure] | None:
-    """The same where frames in numbers were made to follow, if there is no doubt that balls do better without."""
-    if not mechanism.closed_at or symbol_roles(mechanism).lengths:
-        return None
-    found = stated_in_balls(mechanism, rng)
-    return None if found is None or found[1].doubt else found
 
 
 def _from_balls(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
