@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import echelon as ec
 from echelon.base.numeric_comparison import NumericComparison, compare_numeric
-from echelon.base.reading_report import NumericRanks
+from echelon.base.numeric_ranks import NumericRanks
 from echelon.cli.commands import app
 from support.paths import ROOT
 from support.robot_files import robot_file

@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given, settings
 
 import echelon as ec
-from echelon.base.reading_report import numeric_ranks, ranks_of_matrix, report_reading
+from echelon.base.numeric_ranks import numeric_ranks, ranks_of_matrix
+from echelon.base.reading_report import report_reading
 from echelon.errors import InputError
 from echelon.mechanism.joint import ball
 from support import textbook_arms as arms

@@ -22,7 +22,8 @@ from echelon.base.closed_form import assembled, closed_columns, relations
 from echelon.base.linear_base import LinearBase, linear_base_parameters
 from echelon.base.matrix import BaseMatrix, column_order, reordered
 from echelon.base.model import BaseModel
-from echelon.base.reading_report import doubt_of_loops, firm_first, report_reading
+from echelon.base.numeric_ranks import firm_first
+from echelon.base.reading_report import doubt_of_loops, report_reading
 from echelon.base.stated_columns import StatedColumns
 from echelon.base.stated_values import RelationSearch, SpecialValues, at_stated_values
 from echelon.base.structure import (

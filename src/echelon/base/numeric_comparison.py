@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from echelon.base.reading_report import TOLERANCES, NumericRanks, numeric_ranks
+from echelon.base.numeric_ranks import TOLERANCES, NumericRanks, numeric_ranks
 from echelon.base.stated_values import stated_structure
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.mechanism.mechanism import Mechanism
