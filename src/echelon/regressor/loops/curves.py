@@ -54,7 +54,7 @@ class CurveSampler(FunctionSampler):
     def __init__(self, program: Program, outputs: Sequence[int], loops: Loops) -> None:
         if loops.mechanism.closed_in_balls:
             problem = f"no exact closed pose is known for {shown_loops(loops.mechanism)}"
-            raise SingularPoseError(f"{problem}: base parameters and sensors are, but no row spaces modulo primes")
+            raise SingularPoseError(f"{problem}: take base_parameters or sensor_report, which do without one")
         closing = loops.equations
         known = [node for nodes in loops.closed_at.values() for node in nodes]
         centres = [node for wrist in loops.wrists for node in wrist.centre]
