@@ -319,8 +319,9 @@ REFUSED = {
         "a spline of a coordinate that itself depends on others",
     ),
     "loops": (
-        "couplings: [slide: knee^2]\nloops: [{connects: [shank, patella], joint: spherical, at: {xyz: [0.1, 0, 0]}}]",
-        "with loops, couplings must be linear",
+        "couplings: [slide: {spline: {of: knee, points: [[0, 0], [1, 1], [2, 3]]}}]\n"
+        "loops: [{connects: [shank, patella], joint: spherical, at: {xyz: [0.1, 0, 0]}}]",
+        "with loops, couplings must be polynomials",
     ),
 }
 

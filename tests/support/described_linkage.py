@@ -1,6 +1,6 @@
 """Linkages for `loop_oracle` from descriptions: the package's format, read here by its documentation alone.
 
-Covered are `modified_dh` and `bodies` with all plain joints, `loops` of all kinds, linear `couplings` and `assembly`.
+Covered are `modified_dh` and `bodies` with all plain joints, `loops` of all kinds, polynomial `couplings`, `assembly`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import sympy
 import yaml
 from flint import arb, arb_mat
 
-from support.loop_linkage import ONE, Body, Linkage, Loop, number, sliding, turning
+from support.loop_linkage import ONE, Body, Linkage, Loop, function, number, sliding, turning
 from support.loop_readers import AXES, FREE, euler, placed, turned
 
 ALIASES = {"spherical": "point", "points": "point", "cylindrical": "axis", "axes": "axis"}
@@ -39,7 +39,8 @@ class _Reader:
 
     @cached_property
     def symbols(self) -> dict[str, sympy.Expr]:
-        values = {n: v["value"] if isinstance(v, dict) else v for n, v in self.robot.get("symbols", {}).items()}
+        stated = self.robot.get("symbols", {}).items()
+        values = {n: v.get("value", v.get("approximate")) if isinstance(v, dict) else v for n, v in stated}
         return {name: sympy.sympify(value, rational=True) for name, value in values.items()}
 
     def expression(self, text: str) -> sympy.Expr:
@@ -141,26 +142,32 @@ class _Reader:
                 found.append(float(self.value(stated.get(name, "0"))))
         for dependent, terms, constant in self._couplings():
             at = dict(zip(self.coordinates, found, strict=True))
-            found[self.coordinates.index(dependent)] = float(constant + sum(c * at[n] for n, c in terms.items()))
+            moved = [float(function(c, arb(at[n]))[0]) for n, c in terms.items()]
+            found[self.coordinates.index(dependent)] = constant + sum(moved)
         return tuple(found)
 
-    def _couplings(self) -> list[tuple[str, dict[str, float], float]]:
+    def _couplings(self) -> list[tuple[str, dict[str, tuple[float, ...]], float]]:
+        """Dependent coordinates with the coefficients of polynomials in others, and constants."""
         found = []
         for entry in self.robot.get("couplings", ()):
             for dependent, text in entry.items():
-                stands = {sympy.Symbol(name): 0 for name in self.coordinates}
                 whole = self.expression(text)
-                terms = {
-                    n: float(whole.coeff(sympy.Symbol(n)))
-                    for n in self.coordinates
-                    if whole.coeff(sympy.Symbol(n)) != 0
-                }
+                names = [n for n in self.coordinates if sympy.Symbol(n) in whole.free_symbols]
+                stands = {sympy.Symbol(name): 0 for name in names}
+                terms = {}
+                for name in names:
+                    x = sympy.Symbol(name)
+                    alone = sympy.Poly(whole.subs({s: 0 for s in stands if s != x}), x)
+                    terms[name] = tuple(float(alone.coeff_monomial(x**k)) for k in range(1, alone.degree() + 1))
                 found.append((dependent, terms, float(whole.subs(stands))))
         return found
 
-    def _ties(self) -> list[dict[int, float]]:
+    def _ties(self) -> list[dict[int, object]]:
         places = self.coordinates.index
-        return [{places(d): 1.0} | {places(n): -c for n, c in terms.items()} for d, terms, _ in self._couplings()]
+        return [
+            {places(d): 1.0} | {places(n): tuple(-x for x in c) for n, c in terms.items()}
+            for d, terms, _ in self._couplings()
+        ]
 
     def _loop(self, entry: dict, at_zero: list[arb_mat]) -> Loop:
         first, second = (self.index[name] for name in entry["connects"])

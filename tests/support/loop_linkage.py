@@ -98,15 +98,26 @@ class Loop:
 class State:
     """World poses, twists, and bias accelerations of a linkage that moves."""
 
+    q: Sequence[arb]
+    qd: Sequence[arb]
     poses: list[arb_mat]
     axes: list[arb_mat]
     rates: list[arb_mat]
     biases: list[arb_mat]
 
 
+def function(coefficients: object, x: arb) -> tuple[arb, arb, arb]:
+    """c1 x + c2 x^2 + ..., its slope and its second derivative; one number stands for c1 alone."""
+    several = coefficients if isinstance(coefficients, tuple) else (coefficients,)
+    terms = [(number(c), k) for k, c in enumerate(several, start=1)]
+    value = sum((c * x**k for c, k in terms), arb(0))
+    slope = sum((c * k * x ** (k - 1) for c, k in terms), arb(0))
+    return value, slope, sum((c * k * (k - 1) * x ** (k - 2) for c, k in terms[1:]), arb(0))
+
+
 @dataclass(frozen=True)
 class Linkage:
-    """Bodies in the order of the tree, loops, and ties: coefficients of coordinates whose sum is constant."""
+    """Bodies in the order of the tree, loops, and ties: functions of coordinates whose sum is constant."""
 
     bodies: tuple[Body, ...]
     loops: tuple[Loop, ...]
@@ -140,7 +151,7 @@ class Linkage:
             poses.append(pose)
             rates.append(rate)
             biases.append(bias)
-        return State([*poses[1:], ONE], axes, [*rates[1:], NOTHING], [*biases[1:], NOTHING])
+        return State(q, qd, [*poses[1:], ONE], axes, [*rates[1:], NOTHING], [*biases[1:], NOTHING])
 
     def residual(self, q: Sequence[arb]) -> list[arb]:
         at = self.state(q, [arb(0)] * len(q))
@@ -149,7 +160,8 @@ class Linkage:
             pose = (at.poses[loop.first] * loop.at).inv() * at.poses[loop.second] * loop.on
             missed += [(pose - ONE)[entry] for entry in KINDS[loop.kind]]
         for tie in self.ties:
-            missed.append(sum((number(c) * (q[j] - number(self.start[j])) for j, c in tie.items()), arb(0)))
+            ends = ((function(c, q[j])[0], function(c, number(self.start[j]))[0]) for j, c in tie.items())
+            missed.append(sum((here - there for here, there in ends), arb(0)))
         return missed
 
     def jacobian(self, at: State) -> arb_mat:
@@ -161,7 +173,7 @@ class Linkage:
                 first, second = at.poses[loop.first] * loop.at, at.poses[loop.second] * loop.on
                 change = first.inv() * axis * second * sign if sign else NOTHING
                 column += [change[entry] for entry in KINDS[loop.kind]]
-            columns.append(column + [number(tie.get(j, 0)) for tie in self.ties])
+            columns.append(column + [function(tie.get(j, 0), at.q[j])[1] for tie in self.ties])
         return arb_mat(columns).transpose()
 
     def bias(self, at: State) -> list[arb]:
@@ -174,7 +186,8 @@ class Linkage:
             rate = at.biases[loop.second] - at.biases[loop.first] + apart * fast - slow * apart
             change = first.inv() * rate * second
             found += [change[entry] for entry in KINDS[loop.kind]]
-        return found + [arb(0)] * len(self.ties)
+        bends = [[function(c, at.q[j])[2] * at.qd[j] ** 2 for j, c in tie.items()] for tie in self.ties]
+        return found + [sum(terms, arb(0)) for terms in bends]
 
     def closed(self, guess: Sequence[arb], constraints: int | None = None) -> list[arb]:
         """Closed coordinates near a guess, by Newton steps of least length; their sixteen digits add up to all.

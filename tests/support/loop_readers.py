@@ -16,7 +16,7 @@ import numpy as np
 import yaml
 from flint import arb, arb_mat
 
-from support.loop_linkage import ONE, Body, Linkage, Loop, matrix, number, sliding, turning
+from support.loop_linkage import ONE, Body, Linkage, Loop, function, matrix, number, sliding, turning
 
 NEAR = 1e-9
 AXES = tuple(tuple(arb(int(i == j)) for j in range(3)) for i in range(3))
@@ -175,9 +175,10 @@ def mjcf(file: Path, literal: bool = False) -> Linkage:
             continue
         kind, one, two, data = model.eq_type[e], int(model.eq_obj1id[e]), int(model.eq_obj2id[e]), model.eq_data[e]
         if kind == mujoco.mjtEq.mjEQ_JOINT:
-            if np.any(data[2:5]):
-                raise NotImplementedError("a joint equality that is not linear")
-            ties.append({first[one]: 1} | ({first[two]: -float(data[1])} if two >= 0 else {}))
+            powers = tuple(float(c) for c in data[1:5]) if two >= 0 else ()
+            leader = number(start[first[two]]) if two >= 0 else number(0)
+            start[first[one]] = float(data[0]) + float(function(powers, leader)[0])
+            ties.append({first[one]: 1} | ({first[two]: tuple(-c for c in powers)} if powers else {}))
             continue
         if kind == mujoco.mjtEq.mjEQ_TENDON:
             ties.append(tendon(model, one, first, 1.0))

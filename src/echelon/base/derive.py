@@ -42,6 +42,7 @@ from echelon.errors import (
     InputError,
     OtherModeError,
     SingularPoseError,
+    UnknownRelationsError,
 )
 from echelon.exact.field import DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.interpolation import MOST_PRIMES
@@ -262,7 +263,7 @@ def specialised(
         return _doubted(*found)
     try:
         return _specialised(mechanism, rng, recorded, generic)
-    except (OtherModeError, SingularPoseError) as error:
+    except (OtherModeError, SingularPoseError, UnknownRelationsError) as error:
         if isinstance(error, OtherModeError) and not mechanism.closed_at:
             with suppress(ValueError, OtherModeError, SingularPoseError):  # such as a screw that is turned there
                 return _specialised(closed_exactly(mechanism, Assembly(mechanism).pose), rng, None, generic)

@@ -177,8 +177,10 @@ def _robot_facts(model: _RobotSet) -> list[tuple[str, str]]:
 
 def numbers_text(model: _RobotSet, numbers: StatedNumbers) -> str:
     """Which coefficients are numbers in place of closed forms, how exact they are, and how to ask for more."""
-    names = " ".join(model.parameters[column] for column in numbers.columns)
     within = "exact" if not numbers.radius else f"within {numbers.radius:.0e}"
+    if model.certificate.in_balls:
+        return f"all coefficients are numbers at the stated values, found in ball arithmetic ({within})"
+    names = " ".join(model.parameters[column] for column in numbers.columns)
     return (
         f"the coefficients of {names} are numbers at the stated values, in place of closed forms "
         f"({within}; a larger --budget, without --numeric, finds more closed forms)"

@@ -146,6 +146,8 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator, search: float
 
 def stated_in_balls(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Mechanism, Structure] | None:
     """A mechanism with loops as it is stated, and its structure, in ball arithmetic; None if that cannot be."""
+    if not mechanism.closures:
+        return None
     stated = replace(as_stated(mechanism) if mechanism.closed_at else mechanism, closed_in_balls=True)
     with suppress(InputError, SingularPoseError, UnknownRelationsError):
         return stated, find_structure(stated, rng)
@@ -165,7 +167,7 @@ def settled_structure(mechanism: Mechanism, rng: np.random.Generator) -> tuple[M
     search = None if stated_values(mechanism).names else SEARCH
     try:
         return mechanism, find_structure(mechanism, rng, search)
-    except (OtherModeError, SingularPoseError):
+    except (OtherModeError, SingularPoseError, UnknownRelationsError):
         if (found := stated_in_balls(mechanism, rng)) is None:
             raise
         return found

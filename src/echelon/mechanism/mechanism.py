@@ -421,10 +421,10 @@ def _check_couplings(mechanism: Mechanism) -> None:
             if name not in scalar:
                 valid = ", ".join(sorted(scalar)) or "none"
                 raise InputError(f"'{name}' is not a single coordinate (valid: {valid})", element=where)
-        if mechanism.closures and not coupling.is_linear:
+        if mechanism.closures and any(function.knots for _, function in coupling.terms):
             raise InputError(
-                "with loops, couplings must be linear; state its linear part only, or read the model without "
-                "couplings (--mimic independent, independent_mimics=True)",
+                "with loops, couplings must be polynomials; state the piece of the spline that is meant, or read the "
+                "model without couplings (--mimic independent, independent_mimics=True)",
                 element=where,
             )
         for name, _ in coupling.terms:

@@ -6,12 +6,11 @@ With loops, ratios of gears become numbers, because the sine of n·q is algebrai
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import fields, is_dataclass, replace
 from fractions import Fraction
 from typing import Any
 
-from echelon.errors import InputError
 from echelon.exact.expressions import multiple_of_point
 from echelon.exact.polynomial import (
     Polynomial,
@@ -83,31 +82,32 @@ def _text(term: str, values: Mapping[str, Polynomial]) -> str:
 
 
 def with_numeric_ratios(mechanism: Mechanism) -> Mechanism:
-    """A mechanism with loops in which the ratios between turning coordinates are rational numbers."""
-    # symbols in such ratios are replaced by their values, wherever they occur
-    symbols = {symbol for _, ratio in _turning(mechanism) for symbol in ratio.symbols()}
-    if symbols:
-        numbers = {name: s.number for name, s in mechanism.symbols.items() if name in symbols}
-        known = {name: Polynomial.constant(value) for name, value in numbers.items() if value is not None}
-        mechanism = substituted(mechanism, known)
-    for where, ratio in _turning(mechanism):
-        if not isinstance(ratio.number, int | Fraction):
-            problem = "is not a rational number, and with loops only those have exact sines and cosines"
-            what = "give its symbols exact values such as 3/2, or write a number"
-            raise InputError(f"the ratio {ratio} {problem}: {what}", element=where)
-    return mechanism
-
-
-def _turning(mechanism: Mechanism) -> Iterator[tuple[str, Polynomial]]:
-    """The ratios of turning coordinates to others, each with the coupling that it stands in."""
-    sliding = {m.name for m in mechanism.motions if m.kind is MotionKind.TRANSLATION}
+    """A mechanism with loops in which symbols in ratios of turning coordinates are replaced by their values."""
+    sliding, ratios = _sliding(mechanism), list[Polynomial]()
     for coupling in mechanism.couplings:
-        if coupling.coordinate in sliding:
-            continue
-        where = f"coupling of '{coupling.coordinate}'"
+        if coupling.coordinate not in sliding:
+            ratios += [ratio for _, function in coupling.terms if (ratio := function.ratio) is not None]
+    symbols = {symbol for ratio in ratios for symbol in ratio.symbols()}
+    numbers = {name: s.number for name, s in mechanism.symbols.items() if name in symbols}
+    known = {name: Polynomial.constant(value) for name, value in numbers.items() if value is not None}
+    return substituted(mechanism, known) if known else mechanism
+
+
+def inexact_coupling(mechanism: Mechanism) -> tuple[str, str] | None:
+    """A coupling by which something turns without exact sines: where it is stated, and why; None if there is none."""
+    sliding = _sliding(mechanism)
+    for coupling in mechanism.couplings:
+        turns, where = coupling.coordinate not in sliding, f"coupling of '{coupling.coordinate}'"
         for name, function in coupling.terms:
-            if name in sliding:
-                problem = f"with loops, a rotation cannot follow a translation: state '{name}' as a multiple of"
-                raise InputError(f"{problem} '{coupling.coordinate}' instead", element=where)
-            if function.ratio is not None:
-                yield where, function.ratio
+            ratio = function.ratio
+            if ratio is None:
+                return where, "it is not linear"
+            if turns and name in sliding:
+                return where, f"it turns while '{name}' slides"
+            if turns and not isinstance(ratio.number, int | Fraction):
+                return where, f"the ratio {ratio} is not a rational number"
+    return None
+
+
+def _sliding(mechanism: Mechanism) -> set[str]:
+    return {m.name for m in mechanism.motions if m.kind is MotionKind.TRANSLATION}

@@ -24,7 +24,7 @@ from echelon.mechanism.stated import (
     known_values,
     value_texts,
 )
-from echelon.mechanism.substitute import with_numeric_ratios
+from echelon.mechanism.substitute import inexact_coupling, with_numeric_ratios
 from echelon.program.tape import Program
 from echelon.regressor.loops.assembly import NEARLY_FREE, Assembled, Assembly, OpenLoopsError
 from echelon.regressor.loops.closed_balls import ClosedBalls
@@ -67,6 +67,9 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
             raise InputError(f"there is no coordinate '{name}' (valid: {', '.join(names)})", element="independent")
     first = list(wanted) if wanted is not None else [name for name in prefer if name in names]
     mechanism, real = _real(mechanism)
+    if real is None and (inexact := inexact_coupling(mechanism)):
+        problem = f"with loops, {inexact[1]}: give all symbols values, ratios exact ones such as 3/2"
+        raise InputError(problem, element=inexact[0])
     if real is None:
         field, jacobian = _jacobian(_recorded(mechanism))
         freedom = np.array(null_vectors(jacobian, field), dtype=np.int64).reshape(-1, len(names))
@@ -204,15 +207,16 @@ def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
     """The mechanism as it is if its loops close exactly and move as in doubles, else with frames that follow."""
     if mechanism.closed_in_balls:
         return mechanism
-    reasons, locked = [], ""
-    stated = replace(real.loops, mechanism=mechanism)
+    inexact = inexact_coupling(mechanism)
+    reasons = [unsolved(mechanism, f"{inexact[0]}: {inexact[1]}, and balls do not show one")] if inexact else []
+    locked, stated = "", replace(real.loops, mechanism=mechanism)
     attempts: list[tuple[Callable[[], Loops], float]] = [
         (lambda: stated, _LITTLE_WORK),
         (lambda: _recorded(_at(mechanism, real.assembly.pose)), inf),
         (lambda: stated, inf),
         (lambda: _recorded(in_numbers(mechanism)), inf),
     ]
-    for attempt, work in attempts[:1] if mechanism.closed_at else attempts:
+    for attempt, work in attempts[: 0 if inexact else 1 if mechanism.closed_at else len(attempts)]:
         try:
             closed = attempt()
             field, jacobian = _jacobian(closed, work)

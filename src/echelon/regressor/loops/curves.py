@@ -221,14 +221,16 @@ class CurveSampler(FunctionSampler):
         for node in self._functions:
             if self._moves(node) and self.program.ops[node] == Op.EXP:
                 continue
+            unknown = f"{Op(self.program.ops[node]).name.lower()} of what moves in a mechanism with loops"
+            if self.canonical.signed(node):
+                raise UnknownRelationsError(unknown)
             form = self.canonical.form(node, ())
             moving = {g for g in generators_of(form) if not self.canonical.generators[g].constant}
             for name in moving:
                 inner = self.canonical.generators[name].element.symbols()
                 source = sources.get(inner[0], "") if len(inner) == 1 else ""
                 if not isinstance(form, Turn) or source not in place:
-                    shown = Op(self.program.ops[node]).name.lower()
-                    raise UnknownRelationsError(f"{shown} of what moves in a mechanism with loops")
+                    raise UnknownRelationsError(unknown)
                 turning[name] = place[source]
                 turns[node] = form
         return turns, turning
