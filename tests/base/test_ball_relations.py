@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from fractions import Fraction
 
 import flint
 import numpy as np
@@ -13,6 +14,7 @@ import echelon as ec
 from echelon.base import derive
 from echelon.base.ball_relations import Elimination
 from echelon.base.ball_spaces import BallSpaces
+from echelon.base.ball_tables import rounded
 from echelon.base.certificate import certify
 from echelon.base.derive import specialised
 from echelon.errors import SingularPoseError
@@ -186,3 +188,12 @@ def test_a_singular_pose_is_doubted() -> None:
     """Flat parallelograms may go on as others."""
     found = specialised(in_balls(ec.load(LOOPS / "palletizer.xml")), random_generator(1))
     assert "the assembly pose is singular" in found.doubt
+
+
+def test_short_fractions_are_recognised_in_balls() -> None:
+    with flint.ctx.workprec(512):
+        third, root = flint.arb(1) / 3, flint.arb(2).sqrt()
+        values, radius = rounded([third * -9, 9 * third / 26, root - root, root])
+    assert values[:3] == [-3, Fraction(3, 26), 0]
+    assert abs(values[3] ** 2 - 2) < Fraction(1, 10**38)
+    assert 0 < radius < 1e-38

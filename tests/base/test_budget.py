@@ -257,9 +257,9 @@ def test_numeric_gives_numbers_where_sines_are_not_exact(tmp_path: Path) -> None
 
 
 def test_small_numbers_in_latex() -> None:
-    expression = collect("ZZ1", "kg·m²", [("M2", RationalFunction(Fraction(-1, 30000)))], ["M2"])
-    assert str(expression) == "ZZ1 − 3.33333333e-05·M2"
-    assert expression.latex == r"\mathit{ZZ}_{1} - 3.33333333\cdot 10^{-5}\,\mathit{M}_{2}"
+    expression = collect("ZZ1", "kg·m²", [("M2", RationalFunction(Fraction(-1, 3 * 10**9)))], ["M2"])
+    assert str(expression) == "ZZ1 − 3.33333333e-10·M2"
+    assert expression.latex == r"\mathit{ZZ}_{1} - 3.33333333\cdot 10^{-10}\,\mathit{M}_{2}"
 
 
 def test_progress_names_the_phases() -> None:

@@ -101,3 +101,11 @@ def test_couplings_without_exact_sines_are_answered_in_balls(name: str) -> None:
     state = states(base.mechanism, 5)
     full = base.standard_regressor(*state)
     np.testing.assert_allclose(base.regressor(*state) @ base.B_float(), full, atol=1e-8 * np.abs(full).max())
+
+
+def test_coefficients_in_balls_are_shown_as_fractions_where_they_are() -> None:
+    """A geared wheel changes nothing of the four-bar that carries it, whose rods have the ratio 7/6."""
+    base = ec.base_parameters(read(BAR.format(ratio="n*crank", symbols="n: sqrt(2)", **OUTSIDE)))
+    assert str(base.expressions[4]).startswith("MX2 + 7/6·MX3")
+    assert base.matrix.numbers is not None
+    assert 0 < base.matrix.numbers.radius < 1e-38

@@ -11,9 +11,10 @@ import numpy as np
 
 from echelon.arrays import Floats, pivoted_qr
 from echelon.base.ball_rows import Balls
-from echelon.exact.polynomial import Number
+from echelon.exact.polynomial import Number, simplest
 
 _DIGITS = 40
+_LARGEST_DENOMINATOR = 10**9
 
 
 def doubles(table: Balls) -> Floats:
@@ -72,15 +73,15 @@ def ball_error(x: Any) -> float:
 
 
 def rounded(values: Sequence[Any]) -> tuple[list[Number], float]:
-    """Values to a fixed number of digits, and the largest error."""
+    """Values to a fixed number of digits, as short fractions where these are next to them, and the largest error."""
     rounded: list[Number] = []
     radius = 0.0
     for value in values:
-        if value.contains(0):  # it is smaller than the error allowed before
-            rounded.append(0)
-            radius = max(radius, float(abs(value).upper()))
-            continue
-        decimal = Fraction(value.mid().str(_DIGITS, radius=False))
-        rounded.append(decimal.numerator if decimal.denominator == 1 else decimal)
-        radius = max(radius, abs(float(decimal)) * 10.0 ** (1 - _DIGITS) + ball_error(value))
+        middle, power = value.mid().man_exp()
+        fraction = (int(middle) * Fraction(2) ** int(power)).limit_denominator(_LARGEST_DENOMINATOR)
+        # zero was smaller than the error allowed before; balls are so small that no other one holds such a fraction
+        if not value.contains(flint.fmpq(fraction.numerator, fraction.denominator)):
+            fraction = Fraction(value.mid().str(_DIGITS, radius=False))
+        rounded.append(simplest(fraction))
+        radius = max(radius, abs(float(fraction)) * 10.0 ** (1 - _DIGITS) + 2 * ball_error(value))
     return rounded, radius

@@ -9,7 +9,7 @@ from fractions import Fraction
 
 from echelon.conventions import PARAMETERS
 from echelon.errors import one_line
-from echelon.exact.expressions import PI
+from echelon.exact.expressions import PI, decimal_text
 from echelon.exact.polynomial import Monomial, Number, Polynomial, Surd, is_negative, is_trigonometric, multiple_of
 from echelon.exact.rational import RationalFunction
 
@@ -62,9 +62,15 @@ def collect(
     groups: dict[tuple[RationalFunction, bool], list[str]] = {}
     for parameter, coefficient in terms:
         if parameter != name:
-            groups.setdefault((coefficient, parameter in decimals), []).append(parameter)
+            groups.setdefault((coefficient, parameter in decimals and _is_decimal(coefficient)), []).append(parameter)
     head = Group(RationalFunction(1), (name,))
     return Expression(name, unit, (head, *(Group(c, tuple(names), d) for (c, d), names in groups.items())))
+
+
+def _is_decimal(coefficient: RationalFunction) -> bool:
+    """Whether a number is best shown as a decimal: it is one, or a long fraction, or none."""
+    number = coefficient.numerator.number
+    return not isinstance(number, Fraction) or "/" not in decimal_text(number) or len(str(number)) > _DECIMAL_DIGITS
 
 
 def angle_text(generator: str, style: TextStyle, symbol: Callable[[str], str] = str) -> str:
