@@ -49,11 +49,17 @@ class Browser:
         return count
 
     def drive(self, folder: Path, html: str, driver: str, window: str) -> dict[str, Any]:
-        """What a driver at the page's end found out and left there as JSON, in ``<output id="result">``."""
+        """What a driver at the page's end found out and left there as JSON, in ``<output id="result">``.
+
+        A busy browser may dump the page before it is driven.
+        """
         html = html.replace("</body>", driver + "</body>")
-        dom, said = self.browse(folder, html, f"--window-size={window}", "--dump-dom")
-        assert said == []
-        found = re.search(r'<output id="result">(.*?)</output>', dom, re.DOTALL)
+        found = None
+        for _ in range(3):
+            dom, said = self.browse(folder, html, f"--window-size={window}", "--dump-dom")
+            assert said == []
+            if found := re.search(r'<output id="result">(.*?)</output>', dom, re.DOTALL):
+                break
         assert found
         return json.loads(found[1].replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&"))
 
