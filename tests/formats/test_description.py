@@ -225,6 +225,10 @@ MISTAKES = {
     "length as angle": (row("joint: revolute, alpha: l*l"), "modified_dh[1].alpha"),
     "reserved symbol": (DH.replace("{l: 0.3}", "{l: 0.3, pi: 3}"), "pi"),
     "keyword symbol": (DH.replace("{l: 0.3}", "{l: 0.3, lambda: 3}"), "lambda"),
+    "tangent of another angle": (
+        DH.replace("0.3", "{approximate: 0.4, tangent_squared: 1/4}"),
+        "symbols.l.tangent_squared: it is not that of the angle stated as approximate: 0.4 rad",
+    ),
     "symbol value": (DH.replace("0.3", "[1]"), "symbols.l"),
     "unknown antecedent": (row("joint: revolute, parent: 9"), "9"),
     "unknown parent": (bodies(f"name: a, parent: z, {TURN}"), "'z'"),

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import echelon as ec
 from echelon.base.reading_report import doubt_of_loops
 from echelon.base.structure import find_structure
+from echelon.formats.writers.description_writer import write_description
+from support import loop_oracle
 from support.closed_states import check, read, states
+from support.described_linkage import described
 from support.selection import one_in
 from support.zoo import ZOO, Case
 from support.zoo.linkages import ROOTS, delta
@@ -71,12 +79,20 @@ def test_the_rank_of_some_measurements(name: str, output: str, rank: int) -> Non
 
 
 @pytest.mark.slow
-def test_directions_without_exact_values_are_refused_where_they_matter() -> None:
-    """Arms along (1, 2, 0): rods that are stated beside them are not parallel to them exactly."""
-    mechanism = read(delta("universal, axis: x, axis2: y", ROOTS))
+def test_directions_without_exact_values_are_known_in_balls(tmp_path: Path) -> None:
+    """Arms along (1, 2, 0): for primes, rods that are stated beside them are not parallel to them."""
+    text = delta("universal, axis: x, axis2: y", ROOTS)
+    mechanism = read(text)
     assert "do not confirm 67: rank 34" in doubt_of_loops(mechanism, 67)
+    assert ec.base_structure(mechanism).rank == loop_oracle.rank(described(text)).rank == 34
+    arcs = {name: symbol.tangent_squared for name, symbol in mechanism.symbols.items()}
+    assert set(arcs.values()) == {Fraction(1, 4), Fraction(1, 9)}
+    (tmp_path / "delta.json").write_text(json.dumps(write_description(mechanism)), encoding="utf-8")
+    again = ec.load(tmp_path / "delta.json")
+    assert {name: symbol.tangent_squared for name, symbol in again.symbols.items()} == arcs
+    doubles = {name: replace(symbol, tangent_squared=None) for name, symbol in mechanism.symbols.items()}
     with pytest.raises(ec.InputError, match=r"67 base parameters would show, but fewer do.*count as generic \(bodies"):
-        ec.base_structure(mechanism)
+        ec.base_structure(replace(mechanism, symbols=doubles))
     assert not doubt_of_loops(read(delta("universal, axis: x, axis2: y")), 34)
 
 

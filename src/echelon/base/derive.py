@@ -27,12 +27,13 @@ from echelon.base.reading_report import doubt_of_loops, report_reading
 from echelon.base.stated_columns import StatedColumns
 from echelon.base.stated_values import RelationSearch, SpecialValues, at_stated_values
 from echelon.base.structure import (
+    LEFT_TO_BALLS,
     SEARCH,
     Structure,
     dependent_columns,
     find_structure,
+    in_balls_instead,
     settled_in_balls,
-    stated_in_balls,
 )
 from echelon.errors import (
     BrokenRelationsError,
@@ -42,7 +43,6 @@ from echelon.errors import (
     InputError,
     OtherModeError,
     SingularPoseError,
-    UnknownRelationsError,
 )
 from echelon.exact.field import DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.interpolation import MOST_PRIMES
@@ -263,13 +263,13 @@ def specialised(
         return _doubted(*found)
     try:
         return _specialised(mechanism, rng, recorded, generic)
-    except (OtherModeError, SingularPoseError, UnknownRelationsError) as error:
+    except LEFT_TO_BALLS as error:
         if isinstance(error, OtherModeError) and not mechanism.closed_at:
             with suppress(ValueError, OtherModeError, SingularPoseError):  # such as a screw that is turned there
                 return _specialised(closed_exactly(mechanism, Assembly(mechanism).pose), rng, None, generic)
-        if generic or (found := stated_in_balls(mechanism, rng)) is None:
+        if generic:
             raise
-        return _doubted(*found)
+        return _doubted(*in_balls_instead(mechanism, rng, error))
 
 
 def _doubted(mechanism: Mechanism, structure: Structure) -> SpecialisedMechanism:

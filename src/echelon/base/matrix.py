@@ -49,9 +49,9 @@ class StatedNumbers:
 
     def exact(self, angles: frozenset[str]) -> dict[str, Number] | None:
         """The stated values as exact numbers, or None if angles are among them, whose sines are not."""
-        values = {name: parse(text).number for name, text in self.at.items()}
-        if angles & values.keys():
+        if angles & self.at.keys():
             return None
+        values = {name: parse(text).number for name, text in self.at.items()}
         known = {name: value for name, value in values.items() if value is not None}
         return known if len(known) == len(values) else None
 

@@ -44,6 +44,9 @@ from echelon.regressor.loops.curves import CurveSampler
 _SURPLUS_ROWS = 8
 _ATTEMPTS, _PASSES = 8, 2
 _SURPLUS_ORDER = 16
+LEFT_TO_BALLS = (OtherModeError, SingularPoseError, UnknownRelationsError, BrokenRelationsError)
+"""Why primes may not tell the structure of a mechanism with loops where ball arithmetic does."""
+
 SEARCH = 1e6
 """Numbers that are added for a closed pose modulo a prime in half a second; balls take no longer then."""
 
@@ -167,10 +170,19 @@ def settled_structure(mechanism: Mechanism, rng: np.random.Generator) -> tuple[M
     search = None if stated_values(mechanism).names else SEARCH
     try:
         return mechanism, find_structure(mechanism, rng, search)
-    except (OtherModeError, SingularPoseError, UnknownRelationsError):
-        if (found := stated_in_balls(mechanism, rng)) is None:
-            raise
-        return found
+    except LEFT_TO_BALLS as error:
+        return in_balls_instead(mechanism, rng, error)
+
+
+def in_balls_instead(
+    mechanism: Mechanism, rng: np.random.Generator, error: EchelonError
+) -> tuple[Mechanism, Structure]:
+    """The structure in ball arithmetic where primes end in an error; that error if balls do not tell, either."""
+    found = stated_in_balls(mechanism, rng)
+    # relations that rounding has broken are not restored by more digits
+    if found is None or (isinstance(error, BrokenRelationsError) and found[1].doubt):
+        raise error
+    return found
 
 
 def _from_balls(mechanism: Mechanism, rng: np.random.Generator) -> Structure:

@@ -270,7 +270,7 @@ class Snapping:
 
     # -- angles ----------------------------------------------------------------------------------------------------
 
-    def angle(self, value: Rational | float, element: str, name: str) -> Angle:
+    def angle(self, value: Rational | float, element: str, name: str, square: Fraction | None = None) -> Angle:
         """A number of radians as an exact angle: a multiple of 15°, or a multiple of 90° and a symbol."""
         number = self.angle_value(value, element)
         steps = round(number / _STEP)
@@ -279,15 +279,20 @@ class Snapping:
             if difference > _EXACT * max(1.0, abs(number)):
                 self.snaps.append(Snap(element, _decimal(value), f"{steps * 15}°", difference))
             return Angle(Fraction(steps, STEPS_PER_HALF_TURN))
-        return self.named_angle(value, element, name)
+        return self.named_angle(value, element, name, square)
 
-    def computed_angle(self, value: float, element: str, name: str) -> Angle:
+    def computed_angle(self, value: float, element: str, name: str, square: Fraction | None = None) -> Angle:
         """An angle that was computed; in loops it is near a multiple of 15° by chance unless it is very near."""
         chance = self.options.looped and abs(value - nearest_step(value)) > 10.0**-_FEW
-        return self.named_angle(value, element, name) if chance else self.angle(value, element, name)
+        return self.named_angle(value, element, name, square) if chance else self.angle(value, element, name, square)
 
-    def named_angle(self, value: Rational | float | Angle, element: str, name: str) -> Angle:
-        """A number of radians as a multiple of 90° and a symbol, however near to a multiple of 15° it is."""
+    def named_angle(
+        self, value: Rational | float | Angle, element: str, name: str, square: Fraction | None = None
+    ) -> Angle:
+        """A number of radians as a multiple of 90° and a symbol, however near to a multiple of 15° it is.
+
+        ``square`` is that of its tangent, if that is known.
+        """
         exact = value if isinstance(value, Angle) else None
         if isinstance(value, int | Fraction):
             exact = Angle(radians=Fraction(value))
@@ -296,7 +301,8 @@ class Snapping:
         rest = number - quarters * (pi / 2)
         sign = 1 if rest > 0 else -1
         text = None if exact is None else _rest_text(exact, quarters, sign)
-        symbol = self._angle_symbol(abs(rest), text, element, name)
+        arc = square if square is None or not quarters % 2 else 1 / square
+        symbol = self._angle_symbol(Symbol(name, abs(rest), text, element, tangent_squared=arc))
         if isinstance(value, Angle):
             self.exact.add(symbol)
         return Angle(Fraction(quarters, 2), ((symbol, sign),))
@@ -313,13 +319,14 @@ class Snapping:
         """Largest difference, rad, at which an angle is read as a multiple of 15°."""
         return min(PRECISION, self.options.snap_tolerance) if element in self.literal else self.options.snap_tolerance
 
-    def _angle_symbol(self, size: float, exact: str | None, element: str, name: str) -> str:
+    def _angle_symbol(self, wanted: Symbol) -> str:
+        size = wanted.value or 0.0
         for known, symbol in self._angles:
             # a number that is read once more is the same number
-            apart = self.options.separate_symbols and self.symbols[symbol].meaning != element
+            apart = self.options.separate_symbols and self.symbols[symbol].meaning != wanted.meaning
             if abs(known - size) <= _SAME and not apart:
                 return symbol
-        symbol = self._new_symbol(name, Symbol(name, size, exact, element))
+        symbol = self._new_symbol(wanted.name, wanted)
         self._angles.append((size, symbol))
         return symbol
 
@@ -357,8 +364,10 @@ class Snapping:
             with suppress(ValueError):
                 return _turned_to(direction)
         read = self.computed_angle if general else self.angle
-        azimuth = read(angles[0], f"{element} azimuth", f"azimuth{label}")
-        elevation = read(angles[1], f"{element} inclination", f"inclination{label}")
+        squares = [Fraction(v) ** 2 for v in direction]
+        arcs = _ratio(squares[1], squares[0]), _ratio(squares[0] + squares[1], squares[2])
+        azimuth = read(angles[0], f"{element} azimuth", f"azimuth{label}", arcs[0])
+        elevation = read(angles[1], f"{element} inclination", f"inclination{label}", arcs[1])
         return turn(2, azimuth) @ turn(1, elevation), 2, 1
 
     # -- symbols -------------------------------------------------------------------------------------------------------
@@ -390,6 +399,10 @@ def _translated(placement: Placement, read: Callable[[Polynomial, str], Polynomi
     """A placement with other components of its translation."""
     x, y, z = (read(value, axis) for axis, value in zip("xyz", placement.translation, strict=True))
     return Placement(placement.rotation, (x, y, z))
+
+
+def _ratio(top: Fraction, bottom: Fraction) -> Fraction | None:
+    return top / bottom if top and bottom else None
 
 
 def nearest_step(angle: float) -> float:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from fractions import Fraction
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -261,6 +262,8 @@ class Symbol:
     meaning: str = ""  # where the symbol comes from, for people
     # what it is in terms of angle symbols, where a reader named a sum such as 0.1 + 0.3·cos(roll2)
     stands_for: Polynomial | None = None
+    # tan² of an angle below a right one that has no exact value, such as 4 in the direction (1, 2, 0)
+    tangent_squared: Fraction | None = None
 
     @property
     def number(self) -> Number | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from fractions import Fraction
 from operator import methodcaller, neg
 from typing import Any
 
@@ -52,8 +53,15 @@ def ball(value: Number | float) -> Any:
     return total
 
 
+ARC = "atan(sqrt(", "))"
+"""Around the square of an angle's tangent, where that is the text of its value."""
+
+
 def stated_ball(text: str) -> Any:
     """The ball of a stated value, at the precision of FLINT's context."""
+    if text.startswith(ARC[0]):
+        square = Fraction(text.removeprefix(ARC[0]).removesuffix(ARC[1]))
+        return flint.arb(flint.fmpq(square.numerator, square.denominator)).sqrt().atan()
     return parse(text).evaluate({PI: flint.arb.pi()}, ball)
 
 

@@ -108,6 +108,7 @@ def check_document(document: Document) -> RobotDescription:
 
 
 _MOST_TERMS = 5000
+_SAME_SQUARE = 1e-6  # of an angle with seven digits
 _LEADING_ZERO = re.compile(r"[+-]?0\d+")
 
 
@@ -311,15 +312,24 @@ def declared_symbols(robot: RobotDescription, document: Document) -> tuple[dict[
             raise document.error(path, f"'{name}' {problem}")
         stated = entry if entry is None or isinstance(entry, str) else entry.value
         value = None if stated is None else _constant(expressions, stated, path)
-        meaning = ""
+        meaning, arc = "", None
         if entry is not None and not isinstance(entry, str):
             meaning = entry.meaning
             if entry.approximate is not None:
                 value = expressions.real(entry.approximate, f"{path}.approximate")
+            if entry.tangent_squared is not None:
+                arc = _tangent_squared(expressions, entry.tangent_squared, value, f"{path}.tangent_squared")
             if value is None and not meaning:
                 bare.add(name)
-        symbols[name] = Symbol(name, value, stated, meaning)
+        symbols[name] = Symbol(name, value, stated, meaning, tangent_squared=arc)
     return symbols, frozenset(bare)
+
+
+def _tangent_squared(expressions: Expressions, text: str, angle: float | None, path: str) -> Fraction:
+    square = expressions.number(text, path)
+    if isinstance(square, Surd) or angle is None or abs(math.tan(angle) ** 2 / (square or 1) - 1) > _SAME_SQUARE:
+        raise expressions.document.error(path, f"it is not that of the angle stated as approximate: {angle} rad")
+    return Fraction(square)
 
 
 def _unusable(name: str) -> str:

@@ -59,6 +59,9 @@ class SymbolDetails(Model):
     approximate: Expression | None = optional(
         None, "Value of a symbol that has no exact one, to all digits of a float.", "0.4487989"
     )
+    tangent_squared: Expression | None = optional(
+        None, "Square of the tangent of such an angle, such as 4 in the direction (1, 2, 0).", "4"
+    )
     meaning: str = optional("", "What the symbol stands for.", "length of the upper arm")
 
 

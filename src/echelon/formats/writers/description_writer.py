@@ -193,7 +193,8 @@ def _symbols(mechanism: Mechanism) -> dict[str, Any]:
 
 def _symbol(symbol: Symbol) -> str | dict[str, str] | None:
     approximate = None if symbol.value is None or symbol.exact is not None else repr(float(symbol.value))
-    entry = _stated(value=symbol.exact, approximate=approximate, meaning=symbol.meaning or None)
+    arc = None if symbol.tangent_squared is None else str(symbol.tangent_squared)
+    entry = _stated(value=symbol.exact, approximate=approximate, tangent_squared=arc, meaning=symbol.meaning or None)
     return entry.get("value") if set(entry) <= {"value"} else entry
 
 
