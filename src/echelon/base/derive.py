@@ -161,8 +161,8 @@ def base_parameters(
     stated_rank = structure.rank if found.special is None else found.special.rank
     read = own if structure.balls else mechanism  # without frames that were made to follow
     reading = report_reading(read, stated_rank, rng, recorded, None if generic else matrix)
-    if found.doubt:
-        reading = replace(reading, doubt=found.doubt)
+    if doubt := found.doubt:
+        reading = replace(reading, doubt=doubt)
     return BaseModel(own, matrix, certificate, reading, seed, found.special, generic)
 
 
@@ -252,7 +252,12 @@ class SpecialisedMechanism:
     mechanism: Mechanism
     structure: Structure  # for general values of the symbols that are left, which is that at the stated values
     special: SpecialValues | None = None  # none where the stated values are like any others
-    doubt: str = ""  # what speaks against it: the structure at the stated values was not found, or rounding shows
+    undecided: str = ""  # why the structure at the stated values was not found
+
+    @property
+    def doubt(self) -> str:
+        """What speaks against it; empty if nothing does."""
+        return self.undecided or self.structure.doubt
 
 
 def specialised(
@@ -260,7 +265,7 @@ def specialised(
 ) -> SpecialisedMechanism:
     """A mechanism for its stated values, and its structure there."""
     if not generic and (found := settled_in_balls(mechanism, rng)) is not None:
-        return _doubted(*found)
+        return SpecialisedMechanism(*found)
     try:
         return _specialised(mechanism, rng, recorded, generic)
     except LEFT_TO_BALLS as error:
@@ -269,11 +274,7 @@ def specialised(
                 return _specialised(closed_exactly(mechanism, Assembly(mechanism).pose), rng, None, generic)
         if generic:
             raise
-        return _doubted(*in_balls_instead(mechanism, rng, error))
-
-
-def _doubted(mechanism: Mechanism, structure: Structure) -> SpecialisedMechanism:
-    return SpecialisedMechanism(mechanism, structure, doubt=structure.doubt)
+        return SpecialisedMechanism(*in_balls_instead(mechanism, rng, error))
 
 
 def _specialised(
@@ -281,7 +282,7 @@ def _specialised(
 ) -> SpecialisedMechanism:
     values = stated_values(mechanism)
     if mechanism.closed_in_balls:
-        return _doubted(mechanism, find_structure(mechanism, rng))
+        return SpecialisedMechanism(mechanism, find_structure(mechanism, rng))
     if not values.names:
         return SpecialisedMechanism(mechanism, find_structure(mechanism, rng, SEARCH))
     if mechanism.closures:
@@ -295,7 +296,7 @@ def _specialised(
             return SpecialisedMechanism(mechanism, structure)
         at_values, undecided = _at_values(mechanism, rng)
     if at_values is None:
-        return SpecialisedMechanism(mechanism, structure, doubt=undecided)
+        return SpecialisedMechanism(mechanism, structure, undecided=undecided)
     if at_values.pivots == structure.pivots:
         return SpecialisedMechanism(mechanism, structure)
 

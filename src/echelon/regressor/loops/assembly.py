@@ -192,11 +192,11 @@ class Assembly(ClosedMotion):
         """
         jacobian = self._jacobian(q[None])[0]
         _, singular, motions = np.linalg.svd(jacobian, full_matrices=False)
-        stopped = int((singular > RANK_TOLERANCE * singular[0]).sum()) - 1
+        stopped = max(int((singular > RANK_TOLERANCE * singular[0]).sum()) - 1, 0)
         motion = motions[stopped]
         owner = self.closures.owners[int(np.abs(jacobian @ motion).argmax())]
         moved = self.mechanism.velocities[int(np.abs(motion).argmax())]
-        return moved, owner, float(singular[stopped] / singular[0])
+        return moved, owner, float(singular[stopped] / singular[0]) if singular[0] else np.inf
 
     @cached_property
     def assembled(self) -> Assembled | None:
@@ -331,7 +331,7 @@ class Assembly(ClosedMotion):
         for _ in range(strides):
             found, done = self.closed(self._moved(q, _random_motion(rng, across, size)), iterations=_FEW)
             sizes, ahead = _singular(self._jacobian(found))
-            done &= sizes[:, smallest] > near
+            done &= sizes[:, smallest] >= near
             q[done], across[done] = found[done], ahead[done]
         q, across = (np.repeat(x, motions, axis=0)[:count] for x in (q, across))
         units = self.closures.units[: len(self.mechanism.velocities)]

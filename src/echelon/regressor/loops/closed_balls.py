@@ -238,7 +238,9 @@ class ClosedBalls:
         """Values of the equations, (equations, poses), and their derivatives by freedoms."""
         found, count = self._run(self._closing, _inputs("q", q)), len(self.loops.equations.equations)
         places = [(k, row, name) for k, (row, name) in enumerate(self.loops.equations.jacobian) if name in names]
-        rows, columns = np.array([row for _, row, _ in places]), np.array([names.index(name) for *_, name in places])
+        rows, columns = (
+            np.array(x, dtype=np.intp) for x in ([r for _, r, _ in places], [names.index(n) for *_, n in places])
+        )
         return found[:count], _Jacobian((count, len(names)), rows, columns, found[[count + k for k, *_ in places]])
 
     def _bias(self, q: Values, speeds: Values) -> Balls:
