@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.base.structure import find_structure
 from echelon.cli.identify import _fit
-from echelon.errors import InputError
+from echelon.errors import InputError, SingularPoseError
 from echelon.excite.files.trajectory_file import read_trajectory, trajectory_to_json
 from echelon.identification.conditioning import without_rounding
 from echelon.identification.scores import Score, fit
 from echelon.logs.files.bag_file import nanoseconds
 from echelon.logs.preparation.prepare import Preparation
-from echelon.regressor.loops import poses
 from echelon.results.identified import load_identified
 from echelon.signals.clock import stretches
 from support.paths import ROOT
@@ -197,11 +197,13 @@ def crossed_arms() -> str:
 
 
 @pytest.mark.slow
-def test_the_search_for_closed_poses_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(poses, "_MOST_WORK", 100.0)
+def test_the_search_for_closed_poses_ends(tmp_path: Path) -> None:
+    """Where it takes longer than its budget, balls answer."""
     (tmp_path / "robot.xml").write_text(crossed_arms())
-    with pytest.raises(InputError, match="no exact closed pose was found"):
-        ec.load(tmp_path / "robot.xml")
+    mechanism = ec.load(tmp_path / "robot.xml")
+    assert mechanism.closed_in_balls
+    with pytest.raises(SingularPoseError, match="no random point within the budget of the search has a solution"):
+        find_structure(replace(mechanism, closed_in_balls=False), np.random.default_rng(1), 100.0)
 
 
 def test_subsets_of_sensors_have_a_budget() -> None:
