@@ -19,6 +19,7 @@ from flint import arb, arb_mat
 from support.loop_linkage import NOTHING, Linkage, State, doubles, matrix, number
 
 GAP = 1e15
+FAINT = 1e-8
 
 
 def part(values: arb_mat, rows: Sequence[int], columns: Sequence[int]) -> arb_mat:
@@ -166,7 +167,10 @@ def walk(linkage: Linkage, rng: np.random.Generator, step: float = 0.06) -> Iter
     while True:
         q = start
         for _ in range(4):
-            moved_on = rng.normal(scale=step, size=len(q))
+            # only along motions that closures allow: what they lock has other closed poses, too
+            still = linkage.state(q, [arb(0)] * len(q))
+            free = np.linalg.svd(doubles(linkage.jacobian(still)))[2][constraints:] if linkage.loops else np.eye(len(q))
+            moved_on = free.T @ rng.normal(scale=step, size=len(free))
             q = linkage.closed([a + number(float(d)) for a, d in zip(q, moved_on, strict=True)], constraints)
         yield q
 
@@ -176,12 +180,16 @@ def rank(linkage: Linkage, seed: int = 0) -> Rank:
     rng = np.random.default_rng(seed)
     columns = 10 * sum(bool(body.motions) for body in linkage.bodies)
     rows: list[list[arb]] = []
-    freedom = 0
-    for count, q in enumerate(walk(linkage, rng)):
-        drawn = virtual_powers(linkage, q, rng)
-        freedom = len(drawn)
+    poses, enough, before = walk(linkage, rng), max(13, 1.2 * columns), -1
+    while True:
+        drawn = virtual_powers(linkage, next(poses), rng)
         rows += drawn
-        if not freedom or (len(rows) > 1.2 * columns and count > 12):
-            break
-    found = pivots(arb_mat(rows))
-    return Rank(freedom, settled(found, "rank"), found.steps[0][1] if found.sizes else np.inf)
+        count = len(rows) // max(len(drawn), 1)
+        if drawn and (len(rows) < enough or count < 13):
+            continue
+        found = pivots(arb_mat(rows))
+        shown = settled(found, "rank")
+        # along few ways much may show faintly, and more of it at more poses
+        if not drawn or found.sizes[-1] > FAINT * found.sizes[0] or shown == before:
+            return Rank(len(drawn), shown, found.steps[0][1] if found.sizes else np.inf)
+        enough, before = 1.5 * len(rows), shown

@@ -28,6 +28,7 @@ from echelon.regressor.linear_forms import rows_of
 _FIRM = 1e-6  # of a column, what double precision surely shows
 _SMALLEST = 1e-4  # of columns, about the largest one
 _CHECKED = 40  # rows in which a column that depends on others has to vanish beside them
+SINGULAR = "the assembly pose is singular: more motions are possible there than near it, and ways of assembly may meet"
 _FAINT = 1e-9  # of what others show, what a file with many digits does not mean
 
 
@@ -62,10 +63,7 @@ class BallRelations:
     def doubt(self) -> str:
         """What speaks against the number of representatives; empty if nothing does."""
         if self.singular:
-            return (
-                "the assembly pose is singular: more motions are possible there than near it, and ways of assembly may "
-                "meet; what shows near it was counted: state a pose away from it"
-            )
+            return f"{SINGULAR}; what shows near it was counted: state a pose away from it"
         if not self.faint:
             return ""
         count = len(self.pivots)

@@ -18,7 +18,7 @@ from operator import matmul
 import numpy as np
 
 from echelon.arrays import one_thread
-from echelon.base.ball_relations import BallRelations, ball_relations
+from echelon.base.ball_relations import SINGULAR, BallRelations, ball_relations
 from echelon.base.modes import Dependence, InMode, Mode, find_modes, in_mode
 from echelon.base.near_pose import NearPose
 from echelon.base.own_mode import OwnMode
@@ -69,8 +69,8 @@ class Structure:
         With loops, the ranks of all assembly modes that were seen.
     accepted : InMode, optional
         Sorts out poses in other assembly modes, if there are several.
-    meeting : bool
-        Whether several of them meet at the stated assembly pose, so that the one with the lowest rank was taken.
+    singular : bool
+        Whether they may meet at the stated assembly pose, so that the one with the lowest rank was taken.
     order : int
         With loops, the number of coefficients along curves that showed the dependences.
     balls : BallRelations, optional
@@ -83,7 +83,7 @@ class Structure:
     by_robot: Mapping[int, tuple[int, ...]]
     modes: tuple[int, ...] = ()
     accepted: InMode | None = None
-    meeting: bool = False
+    singular: bool = False
     order: int = 0
     balls: BallRelations | None = None
 
@@ -95,11 +95,10 @@ class Structure:
     @property
     def doubt(self) -> str:
         """What speaks against the rank; empty if nothing does."""
-        if self.meeting:
-            return (
-                f"at the assembly pose ways to assemble the loops meet, with {_listed(self.modes)} base parameters, "
-                f"and {self.rank} is the lowest: state a pose away from it"
-            )
+        if self.singular:
+            ranks = sorted(set(self.modes))
+            seen = f"; of the ranks that were seen {tuple(ranks)} it is the lowest" if len(ranks) > 1 else ""
+            return f"{SINGULAR}{seen}: state a pose away from it"
         return self.balls.doubt if self.balls else ""
 
     def on_curves(self, forms: LinearForms) -> LinearForms:
@@ -138,11 +137,11 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator, search: float
         whole = Rows(replace(whole.forms, loops=replace(loops, search=search)), whole.auxiliary)
     settled = _shown_by_blocks(mechanism, whole, remaining, rng)
     remaining = [c for c in remaining if c not in settled]
-    rows, accepted, order, meeting = whole.columns(remaining), None, 0, False
+    rows, accepted, order, singular = whole.columns(remaining), None, 0, False
     modes: list[Mode] = []
     if mechanism.closures:
         try:
-            modes, mode, meeting = _modes(mechanism, rows, remaining, rng)
+            modes, mode, singular = _modes(mechanism, rows, remaining, rng)
         except SingularPoseError as error:
             raise SingularPoseError(unsolved(mechanism, str(error))) from None
         supports, order = mode.dependence, mode.order
@@ -152,7 +151,7 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator, search: float
     pivots = tuple(sorted((*settled, *(remaining[k] for k in range(len(remaining)) if k not in supports))))
     by_robot = {remaining[k]: tuple(remaining[s] for s in support) for k, support in supports.items()}
     ranks = tuple(len(remaining) - len(mode.dependence) for mode in modes)
-    return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, ranks, accepted, meeting, order)
+    return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, ranks, accepted, singular, order)
 
 
 def stated_in_balls(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Mechanism, Structure] | None:
@@ -211,7 +210,7 @@ def linear_structure(forms: LinearForms, rng: np.random.Generator) -> Structure:
 def _modes(
     mechanism: Mechanism, rows: Rows, columns: Sequence[int], rng: np.random.Generator
 ) -> tuple[list[Mode], Mode, bool]:
-    """All assembly modes, the one of the mechanism's own pose, and whether several meet there.
+    """All assembly modes, the one of the mechanism's own pose, and whether several may meet there.
 
     Where that cannot be told, because symbols have no values or modes meet at the pose, it is the one with the lowest
     rank: equal lengths are there to make motions special.
@@ -247,7 +246,7 @@ def _modes(
     if (moved or inexact_symbols(mechanism)) and pose.shows_less(count):
         problem = f"{shown_loops(mechanism)}: {count} base parameters would show, but fewer do in floating point"
         raise BrokenRelationsError(f"{problem}.  {broken_relations(mechanism)}")
-    return modes, own, len(modes) > 1 and pose.is_singular
+    return modes, own, pose.is_singular
 
 
 def _determine(mechanism: Mechanism, sampler: CurveSampler, rng: np.random.Generator) -> bool:
@@ -256,10 +255,6 @@ def _determine(mechanism: Mechanism, sampler: CurveSampler, rng: np.random.Gener
     dependent = [k for k, name in enumerate(mechanism.velocities) if name not in mechanism.independent_velocities]
     jacobian = sampler.jacobian(field, rng)
     return rank(jacobian, field) == len(dependent) == rank(jacobian[:, dependent], field)
-
-
-def _listed(ranks: Sequence[int]) -> str:
-    return f"{', '.join(map(str, ranks[:-1]))} or {ranks[-1]}"
 
 
 def _lowest(modes: Sequence[Mode]) -> Mode:

@@ -35,6 +35,7 @@ Values = dict[str, Balls]
 """By the names of coordinates, freedoms or inputs, each of shape (poses,)."""
 
 _ITERATIONS = 16
+_NOISE = 1e-12  # of derivatives, rad or m
 _RANK = 1e-6  # what counts as nothing among the pivots of a Jacobian in doubles
 BALL_STEPS = 256  # of random numbers, to one
 _SPARE = 32  # bits between the last step and the box
@@ -75,6 +76,7 @@ class _Jacobian:
         """Independent equations and freedoms, none of which is given."""
         doubles = np.zeros((*self.shape, self.values.shape[1]))
         doubles[self.rows, self.columns] = np.frompyfunc(lambda x: float(x.mid()), 1, 1)(self.values)
+        doubles[np.abs(doubles) < _NOISE] = 0  # equations that hold whatever moves determine nothing
         solved = [k for k in range(self.shape[1]) if k not in given]
         found = []
         for table in np.moveaxis(doubles, 2, 0):
