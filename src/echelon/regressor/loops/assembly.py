@@ -34,7 +34,7 @@ NEARLY_FREE = 1e-2
 """Singular values below this part of the largest one belong to motions that are nearly possible."""
 
 _RESIDUAL = 1e-12  # of the characteristic length
-_ENOUGH, _STILL = 1e-10, 1e-9  # the same after two steps this small, where sines of multiples of angles cost digits
+_ENOUGH, _STILL = 1e-10, 1e-9  # the same after a step this small, where sines of multiples of angles cost digits
 _ITERATIONS = 100
 _LONGEST = 0.5  # of one Gauss–Newton step, rad or characteristic lengths
 _FLOOR = 1e-12  # of the damping: the steps stay finite where constraints are redundant
@@ -247,15 +247,15 @@ class Assembly(ClosedMotion):
         q, left, rested = normalised(self.mechanism, q), np.arange(len(q)), np.zeros(len(q), dtype=bool)
         for iteration in range(iterations + 1):
             values, jacobian = self.closures.at(q[left])
-            change = np.zeros((len(left), len(names)))
-            change[:, free] = _damped_steps(values, jacobian[:, :, free])
-            open_by, far = largest(values), largest(change) > _STILL
-            rests = rested[left] & ~far & (open_by < _ENOUGH)
-            rested[left], on = ~far, (open_by > _RESIDUAL) & ~rests
-            left = left[on]
+            open_by = largest(values)
+            far = (open_by > _RESIDUAL) & ~(rested[left] & (open_by < _ENOUGH))
+            left = left[far]
             if not len(left) or iteration == iterations:
                 break
-            q[left] = self._moved(q[left], change[on])
+            change = np.zeros((len(left), len(names)))
+            change[:, free] = _damped_steps(values[far], jacobian[far][:, :, free])
+            rested[left] = largest(change) < _STILL
+            q[left] = self._moved(q[left], change)
         return q, ~np.isin(np.arange(len(q)), left)
 
     def from_independent(self, q_independent: Floats) -> Floats:
