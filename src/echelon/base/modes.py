@@ -227,6 +227,12 @@ def in_mode(forms: LinearForms, accepted: InMode | None) -> LinearForms:
     return replace(forms, loops=replace(forms.loops, accepts=accepted))
 
 
+def elsewhere(rows: Rows) -> Rows:
+    """The rows at closed poses of which none is the stated one."""
+    assert rows.forms.loops is not None
+    return Rows(replace(rows.forms, loops=replace(rows.forms.loops, stated=False)), rows.auxiliary)
+
+
 def assembly_modes(mechanism: Mechanism, *, seed: int = DEFAULT_SEED) -> tuple[int, ...]:
     """Ranks of all ways to assemble a mechanism with loops that differ in what can be seen, the lowest first.
 
@@ -254,10 +260,8 @@ def assembly_modes(mechanism: Mechanism, *, seed: int = DEFAULT_SEED) -> tuple[i
     if not mechanism.closures:
         raise InputError("a mechanism without loops has no assembly modes")
     rows = rows_of(mechanism)
-    assert rows.forms.loops is not None
-    anywhere = Rows(replace(rows.forms, loops=replace(rows.forms.loops, stated=False)), rows.auxiliary)
     try:
-        modes, _ = find_modes(anywhere, random_generator(seed))
+        modes, _ = find_modes(elsewhere(rows), random_generator(seed))
     except SingularPoseError as error:
         raise InputError(f"no other closed poses were found: {error}") from None
     return tuple(len(mechanism.parameters) - len(mode.dependence) for mode in modes)

@@ -19,7 +19,7 @@ import numpy as np
 
 from echelon.arrays import one_thread
 from echelon.base.ball_relations import SINGULAR, BallRelations, ball_relations
-from echelon.base.modes import Dependence, InMode, Mode, find_modes, in_mode
+from echelon.base.modes import Dependence, InMode, Mode, elsewhere, find_modes, in_mode
 from echelon.base.near_pose import NearPose
 from echelon.base.own_mode import OwnMode
 from echelon.errors import (
@@ -119,7 +119,8 @@ class Structure:
         # few freedoms that have to show many parameters need more
         each = self.rank // max(1, len(forms.loops.mechanism.independent))
         order = max(forms.loops.order, self.order, each + _SURPLUS_ORDER)
-        return in_mode(replace(forms, loops=replace(forms.loops, order=order)), self.accepted)
+        stated = forms.loops.stated and not self.singular
+        return in_mode(replace(forms, loops=replace(forms.loops, order=order, stated=stated)), self.accepted)
 
 
 def find_structure(mechanism: Mechanism, rng: np.random.Generator, search: float | None = None) -> Structure:
@@ -144,7 +145,7 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator, search: float
             modes, mode, singular = _modes(mechanism, rows, remaining, rng)
         except SingularPoseError as error:
             raise SingularPoseError(unsolved(mechanism, str(error))) from None
-        supports, order = mode.dependence, mode.order
+        supports, order, rows = mode.dependence, mode.order, elsewhere(rows) if singular else rows
         accepted = InMode(rows, mode) if len(modes) > 1 or mode.marks is None else None
     else:
         supports = _confirmed_dependence(rows, rng)
@@ -222,7 +223,7 @@ def _modes(
     stated = closable_as_stated(mechanism)
     moved = stated is not mechanism
     pose = NearPose(stated, rows_of(stated).columns(columns) if moved else rows, columns)
-    here = OwnMode(pose, moved=moved)
+    here, rows = OwnMode(pose, moved=moved), elsewhere(rows) if pose.is_singular else rows
     sampler = rows.forms.sampler()
     assert isinstance(sampler, CurveSampler)
 
