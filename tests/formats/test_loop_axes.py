@@ -145,6 +145,23 @@ loops:
 """
 
 
+def test_axes_outside_the_loops_of_descriptions_may_be_rounded() -> None:
+    """The first arm turns about the vertical, as the loop's do not; no frame is upright."""
+    arm = "axis: [-0.298205, 0.740949, 0.601721], origin: {xyz: [0.109, 0, 0], rpy: [0.888724, 0.302812, -1.502457]}"
+    text = f"""
+echelon: 1
+bodies:
+  - {{name: arm, joint: {{type: revolute, {arm}}}}}
+  - {{name: crank, joint: {{type: revolute, axis: x, origin: {{xyz: [0, -0.453, 0]}}}}}}
+  - {{name: rod, parent: crank, joint: {{type: revolute, axis: x, origin: {{xyz: [0, 0.04, -0.471]}}}}}}
+  - {{name: slide, joint: {{type: prismatic, axis: y, origin: {{xyz: [0, 0.3, 0]}}}}}}
+loops: [{{joint: revolute, connects: [rod, slide], axis: x, at: {{xyz: [0, 0.2, 0.1]}}}}]
+"""
+    freedom, rank = found(text.replace(arm, "axis: z"))
+    assert found(text) == (freedom, rank)
+    assert found(text.replace("0.601721", "0.651721")) == (freedom, rank + 2)
+
+
 def test_numbers_of_descriptions_may_be_rounded() -> None:
     """A shaft with two universal joints between parallel shafts; with names, lengths and angles are as they are."""
     assert found(CARDAN) == (1, 6)

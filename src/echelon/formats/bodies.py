@@ -13,7 +13,7 @@ Rz(θ₁) Rx(twist) Rz(θ₂) about the two axes, the translation a sum of steps
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import reduce
@@ -26,6 +26,7 @@ from echelon.arrays import Floats
 from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.polynomial import Polynomial, cosine_of_turn
 from echelon.formats.snapping import LENGTH_TOLERANCE, PRECISION, Snapping
+from echelon.mechanism.closed_pose import parted
 from echelon.mechanism.joint import (
     ALL,
     GROUND,
@@ -143,18 +144,22 @@ def with_relations(
     snapping: Snapping,
     sources: Mapping[str, Collection[str]],
     declared: Collection[str] = (),
-    looped: Collection[Body] = (),
+    ends: Iterable[tuple[int, int]] = (),
 ) -> tuple[list[Body], Vector | None]:
-    """Bodies and gravity, with axes that are related exactly where the numbers of the file mean it."""
-    # bodies in loops stay where they are: loops close at the numbers of the file, not at any others
+    """Bodies and gravity, with axes that are related exactly where the numbers of the file mean it.
+
+    Bodies in loops, between the ends of closures, stay where they are: loops close at the numbers of the file.
+    """
+    parents = [body.parent for body in bodies]
+    looped = {k for pair in ends for chain in parted(*pair, parents.__getitem__) for k in chain}
     found: list[Body] = []
     literal = {label for label, own in sources.items() if any(e.startswith(tuple(own)) for e in snapping.literal)}
     named = set(snapping.symbols)
     scale = largest_offset((step for body in bodies for step in body.joint.steps), snapping.known)
     down = _down(gravity, snapping)
-    for body in bodies:
+    for index, body in enumerate(bodies):
         pair = _pair(found, body, down)
-        if pair is None or body in looped or pair.symbols() & set(declared):
+        if pair is None or index in looped or pair.symbols() & set(declared):
             found.append(body)
             continue
         parent = None if body.parent == GROUND else bodies[body.parent].label

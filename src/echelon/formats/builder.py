@@ -34,7 +34,6 @@ from echelon.formats.literal import (
     with_joints,
 )
 from echelon.formats.snapping import ReadingOptions, Snapping, gravity_vector, symbol_stem
-from echelon.mechanism.closed_pose import parted
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.effect import Side
 from echelon.mechanism.joint import ALL, GROUND, Motion, MotionKind, Placement, Step, merge
@@ -94,9 +93,8 @@ class _Builder:
         x, y, z = map(as_polynomial, self.tree.gravity)
         gravity = gravity_vector(self.options.gravity, (x, y, z))
         closures = tuple(self._closure(closure) for closure in self._moving_closures())
-        ways = [parted(c.first, c.second, lambda k: self.bodies[k].parent) for c in closures]
-        looped = [self.bodies[k] for way in ways for chain in way for k in chain]
-        self.bodies, gravity = with_relations(self.bodies, gravity, self.snapping, self.lumped.sources, looped=looped)
+        ends = [(closure.first, closure.second) for closure in closures]
+        self.bodies, gravity = with_relations(self.bodies, gravity, self.snapping, self.lumped.sources, ends=ends)
         couplings = tuple(c.coupling for c in self.couplings.values())
         mechanism = Mechanism(self.tree.name, tuple(self.bodies), gravity, couplings, closures=closures)
         mechanism = replace(mechanism, measured=self._measured(mechanism))

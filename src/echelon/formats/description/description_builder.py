@@ -75,8 +75,12 @@ def build_description(
     stated = gravity_vector(text, ORIGIN) if isinstance(text, str) else expressions.vector(text, "gravity")
     gravity = gravity_vector(options.gravity, stated or ORIGIN)
     bodies, snapping = tree.bodies, expressions.snapping
-    if not robot.loops:
-        bodies, gravity = with_relations(bodies, gravity, snapping, tree.lumped.sources, expressions.declared)
+    connected = [entry if isinstance(entry, tuple) else entry.connects for entry in robot.loops]
+    paths = [f"loops[{k}].connects" for k in range(len(connected))]
+    ends = [
+        (tree.find(a, f"{p}[0]")[0], tree.find(b, f"{p}[1]")[0]) for p, (a, b) in zip(paths, connected, strict=True)
+    ]
+    bodies, gravity = with_relations(bodies, gravity, snapping, tree.lumped.sources, expressions.declared, ends)
     mechanism = Mechanism(
         robot.name,
         tuple(bodies),
