@@ -17,7 +17,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
-from itertools import combinations, pairwise
+from itertools import combinations, pairwise, product
 
 import numpy as np
 
@@ -256,7 +256,21 @@ class _AtZero:
         for a, b in self._pairs:
             for k in range(a.is_between or b.is_between, 2):
                 found[k] = max((found[k], *self._missed(a, b, self.near, self.within)))
-        return found[0], found[1]
+        return max(found[0], *self._beside), max(found[1], *self._beside)
+
+    @property
+    def _beside(self) -> Iterator[float]:
+        """By how much points of joints miss axes on the same link."""
+        points = [s for s in self._looped if s.is_point]
+        lines = [s for s in self._looped if s.is_line and not s.is_point and not s.is_between]
+        yield 0.0
+        for point, line in product(points, lines):
+            if set(self._links.get(point, point.bodies)).isdisjoint(self._links.get(line, line.bodies)):
+                continue
+            way = [(b - a) % self._field.p for a, b in zip(point.modulo(3), line.modulo(3), strict=True)]
+            gap = float(np.linalg.norm(np.cross(line.place - point.place, line.direction))) / self._scale
+            if gap < self.within and any(_cross(way, line.along, self._field.p)):
+                yield max(gap, NOISE)
 
     def kept_by(self, other: _AtZero) -> bool:
         """Whether another reading has exact relations, and its axes and points are where they are here."""
