@@ -254,9 +254,24 @@ loops:
       on_second: {xyz: [0.2237, 0.1689, 0.1070], rpy: [-2.4233, -0.2474, -1.8015]}}
 assembly: {crank: 0.1033, bar: 0.9680, rocker: 0.3052}
 """
+SPINDLE = """
+echelon: 1
+bodies:
+  - {name: spindle, joint: {type: revolute, axis: [0.279505, 0.739690, 0.612157],
+      origin: {rpy: [-0.677400, 0.047839, -1.287184]}}}
+  - {name: far, parent: spindle, joint: {type: spherical,
+      origin: {xyz: [-0.134162, -0.355051, -0.293835], rpy: [-1.310136, 0.274285, -2.499315]}}}
+  - {name: near, parent: spindle, joint: {type: spherical, origin: {rpy: [-2.692619, -0.077166, 0.483491]}}}
+  - {name: link, parent: near, joint: {type: revolute, axis: [-0.584937, 0.528881, 0.614926],
+      origin: {xyz: [0.004851, -0.521700, 0.294221], rpy: [-1.778991, -0.884885, 1.205161]}}}
+loops:
+  - {joint: revolute, connects: [far, link], at: {rpy: [2.412814, 0.396179, 0.163131]}}
+"""
 
 
-@pytest.mark.parametrize(("text", "freedom", "rank"), [(TURNTABLE, 2, 7), (SARRUS, 1, 5), (FOLDED, 1, 8)])
+@pytest.mark.parametrize(
+    ("text", "freedom", "rank"), [(TURNTABLE, 2, 7), (SARRUS, 1, 5), (FOLDED, 1, 8), (SPINDLE, 3, 13)]
+)
 def test_all_that_is_special_is_restored(text: str, freedom: int, rank: int) -> None:
     """With gravity in any direction, and as many digits as there are.
 
