@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from itertools import combinations
@@ -17,58 +16,19 @@ from echelon.exact.polynomial import Polynomial, as_polynomial, parts_of
 from echelon.formats.closure_frames import rational_frame
 from echelon.formats.exact_places import DIGITS, SPACE, ExactPlaces, Feature
 from echelon.formats.snapping import PRECISION
+from echelon.formats.station import NOISE, Station
 from echelon.mechanism.closed_pose import rational_rotation
 from echelon.mechanism.joint import GROUND, Placement, shift, turn
 from echelon.mechanism.stated import placement_matrix
 
 NEAR = 1e-4  # of directions that are meant to be parallel or perpendicular, rad; of frames that meet
 _STEP = pi / STEPS_PER_HALF_TURN
-NOISE = 1e-13  # what is left of exact relations in doubles
 _MORE = 16  # times the largest miss that is seen, others may miss
 _FEW, _MOST_TURNS = 12, 6000  # places between which directions are tried, and frames along these
 _TENS = 10.0 ** np.arange(DIGITS)[:, None]
 _QUARTER = Fraction(1, 2)
 _FROM_AXIS = (turn(1, Angle(-_QUARTER)), turn(0, Angle(_QUARTER)), Placement())
 """Rotations that bring the x, y and z axis to z."""
-
-
-@dataclass(frozen=True, eq=False)
-class Station:
-    """A frame in which something moves or is held, in the base frame."""
-
-    pose: Floats  # homogeneous matrix
-    residues: Sequence[Sequence[int]]  # the same modulo a prime
-    axis: int | None  # the coordinate axis that counts
-    is_line: bool  # whether the axis has a place
-    is_point: bool  # whether the origin counts
-    bodies: tuple[int, ...]  # in which its place is fixed
-    exact: Placement | None  # the pose as far as numbers state it exactly
-    slack: float = 1.0  # how many times less exact the direction is than others: that of a line between two points
-
-    @property
-    def is_between(self) -> bool:
-        """Whether the axis is the line between two points."""
-        return self.slack > 1
-
-    @property
-    def direction(self) -> Floats:
-        """The axis, a unit vector."""
-        return self.pose[:3, self.axis]
-
-    @property
-    def place(self) -> Floats:
-        """The origin, m."""
-        return self.pose[:3, 3]
-
-    @property
-    def along(self) -> list[int]:
-        """The axis modulo the prime."""
-        assert self.axis is not None
-        return self.modulo(self.axis)
-
-    def modulo(self, column: int) -> list[int]:
-        """A column of the pose modulo the prime."""
-        return [row[column] for row in self.residues[:3]]
 
 
 class ExactFrames:

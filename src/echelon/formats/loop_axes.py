@@ -26,10 +26,11 @@ from echelon.errors import InputError
 from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, Residues, random_generator
 from echelon.exact.polynomial import as_polynomial, multiple_of, parts_of, symbol_of
 from echelon.formats.closure_frames import rational_frame
-from echelon.formats.exact_frames import NEAR, NOISE, ExactFrames, Station, is_number
+from echelon.formats.exact_frames import NEAR, ExactFrames, is_number
 from echelon.formats.exact_gravity import exact_gravity
 from echelon.formats.exact_places import DIGITS
 from echelon.formats.snapping import LENGTH_TOLERANCE, PRECISION, Snapping
+from echelon.formats.station import NOISE, Station, cross, dot
 from echelon.mechanism.closed_pose import counted_from, parted, shown_loops
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import GROUND, Body, MotionKind, Placement, Step, Vector, merge
@@ -156,7 +157,7 @@ class _AtZero:
         stations = (*self.motions.values(), *ends, *([self.gravity] if self.gravity else []))
         axes = [station for station in stations if station.axis is not None]
         pairs = [(a, b) for a, b in combinations(axes, 2) if not set(a.bodies).isdisjoint(b.bodies)]
-        missed = sorted(miss for a, b in pairs for miss in self._missed(a, b, most, most))
+        missed = sorted(miss for a, b in pairs for miss in a.missed(b, most, most, self._scale, self._field.p))
         if len(missed) >= _FEW:
             return missed[len(missed) // 2]
         sines = (float(np.linalg.norm(np.cross(a.direction, b.direction))) for a, b in pairs)
@@ -255,7 +256,7 @@ class _AtZero:
         found = [0.0, 0.0]
         for a, b in self._pairs:
             for k in range(a.is_between or b.is_between, 2):
-                found[k] = max((found[k], *self._missed(a, b, self.near, self.within)))
+                found[k] = max((found[k], *a.missed(b, self.near, self.within, self._scale, self._field.p)))
         return max(found[0], *self._beside), max(found[1], *self._beside)
 
     @property
@@ -267,10 +268,7 @@ class _AtZero:
         for point, line in product(points, lines):
             if set(self._links.get(point, point.bodies)).isdisjoint(self._links.get(line, line.bodies)):
                 continue
-            way = [(b - a) % self._field.p for a, b in zip(point.modulo(3), line.modulo(3), strict=True)]
-            gap = float(np.linalg.norm(np.cross(line.place - point.place, line.direction))) / self._scale
-            if gap < self.within and any(_cross(way, line.along, self._field.p)):
-                yield max(gap, NOISE)
+            yield point.beside(line, self.within, self._scale, self._field.p)
 
     def kept_by(self, other: _AtZero) -> bool:
         """Whether another reading has exact relations, and its axes and points are where they are here."""
@@ -386,8 +384,8 @@ class _AtZero:
         """Whether frames do not meet exactly."""
         (x, y), p = (list(zip(*pose.residues, strict=True)) for pose in (one, two)), self._field.p
         way = [b - a for a, b in zip(x[3], y[3], strict=True)]
-        missed = [_dot(x[k], way, p) for k in kind.positions]
-        return any(missed) or any((_dot(x[i], y[j], p) - value) % p for i, j, value in kind.directions)
+        missed = [dot(x[k], way, p) for k in kind.positions]
+        return any(missed) or any((dot(x[i], y[j], p) - value) % p for i, j, value in kind.directions)
 
     @cached_property
     def _scale(self) -> float:
@@ -395,38 +393,19 @@ class _AtZero:
         offsets = [abs(entry.at(self._known)) for p in self._placements for entry in p.translation]
         return max(offsets, default=0.0) or 1.0
 
-    def _missed(self, one: Station, two: Station, near: float, within: float) -> Iterator[float]:
-        """What two axes are nearly and not exactly, by how much they miss it."""
-        slack = max(one.slack, two.slack)
-        near, within = near * slack, within * slack
-        d, e, apart = one.direction, two.direction, (two.place - one.place) / self._scale
-        p, u, v = self._field.p, one.along, two.along
-        way = [(b - a) % p for a, b in zip(one.modulo(3), two.modulo(3), strict=True)]
-        normal = np.cross(d, e)
-        sine, lines = float(np.linalg.norm(normal)), one.is_line and two.is_line
-        if sine < near:
-            found = [(sine, _cross(u, v, p))]
-            gap = float(np.linalg.norm(np.cross(apart, d)))
-            found += [(gap, _cross(way, u, p))] * (lines and gap < within)
-        else:
-            gap = abs(float(apart @ normal)) / sine
-            found = [(abs(float(d @ e)), [_dot(u, v, p)])] * (abs(float(d @ e)) < near)
-            found += [(gap, [_dot(way, _cross(u, v, p), p)])] * (lines and gap < within)
-        yield from (max(size, NOISE) for size, exact in found if any(exact))
-
     def _lengths(self) -> Iterator[tuple[float, int]]:
         """Distances on links between points, or between parallel axes, with their squares modulo the prime."""
         p = self._field.p
         for one, two in combinations([s for s in self._looped if s.is_line or s.is_point], 2):
             apart = (two.place - one.place) / self._scale
-            way = [(b - a) % p for a, b in zip(one.modulo(3), two.modulo(3), strict=True)]
+            way = one.way(two, p)
             if set(one.bodies).isdisjoint(two.bodies) or np.linalg.norm(apart) < self.within:
                 continue
             if one.is_point and two.is_point:
-                yield float(np.linalg.norm(apart)), _dot(way, way, p)
+                yield float(np.linalg.norm(apart)), dot(way, way, p)
             elif one.is_line and two.is_line and np.linalg.norm(np.cross(one.direction, two.direction)) < self.near:
-                across = _cross(way, one.along, p)
-                yield float(np.linalg.norm(np.cross(apart, one.direction))), _dot(across, across, p)
+                across = cross(way, one.along, p)
+                yield float(np.linalg.norm(np.cross(apart, one.direction))), dot(across, across, p)
 
     # -- mended ----------------------------------------------------------------------------------------------------
 
@@ -488,11 +467,3 @@ def _with_place(pose: _Pose, other: _Pose) -> _Pose:
     if pose.exact is None or other.exact is None:
         return _Pose(floats, residues)
     return _Pose(floats, residues, Placement(pose.exact.rotation, other.exact.translation))
-
-
-def _dot(a: Sequence[int], b: Sequence[int], p: int) -> int:
-    return sum(x * y for x, y in zip(a, b, strict=True)) % p
-
-
-def _cross(a: Sequence[int], b: Sequence[int], p: int) -> list[int]:
-    return [(a[i] * b[j] - a[j] * b[i]) % p for i, j in ((1, 2), (2, 0), (0, 1))]
