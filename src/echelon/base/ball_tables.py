@@ -15,6 +15,7 @@ from echelon.exact.polynomial import Number, simplest
 
 _DIGITS = 40
 _LARGEST_DENOMINATOR = 10**9
+_SURELY = 1e-15  # how rarely chance may put a short fraction into a ball
 
 
 def doubles(table: Balls) -> Floats:
@@ -77,11 +78,19 @@ def rounded(values: Sequence[Any]) -> tuple[list[Number], float]:
     rounded: list[Number] = []
     radius = 0.0
     for value in values:
-        middle, power = value.mid().man_exp()
-        fraction = (int(middle) * Fraction(2) ** int(power)).limit_denominator(_LARGEST_DENOMINATOR)
-        # zero was smaller than the error allowed before; balls are so small that no other one holds such a fraction
-        if not value.contains(flint.fmpq(fraction.numerator, fraction.denominator)):
+        fraction = _short_fraction(value)
+        if fraction is None:
             fraction = Fraction(value.mid().str(_DIGITS, radius=False))
         rounded.append(simplest(fraction))
         radius = max(radius, abs(float(fraction)) * 10.0 ** (1 - _DIGITS) + 2 * ball_error(value))
     return rounded, radius
+
+
+def _short_fraction(value: Any) -> Fraction | None:
+    """The short fraction in a ball that is so small that none is there by chance."""
+    if value.contains(0):  # it is smaller than the error allowed before
+        return Fraction(0)
+    middle, power = value.mid().man_exp()
+    found = (int(middle) * Fraction(2) ** int(power)).limit_denominator(_LARGEST_DENOMINATOR)
+    small = ball_error(value) < _SURELY / _LARGEST_DENOMINATOR**2
+    return found if small and value.contains(flint.fmpq(found.numerator, found.denominator)) else None

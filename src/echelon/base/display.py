@@ -178,7 +178,7 @@ def _robot_facts(model: _RobotSet) -> list[tuple[str, str]]:
 def numbers_text(model: _RobotSet, numbers: StatedNumbers) -> str:
     """Which coefficients are numbers in place of closed forms, how exact they are, and how to ask for more."""
     within = "exact" if not numbers.radius else f"within {numbers.radius:.0e}"
-    if model.certificate.in_balls:
+    if model.mechanism.closed_in_balls:  # no budget finds closed forms there
         return f"all coefficients are numbers at the stated values, found in ball arithmetic ({within})"
     names = " ".join(model.parameters[column] for column in numbers.columns)
     return (

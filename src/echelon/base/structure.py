@@ -229,7 +229,7 @@ def _modes(
 
     def wanted(found: Sequence[Mode]) -> Mode | None:
         at_pose = sampler.at_stated_pose and not moved  # where all curves began
-        if not (at_pose and _determine(mechanism, sampler, rng)) and not pose.is_singular:
+        if not pose.is_singular and not (at_pose and _determine(mechanism, sampler, rng)):
             check_independent(stated, pose.free_velocities)
         if at_pose and len(found) == 1:
             return found[0]
