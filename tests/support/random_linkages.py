@@ -1,9 +1,14 @@
-"""Descriptions of random mechanisms with loops, in round numbers, closed where all coordinates are zero."""
+"""Descriptions of random mechanisms with loops, closed at zero: in round numbers, or rounded in random frames."""
 
 from __future__ import annotations
 
 import random
 from dataclasses import dataclass, field
+
+import numpy as np
+import sympy
+import yaml
+from scipy.spatial.transform import Rotation
 
 HELD = {
     "weld": 6, "revolute": 5, "prismatic": 5, "cylindrical": 4, "planar": 3, "universal": 4, "spherical": 3,
@@ -85,3 +90,66 @@ class RandomLinkage:
             at = f"at: {{{self.point()}{self.turn(0.3)}}}"
             found.append(f"  - {{joint: {kind}, connects: [b{first}, {second}], {axis}{at}}}")
         return found
+
+
+NAMED = {"x": [1, 0, 0], "y": [0, 1, 0], "z": [0, 0, 1], "-x": [-1, 0, 0]}
+
+
+def number(text: str) -> float:
+    return float(sympy.sympify(text))
+
+
+def placed(frame: dict) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = [number(x) for x in frame.get("xyz", "000")]
+    pose[:3, :3] = Rotation.from_euler("xyz", [number(x) for x in frame.get("rpy", "000")]).as_matrix()
+    return pose
+
+
+def pointing(axis: str | list[str]) -> np.ndarray:
+    along = np.array(NAMED[axis] if isinstance(axis, str) else [number(x) for x in axis], dtype=float)
+    return along / np.linalg.norm(along)
+
+
+def aimed(axis: str | list[str]) -> np.ndarray:
+    """A frame whose z lies along an axis."""
+    z, pose = pointing(axis), np.eye(4)
+    x = np.cross([0.3, 0.5, 0.7], z)
+    x /= np.linalg.norm(x)
+    pose[:3, :3] = np.column_stack([x, np.cross(z, x), z])
+    return pose
+
+
+def may_be_turned(text: str) -> bool:
+    """Whether links may stand in any frames: the axes of universal joints are those of frames."""
+    return "universal" not in text and "floating" not in text
+
+
+def in_random_frames(text: str, seed: int, digits: int) -> str:
+    """The same mechanism, with links in random frames and rounded numbers."""
+    robot, rng = yaml.load(text, yaml.BaseLoader), np.random.default_rng(seed)
+
+    def shown(numbers: np.ndarray) -> str:
+        return ", ".join(f"{round(float(x), digits) + 0.0:.{digits}f}" for x in numbers)
+
+    def frame(pose: np.ndarray) -> str:
+        angles = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz")
+        return f"{{xyz: [{shown(pose[:3, 3])}], rpy: [{shown(angles)}]}}"
+
+    turned, lines = {"base": np.eye(4)}, ["bodies:"]
+    for body in robot["bodies"]:
+        name, parent, joint = body["name"], body["parent"], body["joint"]
+        turned[name] = np.eye(4)
+        turned[name][:3, :3] = Rotation.random(random_state=rng).as_matrix()
+        origin = np.linalg.inv(turned[parent]) @ placed(joint["origin"]) @ turned[name]
+        axis = f", axis: [{shown(turned[name][:3, :3].T @ pointing(joint['axis']))}]" if "axis" in joint else ""
+        pitch = f", pitch: {joint['pitch']}" if "pitch" in joint else ""
+        kind = f"type: {joint['type']}{axis}{pitch}"
+        lines.append(f"  - {{name: {name}, parent: {parent}, joint: {{{kind}, origin: {frame(origin)}}}}}")
+    lines.append("loops:")
+    for loop in robot["loops"]:
+        first, second = loop["connects"]
+        at = np.linalg.inv(turned[first]) @ placed(loop["at"]) @ (aimed(loop["axis"]) if "axis" in loop else np.eye(4))
+        lines.append(f"  - {{joint: {loop['joint']}, connects: [{first}, {second}], at: {frame(at)}}}")
+    couplings = [f"{name}: {ratio}" for entry in robot.get("couplings", ()) for name, ratio in entry.items()]
+    return "\n".join([*lines, *(f"couplings: [{c}]" for c in couplings)]) + "\n"
