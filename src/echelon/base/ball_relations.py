@@ -28,7 +28,6 @@ from echelon.regressor.linear_forms import rows_of
 _FIRM = 1e-6  # of a column, what double precision surely shows
 _SMALLEST = 1e-4  # of columns, about the largest one
 _CHECKED = 40  # rows in which a column that depends on others has to vanish beside them
-SINGULAR = "the assembly pose is singular: more motions are possible there than near it, and ways of assembly may meet"
 _FAINT = 1e-9  # of what others show, what a file with many digits does not mean
 
 
@@ -61,9 +60,7 @@ class BallRelations:
 
     @property
     def doubt(self) -> str:
-        """What speaks against the number of representatives; empty if nothing does."""
-        if self.singular:
-            return f"{SINGULAR}; what shows near it was counted: state a pose away from it"
+        """What speaks against the number of representatives, whatever the pose; empty if nothing does."""
         if not self.faint:
             return ""
         count = len(self.pivots)

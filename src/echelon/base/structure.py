@@ -18,7 +18,7 @@ from operator import matmul
 import numpy as np
 
 from echelon.arrays import one_thread
-from echelon.base.ball_relations import SINGULAR, BallRelations, ball_relations
+from echelon.base.ball_relations import BallRelations, ball_relations
 from echelon.base.modes import Dependence, InMode, Mode, elsewhere, find_modes, in_mode
 from echelon.base.near_pose import NearPose
 from echelon.base.own_mode import OwnMode
@@ -70,7 +70,7 @@ class Structure:
     accepted : InMode, optional
         Sorts out poses in other assembly modes, if there are several.
     singular : bool
-        Whether they may meet at the stated assembly pose, so that the one with the lowest rank was taken.
+        Whether they may meet at the stated assembly pose: with primes the one with the lowest rank was taken.
     order : int
         With loops, the number of coefficients along curves that showed the dependences.
     balls : BallRelations, optional
@@ -96,9 +96,12 @@ class Structure:
     def doubt(self) -> str:
         """What speaks against the rank; empty if nothing does."""
         if self.singular:
-            ranks = sorted(set(self.modes))
-            seen = f"; of the ranks that were seen {tuple(ranks)} it is the lowest" if len(ranks) > 1 else ""
-            return f"{SINGULAR}{seen}: state a pose away from it"
+            ranks = ", ".join(map(str, sorted(set(self.modes))))
+            taken = f"the lowest rank that was seen was taken ({ranks})" if ranks else "what shows near it was counted"
+            return (
+                "the assembly pose is singular: more motions are possible there than near it, and ways of assembly may "
+                f"meet; {taken}: state a pose away from it"
+            )
         return self.balls.doubt if self.balls else ""
 
     def on_curves(self, forms: LinearForms) -> LinearForms:
@@ -197,7 +200,7 @@ def _from_balls(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
     count = len(mechanism.parameters)
     found = ball_relations(mechanism, count - sum(map(len, _dependent_by_joint(mechanism, rng).values())))
     by_robot = {column: tuple(combination) for column, combination in found.columns.items()}
-    return Structure(count, found.pivots, {}, by_robot, balls=found)
+    return Structure(count, found.pivots, {}, by_robot, singular=found.singular, balls=found)
 
 
 def linear_structure(forms: LinearForms, rng: np.random.Generator) -> Structure:
