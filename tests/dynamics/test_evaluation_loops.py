@@ -71,7 +71,8 @@ def test_all_files_are_here() -> None:
 
 def test_regressors(case: Case) -> None:
     x = evaluate_floats(virtual_power_form(case.mechanism), case.mechanism, *case.state)
-    check(case.base.standard_regressor(*case.state), x)
+    # states are closed to 1e-12 of the size, which the functions mend, and some are a fiftieth from singular ones
+    check(case.base.standard_regressor(*case.state), x, 5e-12)
     reduced = case.base.regressor(*case.state)
     check(reduced, x[:, :, list(case.base.matrix.pivots)])
     # closed to rounding only, so that X = X̄ B holds to the accuracy of the states

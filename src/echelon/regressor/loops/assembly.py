@@ -244,17 +244,18 @@ class Assembly(ClosedMotion):
         """
         names = self.mechanism.velocities
         free = [k for k, name in enumerate(names) if name not in held]
-        q, left, rested = normalised(self.mechanism, q), np.arange(len(q)), np.zeros(len(q), dtype=bool)
+        q, left, before = normalised(self.mechanism, q), np.arange(len(q)), np.full(len(q), np.inf)
         for iteration in range(iterations + 1):
             values, jacobian = self.closures.at(q[left])
             open_by = largest(values)
-            far = (open_by > _RESIDUAL) & ~(rested[left] & (open_by < _ENOUGH))
+            # where a small step has changed little, digits do not suffice
+            far = (open_by > _RESIDUAL) & ((open_by > _ENOUGH) | (open_by < before[left] / 2))
             left = left[far]
             if not len(left) or iteration == iterations:
                 break
             change = np.zeros((len(left), len(names)))
             change[:, free] = _damped_steps(values[far], jacobian[far][:, :, free])
-            rested[left] = largest(change) < _STILL
+            before[left] = np.where(largest(change) < _STILL, open_by[far], np.inf)
             q[left] = self._moved(q[left], change)
         return q, ~np.isin(np.arange(len(q)), left)
 
