@@ -227,8 +227,17 @@ MISTAKES = {
     "keyword symbol": (DH.replace("{l: 0.3}", "{l: 0.3, lambda: 3}"), "lambda"),
     "tangent of another angle": (
         DH.replace("0.3", "{approximate: 0.4, tangent_squared: 1/4}"),
-        "symbols.l.tangent_squared: it is not that of the angle stated as approximate: 0.4 rad",
+        "symbols.l.tangent_squared: it must be that of the angle stated as approximate",
     ),
+    "tangent of no angle": (
+        DH.replace("0.3", "{approximate: 0.785, tangent_squared: 0}"),
+        "0 is not that of 0.785 rad",
+    ),
+    "tangent of a negative angle": (
+        DH.replace("0.3", "{approximate: -0.4636476, tangent_squared: 1/4}"),
+        "between 0 and pi/2, and 1/4 is not that of -0.4636476 rad",
+    ),
+    "tangent without an angle": (DH.replace("0.3", "{tangent_squared: 1/4}"), "stated as approximate"),
     "symbol value": (DH.replace("0.3", "[1]"), "symbols.l"),
     "unknown antecedent": (row("joint: revolute, parent: 9"), "9"),
     "unknown parent": (bodies(f"name: a, parent: z, {TURN}"), "'z'"),

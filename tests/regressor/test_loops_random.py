@@ -14,7 +14,14 @@ from support.loop_oracle import rank
 from support.random_linkages import RandomLinkage, in_random_frames, may_be_turned
 from support.selection import slow_unless
 
-SAID = "leave no motion|can move infinitesimally, but not really|the assembly pose is singular"
+SEEDS = range(160)
+FRAMED = [seed for seed in SEEDS if may_be_turned(RandomLinkage(seed).text())]
+SAID = (
+    dict.fromkeys((6, 9, 33, 63, 93, 94, 96, 107, 142), "can move infinitesimally, but not really")
+    | dict.fromkeys((41, 74, 150), "leave no motion")
+    | dict.fromkeys((15, 32, 47, 52, 129), "the assembly pose is singular: .* state a pose away from it")
+)
+"""What is said of linkages that are locked, or can move in more ways at zero than near it."""
 
 
 def answer(file: Path) -> tuple[int, int] | str:
@@ -28,30 +35,25 @@ def answer(file: Path) -> tuple[int, int] | str:
         return str(said)
 
 
-@pytest.mark.parametrize("seed", slow_unless(range(10), range(160)))
-def test_the_rank_is_that_of_closed_states(seed: int, tmp_path: Path) -> None:
-    """What is not refused as locked, or doubted because more motions are possible at zero, is right."""
-    text, file = RandomLinkage(seed).text(), tmp_path / "robot.yaml"
+def check(text: str, exact: str, file: Path, said: str | None) -> None:
+    """The answer to a description is that of other mechanics to the exact one, unless something is said instead."""
     file.write_text(f"echelon: 1\n{text}", encoding="utf-8")
     found = answer(file)
-    if isinstance(found, str):
-        assert re.search(SAID, found)
+    if said is not None:
+        assert isinstance(found, str)
+        assert re.search(said, found)
     else:
-        truth = rank(described(text))
+        truth = rank(described(exact))
         assert found == (truth.freedom, truth.rank)
 
 
-FRAMED = [seed for seed in range(160) if may_be_turned(RandomLinkage(seed).text())]
-ROUNDED = f"{SAID}|nearly allow a motion|hardly show"
+@pytest.mark.parametrize("seed", slow_unless(range(10), SEEDS))
+def test_the_rank_is_that_of_closed_states(seed: int, tmp_path: Path) -> None:
+    text = RandomLinkage(seed).text()
+    check(text, text, tmp_path / "robot.yaml", SAID.get(seed))
 
 
 @pytest.mark.parametrize("seed", slow_unless(FRAMED[:5], FRAMED))
 def test_rounded_numbers_in_random_frames_are_read_as_they_are_meant(seed: int, tmp_path: Path) -> None:
-    text, file = RandomLinkage(seed).text(), tmp_path / "robot.yaml"
-    file.write_text(f"echelon: 1\n{in_random_frames(text, seed, 6)}", encoding="utf-8")
-    found = answer(file)
-    if isinstance(found, str):
-        assert re.search(ROUNDED, found)
-    else:
-        truth = rank(described(text))
-        assert found == (truth.freedom, truth.rank)
+    text = RandomLinkage(seed).text()
+    check(in_random_frames(text, seed, 6), text, tmp_path / "robot.yaml", SAID.get(seed))

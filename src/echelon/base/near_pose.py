@@ -39,7 +39,7 @@ class NearPose:
         self.mechanism, self.rows, self.columns = mechanism, rows, list(columns)
         self._tables = dict[tuple[int, int, int, int], Balls | None]()  # rows in balls, as they were asked for
 
-    @property
+    @cached_property
     def is_singular(self) -> bool:
         """Whether more motions are possible at the pose itself than near it, so that modes may meet there."""
         at_pose, near = (self._assembly.mobility(q) for q in (self._assembly.pose[None], self._real[0]))

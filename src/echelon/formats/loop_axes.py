@@ -257,18 +257,17 @@ class _AtZero:
         for a, b in self._pairs:
             for k in range(a.is_between or b.is_between, 2):
                 found[k] = max((found[k], *a.missed(b, self.near, self.within, self._scale, self._field.p)))
-        return max(found[0], *self._beside), max(found[1], *self._beside)
+        beside = self._beside
+        return max(found[0], beside), max(found[1], beside)
 
     @property
-    def _beside(self) -> Iterator[float]:
-        """By how much points of joints miss axes on the same link."""
-        points = [s for s in self._looped if s.is_point]
-        lines = [s for s in self._looped if s.is_line and not s.is_point and not s.is_between]
-        yield 0.0
-        for point, line in product(points, lines):
-            if set(self._links.get(point, point.bodies)).isdisjoint(self._links.get(line, line.bodies)):
-                continue
-            yield point.beside(line, self.within, self._scale, self._field.p)
+    def _beside(self) -> float:
+        """By how much points of joints miss axes on the same link at most."""
+        on = {s: set(self._links.get(s, s.bodies)) for s in self._looped}
+        points = [s for s in on if s.is_point]
+        lines = [s for s in on if s.is_line and not s.is_point and not s.is_between]
+        pairs = ((a, b) for a, b in product(points, lines) if not on[a].isdisjoint(on[b]))
+        return max((a.beside(b, self.within, self._scale, self._field.p) for a, b in pairs), default=0.0)
 
     def kept_by(self, other: _AtZero) -> bool:
         """Whether another reading has exact relations, and its axes and points are where they are here."""

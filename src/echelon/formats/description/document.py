@@ -108,7 +108,7 @@ def check_document(document: Document) -> RobotDescription:
 
 
 _MOST_TERMS = 5000
-_SAME_SQUARE = 1e-6  # of an angle with seven digits
+_SAME = 1e-6  # angles with seven digits, rad
 _LEADING_ZERO = re.compile(r"[+-]?0\d+")
 
 
@@ -327,8 +327,9 @@ def declared_symbols(robot: RobotDescription, document: Document) -> tuple[dict[
 
 def _tangent_squared(expressions: Expressions, text: str, angle: float | None, path: str) -> Fraction:
     square = expressions.number(text, path)
-    if isinstance(square, Surd) or angle is None or abs(math.tan(angle) ** 2 / (square or 1) - 1) > _SAME_SQUARE:
-        raise expressions.document.error(path, f"it is not that of the angle stated as approximate: {angle} rad")
+    if isinstance(square, Surd) or square <= 0 or angle is None or abs(math.atan(math.sqrt(square)) - angle) > _SAME:
+        problem = "it must be that of the angle stated as approximate, between 0 and pi/2"
+        raise expressions.document.error(path, f"{problem}, and {text} is not that of {angle} rad")
     return Fraction(square)
 
 

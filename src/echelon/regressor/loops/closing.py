@@ -67,10 +67,10 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
             raise InputError(f"there is no coordinate '{name}' (valid: {', '.join(names)})", element="independent")
     first = list(wanted) if wanted is not None else [name for name in prefer if name in names]
     mechanism, real = _real(mechanism)
-    if real is None and (inexact := inexact_coupling(mechanism)):
-        problem = f"with loops, {inexact[1]}: give all symbols values, ratios exact ones such as 3/2"
-        raise InputError(problem, element=inexact[0])
     if real is None:
+        if inexact := inexact_coupling(mechanism):
+            problem = f"with loops, {inexact[1]}: give all symbols values, ratios exact ones such as 3/2"
+            raise InputError(problem, element=inexact[0])
         field, jacobian = _jacobian(_recorded(mechanism))
         freedom = np.array(null_vectors(jacobian, field), dtype=np.int64).reshape(-1, len(names))
         chosen = independent_coordinates(mechanism, lambda columns: rank(freedom[:, columns], field), first)
