@@ -39,7 +39,7 @@ from echelon.exact.polynomial import (
 from echelon.mechanism.joint import MotionKind, Placement, Step, Symbol
 from echelon.mechanism.mechanism import Mechanism, setup_placements, setup_ratios
 from echelon.mechanism.substitute import substituted
-from echelon.program.arithmetics import ARC
+from echelon.program.arithmetics import arc_text
 from echelon.program.text import phase_symbols
 
 
@@ -309,7 +309,7 @@ def value_texts(mechanism: Mechanism, names: Iterable[str]) -> dict[str, str]:
         symbol = mechanism.symbols.get(name)
         if symbol is not None and (symbol.exact is not None or symbol.value is not None):
             arc = symbol.tangent_squared
-            found[name] = symbol.exact or (repr(symbol.value) if arc is None else f"{ARC[0]}{arc}{ARC[1]}")
+            found[name] = symbol.exact or (repr(symbol.value) if arc is None else arc_text(arc))
     return found
 
 

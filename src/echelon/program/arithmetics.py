@@ -53,14 +53,18 @@ def ball(value: Number | float) -> Any:
     return total
 
 
-ARC = "atan(sqrt(", "))"
-"""Around the square of an angle's tangent, where that is the text of its value."""
+_ARC = "atan(sqrt(", "))"
+
+
+def arc_text(tangent_squared: Fraction) -> str:
+    """The value of an angle by the square of its tangent, as text for :func:`stated_ball`."""
+    return f"{_ARC[0]}{tangent_squared}{_ARC[1]}"
 
 
 def stated_ball(text: str) -> Any:
     """The ball of a stated value, at the precision of FLINT's context."""
-    if text.startswith(ARC[0]):
-        square = Fraction(text.removeprefix(ARC[0]).removesuffix(ARC[1]))
+    if text.startswith(_ARC[0]):
+        square = Fraction(text.removeprefix(_ARC[0]).removesuffix(_ARC[1]))
         return flint.arb(flint.fmpq(square.numerator, square.denominator)).sqrt().atan()
     return parse(text).evaluate({PI: flint.arb.pi()}, ball)
 

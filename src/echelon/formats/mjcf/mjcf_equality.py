@@ -115,7 +115,7 @@ def resolve(
 
     Where a joint equality's own joint follows already, or of the joints of a tendon, the last one that no actuator
     drives follows the others, if none follows it by a nonlinear function.  With loops, those that slide come first, as
-    what turns must not follow them.
+    what turns along them has no exact sines.
     """
 
     def error(element: str, problem: str) -> InputError:

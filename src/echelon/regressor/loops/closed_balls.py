@@ -25,6 +25,7 @@ from echelon.program.arithmetics import BallArithmetic, ball, stated_ball
 from echelon.program.operations import Op
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program
+from echelon.regressor.loops.closed_motion import NOISE
 from echelon.regressor.loops.closures import Loops
 from echelon.regressor.steps import quaternion_times
 
@@ -35,7 +36,6 @@ Values = dict[str, Balls]
 """By the names of coordinates, freedoms or inputs, each of shape (poses,)."""
 
 _ITERATIONS = 16
-_NOISE = 1e-12  # of derivatives, rad or m
 _RANK = 1e-6  # what counts as nothing among the pivots of a Jacobian in doubles
 BALL_STEPS = 256  # of random numbers, to one
 _SPARE = 32  # bits between the last step and the box
@@ -76,7 +76,7 @@ class _Jacobian:
         """Independent equations and freedoms, none of which is given."""
         doubles = np.zeros((*self.shape, self.values.shape[1]))
         doubles[self.rows, self.columns] = np.frompyfunc(lambda x: float(x.mid()), 1, 1)(self.values)
-        doubles[np.abs(doubles) < _NOISE] = 0  # equations that hold whatever moves determine nothing
+        doubles[np.abs(doubles) < NOISE] = 0  # equations that hold whatever moves determine nothing
         solved = [k for k in range(self.shape[1]) if k not in given]
         found = []
         for table in np.moveaxis(doubles, 2, 0):
@@ -240,9 +240,8 @@ class ClosedBalls:
         """Values of the equations, (equations, poses), and their derivatives by freedoms."""
         found, count = self._run(self._closing, _inputs("q", q)), len(self.loops.equations.equations)
         places = [(k, row, name) for k, (row, name) in enumerate(self.loops.equations.jacobian) if name in names]
-        rows, columns = (
-            np.array(x, dtype=np.intp) for x in ([r for _, r, _ in places], [names.index(n) for *_, n in places])
-        )
+        rows = np.array([row for _, row, _ in places], dtype=np.intp)
+        columns = np.array([names.index(name) for *_, name in places], dtype=np.intp)
         return found[:count], _Jacobian((count, len(names)), rows, columns, found[[count + k for k, *_ in places]])
 
     def _bias(self, q: Values, speeds: Values) -> Balls:

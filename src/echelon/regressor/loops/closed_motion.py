@@ -28,13 +28,15 @@ from echelon.regressor.steps import Probes, Recorder, cut_names, quaternion_time
 RANK_TOLERANCE = 1e-6
 """Singular values below this part of the largest one count as zero."""
 
+NOISE = 1e-12
+"""Derivatives of closure equations that are smaller vanish but for rounding."""
+
 REMEMBERED = 8
 """Of how many mechanisms what takes time is kept."""
 
 CLOSED = 1e-6
 """Given states may miss the closure equations by this part of the mechanism's size."""
 
-_NOISE = 1e-12  # what rounding leaves of derivatives that vanish; lengths are in units of the largest one
 _CONSISTENT = 1e-4  # redundant constraints of states that are closed roughly agree roughly
 
 T = TypeVar("T")
@@ -98,7 +100,7 @@ class ClosureValues:
     def at(self, q: Floats) -> tuple[Floats, Floats]:
         """Values of the equations, shape (N, equations), and their Jacobian by freedoms, (N, equations, freedoms)."""
         values, jacobian = self._run(q, FloatArithmetic())
-        jacobian[np.abs(jacobian) < _NOISE] = 0  # equations that hold whatever moves have no largest singular value
+        jacobian[np.abs(jacobian) < NOISE] = 0  # equations that hold whatever moves have no largest singular value
         return values.real, jacobian.real
 
     def bias(self, q: Floats, qd: Floats) -> Floats:
@@ -146,7 +148,7 @@ class ClosedMotion:
         """Singular values of the closure equations by velocities, all or some, about the largest, shape (N, values)."""
         chosen = range(len(self.mechanism.velocities)) if columns is None else columns
         found = np.linalg.svd(self.closures.at(q)[1][:, :, list(chosen)], compute_uv=False)
-        relative: Floats = found / np.maximum(found[:, :1], _NOISE)
+        relative: Floats = found / np.maximum(found[:, :1], NOISE)
         return relative
 
     def mobility(self, q: Floats) -> npt.NDArray[np.intp]:

@@ -216,7 +216,7 @@ def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
         (lambda: stated, inf),
         (lambda: _recorded(in_numbers(mechanism)), inf),
     ]
-    for attempt, work in attempts[: 0 if inexact else 1 if mechanism.closed_at else len(attempts)]:
+    for attempt, work in [] if inexact else attempts[:1] if mechanism.closed_at else attempts:
         try:
             closed = attempt()
             field, jacobian = _jacobian(closed, work)
