@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -89,22 +89,6 @@ class BrokenRelationsError(InputError):
 
 class OtherModeError(EchelonError):
     """No assembly mode that was found is the one of the stated pose."""
-
-    # loops: which, in words; found: ranks of the modes that were found; followed: whether frames were moved by rounding
-    # so that the loops close exactly, which may break what is special
-    def __init__(self, loops: str, found: Sequence[int], followed: bool = False) -> None:
-        shown = ", ".join(map(str, found))
-        if followed:
-            super().__init__(
-                f"no exact closed pose of the stated frames was found for {loops}; with frames moved by rounding "
-                f"{shown} base parameters show, but that breaks what is special about the stated ones.  Give frames "
-                "with which the loops are closed where all coordinates are zero, and leave the assembly pose out"
-            )
-            return
-        super().__init__(
-            f"{loops} have several assembly modes, of rank {shown} at random poses, and the assembly pose is in "
-            "another one.  State a pose farther from where modes meet"
-        )
 
 
 class UnknownRelationsError(EchelonError):

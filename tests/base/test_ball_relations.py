@@ -19,7 +19,6 @@ from echelon.base.certificate import certify
 from echelon.base.derive import specialised
 from echelon.errors import SingularPoseError
 from echelon.exact.field import random_generator
-from echelon.mechanism.closed_pose import as_stated
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.linear_forms import virtual_power_form
 from echelon.regressor.loops import closing
@@ -33,7 +32,7 @@ EXAMPLE = ("four_bar", "parallelogram", "three_rps", "sr400", "gough_stewart", "
 
 
 def in_balls(mechanism: Mechanism) -> Mechanism:
-    return replace(as_stated(mechanism) if mechanism.closed_at else mechanism, closed_in_balls=True)
+    return replace(mechanism, closed_in_balls=True)
 
 
 def check(mechanism: Mechanism, rank: int) -> None:

@@ -33,7 +33,6 @@ from echelon.base.structure import (
     dependent_columns,
     find_structure,
     in_balls_instead,
-    settled_in_balls,
 )
 from echelon.errors import (
     BrokenRelationsError,
@@ -53,8 +52,6 @@ from echelon.mechanism.stated import StatedValues, largest_denominator, stated_v
 from echelon.mechanism.substitute import substituted
 from echelon.models import LinearModel
 from echelon.regressor.linear_forms import LinearForms, rows_of, virtual_power_form
-from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.loops.exact_pose import closed_exactly
 
 _LONG = 10**12  # denominators of numbers that no coefficient with few digits is made of
 
@@ -159,8 +156,7 @@ def base_parameters(
     forms = structure.on_curves(recorded if own is mechanism else virtual_power_form(own))
     certificate = certify(forms, matrix, seed, None if generic else stated_values(own), structure.modes)
     stated_rank = structure.rank if found.special is None else found.special.rank
-    read = own if structure.balls else mechanism  # without frames that were made to follow
-    reading = report_reading(read, stated_rank, rng, recorded, None if generic else matrix)
+    reading = report_reading(mechanism, stated_rank, rng, recorded, None if generic else matrix)
     if doubt := found.doubt:
         reading = replace(reading, doubt=doubt)
     return BaseModel(own, matrix, certificate, reading, seed, found.special, generic)
@@ -178,7 +174,7 @@ def base_matrix(
     if (balls := _balls(mechanism, structure, order)) is not None:
         order = (*balls.pivots, *(column for column in order if column not in balls.pivots))
         return assembled(mechanism.parameters, balls.pivots, dict(balls.columns), order, balls.meaning)
-    if mechanism.closed_at or (mechanism.closures and not symbol_roles(mechanism).symbols):
+    if mechanism.closures and not symbol_roles(mechanism).symbols:
         order = firm_first(mechanism, order, structure.pivots, rng)  # rounding may break what is special
     work = Work.of(budget)
     found = relations(mechanism, structure)
@@ -207,11 +203,7 @@ def _balls(mechanism: Mechanism, structure: Structure, order: tuple[int, ...]) -
     """What balls show where no exact pose is known, or where it has so many digits that no coefficient is short."""
     if structure.balls is not None:
         return structure.balls if sorted(order) == list(order) else ball_relations(mechanism, structure.rank, order)
-    if mechanism.closed_at:
-        few = bool(symbol_roles(mechanism).lengths)
-    else:
-        few = not mechanism.closures or bool(stated_values(mechanism).names) or largest_denominator(mechanism) < _LONG
-    if few:
+    if not mechanism.closures or stated_values(mechanism).names or largest_denominator(mechanism) < _LONG:
         return None
     with suppress(SingularPoseError):
         found = ball_relations(mechanism, structure.rank, order)
@@ -264,14 +256,9 @@ def specialised(
     mechanism: Mechanism, rng: np.random.Generator, recorded: LinearForms | None = None, *, generic: bool = False
 ) -> SpecialisedMechanism:
     """A mechanism for its stated values, and its structure there."""
-    if not generic and (found := settled_in_balls(mechanism, rng)) is not None:
-        return SpecialisedMechanism(*found)
     try:
         return _specialised(mechanism, rng, recorded, generic)
     except LEFT_TO_BALLS as error:
-        if isinstance(error, OtherModeError) and not mechanism.closed_at:
-            with suppress(ValueError, OtherModeError, SingularPoseError):  # such as a screw that is turned there
-                return _specialised(closed_exactly(mechanism, Assembly(mechanism).pose), rng, None, generic)
         if generic:
             raise
         return SpecialisedMechanism(*in_balls_instead(mechanism, rng, error))
@@ -287,7 +274,7 @@ def _specialised(
         return SpecialisedMechanism(mechanism, find_structure(mechanism, rng, SEARCH))
     if mechanism.closures:
         at_values, undecided = _at_values(mechanism, rng)
-        if at_values is not None and _is_general_with_loops(mechanism, at_values, values, rng):
+        if at_values is not None and _is_general_with_loops(mechanism, at_values, rng):
             return SpecialisedMechanism(mechanism, at_values)
         structure = find_structure(mechanism, rng)
     else:
@@ -321,9 +308,7 @@ def _at_values(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Structur
         return None, f"for general symbols, since at the stated values {error}"
 
 
-def _is_general_with_loops(
-    mechanism: Mechanism, structure: Structure, values: StatedValues, rng: np.random.Generator
-) -> bool:
+def _is_general_with_loops(mechanism: Mechanism, structure: Structure, rng: np.random.Generator) -> bool:
     """Whether the structure at the stated values holds for general ones, too, as it does at a random point."""
     if structure.accepted is not None:
         return False
@@ -335,13 +320,7 @@ def _is_general_with_loops(
     except (DegenerateSampleError, SingularPoseError):
         return False
     supports = {columns[k]: tuple(columns[s] for s in support) for k, support in found.items()}
-    # symbols that stand for angles at which loops were closed are in no closed form
-    of_pose = {symbol for position in mechanism.closed_at.values() for x in position for symbol in x.symbols()}
-    return (
-        supports.keys() == structure.by_robot.keys()
-        if of_pose.issuperset(values.names)
-        else supports == structure.by_robot
-    )
+    return supports == structure.by_robot
 
 
 def _is_general(

@@ -162,8 +162,7 @@ class BaseModel(BaseSet, Evaluation):
 
     def _is_rounding(self, coefficient: RationalFunction) -> bool:
         number = coefficient.numerator.number if coefficient.is_polynomial else None
-        in_numbers = bool(self.mechanism.closed_at) or self.mechanism.closed_in_balls
-        return in_numbers and number is not None and abs(float(number)) < _ROUNDED
+        return self.mechanism.closed_in_balls and number is not None and abs(float(number)) < _ROUNDED
 
     @property
     def hidden(self) -> int:

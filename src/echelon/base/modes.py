@@ -20,6 +20,7 @@ from echelon.errors import DegenerateSampleError, EchelonError, InputError, Sing
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, by_pivots, random_generator
 from echelon.exact.interpolation import rational
 from echelon.exact.polynomial import Rational
+from echelon.mechanism.closed_pose import shown_loops
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.linear_forms import LinearForms, Rows, rows_of
 from echelon.regressor.loops.curves import CurveSampler
@@ -64,7 +65,6 @@ def find_modes(
     order, poses, failure = _FIRST_ORDER, _POSES, ""
     confirmed: list[Mode] = []
     wanted: Mode | None = None
-    fixed = bool(rows.forms.loops and rows.forms.loops.mechanism.closed_at)  # there is one pose, and no other
     for attempt in range(_ATTEMPTS if own is None else _MORE_ATTEMPTS):
         try:
             prime = PrimeField.random(rng)
@@ -79,7 +79,7 @@ def find_modes(
             known, confirmed = confirmed, _confirmed(orders)
             if own is not None and confirmed != known:
                 wanted = own(confirmed)
-            if own is None or wanted is not None or fixed:
+            if own is None or wanted is not None:
                 break
         # the rank may grow with the number of coefficients, so the next attempt takes more
         order, poses = min(2 * order, _LARGEST_ORDER), _POSES if len(found) > 1 else _FEW_POSES
@@ -217,14 +217,17 @@ def in_mode(forms: LinearForms, accepted: InMode | None) -> LinearForms:
     if accepted is None or forms.loops is None:
         return forms
     if accepted.mode.marks is None:
-        names = ", ".join(f"'{name}'" for name in dict.fromkeys(forms.loops.equations.owners))
-        raise InputError(
-            f"the loops closed by {names} can be assembled in several ways in which the same parameters combine "
-            "differently, such as q2 = q1 and q2 = -q1, and no simple coefficient tells which is meant.  Give all "
-            "symbols values, and an assembly pose that closes the loops exactly and at which these ways do not meet",
-            element="assembly",
-        )
+        raise InputError(alike(forms.loops.mechanism), element="assembly")
     return replace(forms, loops=replace(forms.loops, accepts=accepted))
+
+
+def alike(mechanism: Mechanism) -> str:
+    """That only the ways in which the same parameters combine set modes apart, and none that is simple."""
+    return (
+        f"{shown_loops(mechanism)} can be assembled in several ways in which the same parameters combine differently, "
+        "such as q2 = q1 and q2 = -q1, and no simple coefficient tells which is meant.  Give all symbols values, and "
+        "an assembly pose that closes the loops exactly and at which these ways do not meet"
+    )
 
 
 def elsewhere(rows: Rows) -> Rows:

@@ -55,10 +55,6 @@ class NearPose:
         falls = self._falls[:rank]
         return bool(falls.max() > _CLEAR_FALL and falls.argmax() + 1 < rank)
 
-    def shows(self, rank: int) -> bool:
-        """Whether doubles clearly show a rank."""
-        return bool(self._falls.max() > _CLEAR_FALL and self._falls.argmax() + 1 == rank)
-
     @cached_property
     def _falls(self) -> Floats:
         """How far each singular value falls to the next one."""

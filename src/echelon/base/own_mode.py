@@ -22,26 +22,16 @@ _SAME_MARK = 1e-3  # coefficients that are simple rational numbers lie farther a
 
 
 class OwnMode:
-    """Tells which modes hold near a pose, by the columns that they were found with.
+    """Tells which modes hold near a pose, by the columns that they were found with."""
 
-    ``moved`` says that modes were found with frames moved by rounding, which gives relations coefficients of that size.
-    """
-
-    def __init__(self, near: NearPose, *, moved: bool = False) -> None:
-        self._near, self._moved = near, moved
+    def __init__(self, near: NearPose) -> None:
+        self._near = near
 
     def mode(self, modes: Sequence[Mode]) -> Mode | None:
         """The one of some modes that the pose is in; None if it is in none of them, as far as can be told."""
-        if self._moved:  # which may have broken what is special
-            modes = [mode for mode in modes if not self._near.shows_less(self._rank(mode))]
         verdicts = [self._clear(mode) for mode in modes]
         if verdicts.count(True) == 1 and None not in verdicts:
             return modes[verdicts.index(True)]
-        if self._moved:  # rounding of frames may change which columns are representatives, but not how many
-            possible = (m for m, verdict in zip(modes, verdicts, strict=True) if verdict is not False)
-            alike = [m for m in possible if self._near.shows(self._rank(m))]
-            if len(alike) == 1:
-                return alike[0]
         return next((m for m, v in zip(modes, verdicts, strict=True) if v is not False and self._holds(m)), None)
 
     def likely(self, modes: Sequence[Mode]) -> Mode | None:
@@ -83,7 +73,7 @@ class OwnMode:
         for wanted, bits, motions in (*trials, *((enough, bits, several) for bits in BITS[1:])):
             table = self._near.balls(wanted, bits, motions)
             if table is None:  # there is no exact pose of the stated frames
-                return self._moved
+                return False
             with flint.ctx.workprec(bits):
                 verdict = self._holds_in_balls(mode, table, bits)
             if verdict is not None:
@@ -106,7 +96,7 @@ class OwnMode:
             vanish = {pivots[i - auxiliary]: vanishes(solution[i, k], bits) for i in range(auxiliary, len(kept))}
             if None in vanish.values():
                 return None
-            if not self._moved and {p for p, zero in vanish.items() if not zero} != set(mode.dependence[column]):
+            if {p for p, zero in vanish.items() if not zero} != set(mode.dependence[column]):
                 return False
         return all(
             _same(float(solution[auxiliary + pivots.index(source), others.index(column)].mid()), float(mark))

@@ -19,7 +19,7 @@ import numpy as np
 
 from echelon.arrays import one_thread
 from echelon.base.ball_relations import BallRelations, ball_relations
-from echelon.base.modes import Dependence, InMode, Mode, elsewhere, find_modes, in_mode
+from echelon.base.modes import Dependence, InMode, Mode, alike, elsewhere, find_modes, in_mode
 from echelon.base.near_pose import NearPose
 from echelon.base.own_mode import OwnMode
 from echelon.errors import (
@@ -32,13 +32,13 @@ from echelon.errors import (
     UnknownRelationsError,
 )
 from echelon.exact.field import PrimeField, by_pivots, rank
-from echelon.mechanism.closed_pose import as_stated, shown_loops
+from echelon.mechanism.closed_pose import shown_loops
 from echelon.mechanism.joint import ALL, GROUND, Body, Joint, Motion, Placement, Step, floating_motions
 from echelon.mechanism.mechanism import Cut, Mechanism
-from echelon.mechanism.stated import UNITS, has_values, inexact_symbols, stated_values, symbol_roles
+from echelon.mechanism.stated import UNITS, has_values, inexact_symbols, stated_values
 from echelon.program.schedule import FieldSampler
 from echelon.regressor.linear_forms import FEW_COLUMNS, LinearForms, Rows, energy_changes, energy_form, rows_of
-from echelon.regressor.loops.closing import broken_relations, check_independent, closable_as_stated, unsolved
+from echelon.regressor.loops.closing import broken_relations, check_independent, unsolved
 from echelon.regressor.loops.curves import CurveSampler
 
 _SURPLUS_ROWS = 8
@@ -162,18 +162,10 @@ def stated_in_balls(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Mec
     """A mechanism with loops as it is stated, and its structure, in ball arithmetic; None if that cannot be."""
     if not mechanism.closures:
         return None
-    stated = replace(as_stated(mechanism) if mechanism.closed_at else mechanism, closed_in_balls=True)
+    stated = replace(mechanism, closed_in_balls=True)
     with suppress(InputError, SingularPoseError, UnknownRelationsError):
         return stated, find_structure(stated, rng)
     return None
-
-
-def settled_in_balls(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Mechanism, Structure] | None:
-    """The same where frames in numbers were made to follow, if balls leave no doubt that they do without."""
-    if not mechanism.closed_at or symbol_roles(mechanism).lengths:
-        return None
-    found = stated_in_balls(mechanism, rng)
-    return None if found is None or found[1].doubt else found
 
 
 def settled_structure(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Mechanism, Structure]:
@@ -222,18 +214,15 @@ def _modes(
     if not has_values(mechanism):
         modes, own = find_modes(rows, rng)
         return modes, own or _lowest(modes), False
-    # frames that were made to follow are as good as the stated ones only if they show as much
-    stated = closable_as_stated(mechanism)
-    moved = stated is not mechanism
-    pose = NearPose(stated, rows_of(stated).columns(columns) if moved else rows, columns)
-    here, rows = OwnMode(pose, moved=moved), elsewhere(rows) if pose.is_singular else rows
+    pose = NearPose(mechanism, rows, columns)
+    here, rows = OwnMode(pose), elsewhere(rows) if pose.is_singular else rows
     sampler = rows.forms.sampler()
     assert isinstance(sampler, CurveSampler)
 
     def wanted(found: Sequence[Mode]) -> Mode | None:
-        at_pose = sampler.at_stated_pose and not moved  # where all curves began
+        at_pose = sampler.at_stated_pose  # where all curves began
         if not pose.is_singular and not (at_pose and _determine(mechanism, sampler, rng)):
-            check_independent(stated, pose.free_velocities)
+            check_independent(mechanism, pose.free_velocities)
         if at_pose and len(found) == 1:
             return found[0]
         if pose.is_singular:  # modes meet there
@@ -244,10 +233,15 @@ def _modes(
 
     modes, own = find_modes(rows, rng, wanted)
     if own is None:
-        ranks = [len(columns) - len(mode.dependence) for mode in modes]
-        raise OtherModeError(shown_loops(mechanism), ranks, bool(mechanism.closed_at))
+        ranks = ", ".join(str(len(columns) - len(mode.dependence)) for mode in modes)
+        raise OtherModeError(
+            f"{shown_loops(mechanism)} have several assembly modes, of rank {ranks} at random poses, and the assembly "
+            "pose is in another one.  State a pose farther from where modes meet"
+        )
+    if own.marks is None and not pose.is_singular:
+        raise OtherModeError(alike(mechanism))
     count = len(columns) - len(own.dependence)
-    if (moved or inexact_symbols(mechanism)) and pose.shows_less(count):
+    if inexact_symbols(mechanism) and pose.shows_less(count):
         problem = f"{shown_loops(mechanism)}: {count} base parameters would show, but fewer do in floating point"
         raise BrokenRelationsError(f"{problem}.  {broken_relations(mechanism)}")
     return modes, own, pose.is_singular

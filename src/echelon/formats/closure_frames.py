@@ -18,13 +18,14 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.exact.polynomial import Polynomial, as_polynomial, is_trigonometric, symbol_of
+from echelon.formats.literal import rotation_matrix
 from echelon.formats.snapping import PRECISION, Snapping
 from echelon.inertia import rotation_quaternion
-from echelon.mechanism.closed_pose import parted, rational_rotation
+from echelon.mechanism.closed_pose import met_frame, parted, rational_rotation, shown_loops
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import IDENTITY, Body, Motion, MotionKind, Placement, Symbol, Vector, shift
-from echelon.mechanism.mechanism import Snap
-from echelon.mechanism.stated import placement_matrix
+from echelon.mechanism.mechanism import Mechanism, Snap
+from echelon.mechanism.stated import has_values, known_values, placement_matrix
 
 _ROUNDING = 1e-15
 _MOST_ANGLES = 18  # a product of six rotations by three angles each has thousands of terms
@@ -74,6 +75,54 @@ def rational_frame(pose: Floats) -> Placement:
     """The frame next to a pose with rational numbers, to fifteen digits."""
     x, y, z = (as_polynomial(Fraction(f"{value:.15f}")) for value in pose[:3, 3])
     return shift(x, y, z) @ rational_rotation(rotation_quaternion(pose[:3, :3]).tolist(), _ROUNDING)
+
+
+_NEARLY = 1e-2  # what may be open where frames are moved, rad or characteristic lengths
+_STILL, _FINE = 1e-9, 12  # turns that do not matter, rad; decimals of moves
+_STEPS = 4  # of Newton's iteration for a turn
+
+
+def with_frames_that_meet(mechanism: Mechanism, snapping: Snapping) -> Mechanism:
+    """A mechanism whose second frames are moved by the little that keeps redundant constraints from closing."""
+    from echelon.regressor.loops.assembly import Assembly, OpenLoopsError  # robots without loops load without it
+
+    if not has_values(mechanism):
+        return mechanism
+    try:
+        _ = Assembly(mechanism).pose
+    except OpenLoopsError as error:
+        if error.size > _NEARLY:
+            return mechanism
+        known, moved, far = known_values(mechanism), list[Closure](), [0.0, 0.0]
+        for closure in mechanism.closures:
+            met, stated = met_frame(mechanism, closure, error.pose), placement_matrix(closure.second_frame, known)
+            by = _missing(closure, met, stated)
+            moved.append(replace(closure, second_frame=closure.second_frame @ by))
+            matrix = placement_matrix(by, {})
+            turn = 2 * np.linalg.norm(rotation_quaternion(matrix[:3, :3])[1:])
+            far = [max(far[0], float(np.linalg.norm(matrix[:3, 3]))), max(far[1], float(turn))]
+        opening = f"open by {far[0]:.1g} m and {far[1]:.1g} rad"
+        snapping.snaps.append(Snap(f"frames of {shown_loops(mechanism)}", opening, "closed", max(far)))
+        return replace(mechanism, closures=tuple(moved))
+    return mechanism
+
+
+def _missing(closure: Closure, met: Floats, stated: Floats) -> Placement:
+    """What moves a second frame, least, so that the closure holds with the first frame where it is met."""
+    apart = np.linalg.inv(met) @ stated
+    held, start = list(closure.kind.positions), apart.copy()
+    apart[held, 3] = 0
+    for _ in range(_STEPS):
+        opening = [apart[i, j] - target for i, j, target in closure.kind.directions]
+        # the rate of an entry R_ij, while R turns about its own axes: (row i of R) × e_j
+        rates = [np.cross(np.eye(3)[j], apart[i, :3]) for i, j, _ in closure.kind.directions]
+        turn = np.linalg.lstsq(np.reshape(rates, (-1, 3)), -np.array(opening), rcond=_NEARLY)[0]
+        apart[:3, :3] = apart[:3, :3] @ rotation_matrix(*turn)
+    by = np.linalg.inv(start) @ apart
+    x, y, z = (as_polynomial(round(Fraction(value), _FINE)) for value in by[:3, 3])
+    quaternion = rotation_quaternion(by[:3, :3])
+    turns = bool(np.abs(quaternion[1:]).max() > _STILL)
+    return shift(x, y, z) @ (rational_rotation(quaternion.tolist(), 10.0**-_FINE) if turns else Placement())
 
 
 _FEW_ANGLES = 6

@@ -31,10 +31,10 @@ from echelon.formats.exact_gravity import exact_gravity
 from echelon.formats.exact_places import DIGITS
 from echelon.formats.snapping import LENGTH_TOLERANCE, PRECISION, Snapping
 from echelon.formats.station import NOISE, Station, cross, dot
-from echelon.mechanism.closed_pose import counted_from, parted, shown_loops
+from echelon.mechanism.closed_pose import ExactPose, counted_from, parted, rational_pose, shown_loops
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import GROUND, Body, MotionKind, Placement, Step, Vector, merge
-from echelon.mechanism.mechanism import RESTORED, ClosedAt, Mechanism, Snap
+from echelon.mechanism.mechanism import RESTORED, Mechanism, Snap
 from echelon.mechanism.stated import has_values, known_values, placement_matrix, stated_values
 
 _TIMES, _LENGTHS = 10, 4  # what most axes miss, some directions and lengths may miss
@@ -53,7 +53,7 @@ def with_exact_axes(mechanism: Mechanism, snapping: Snapping, *, needed: bool = 
 
     Where they cannot all be restored at zero, it is refused if that is needed, as in robot files.
     """
-    if mechanism.closed_at or not snapping.options.snap_tolerance or not has_values(mechanism):
+    if not snapping.options.snap_tolerance or not has_values(mechanism):
         return mechanism
     found = _AtZero(mechanism, snapping)
     if found.meets:
@@ -71,13 +71,12 @@ def with_exact_axes(mechanism: Mechanism, snapping: Snapping, *, needed: bool = 
     if left or mended is None or mended is from_pose:
         del snapping.snaps[known:]
         return mechanism
-    return replace(counted_from(mended, pose, back=True), closed_at=pose, stated_closures=mended.closures)
+    return counted_from(mended, pose, back=True)
 
 
-def _closed_pose(mechanism: Mechanism, near: float) -> ClosedAt | None:
+def _closed_pose(mechanism: Mechanism, near: float) -> ExactPose | None:
     """Where loops that are open at zero are closed, to rounding; None if nowhere near the assembly pose."""
     from echelon.regressor.loops.assembly import Assembly, OpenLoopsError
-    from echelon.regressor.loops.exact_pose import rational_pose
 
     try:
         pose = Assembly(mechanism).pose

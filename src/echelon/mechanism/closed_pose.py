@@ -1,4 +1,4 @@
-"""Exact poses at which the loops of a mechanism are closed because the second frames were made to follow there.
+"""Exact poses of what moves in loops, and which motions, bodies and closures belong together there.
 
 A turning coordinate has a point of the circle: cosine and sine of its angle, or of the part of it that couplings count
 in; and the angle itself, a decimal, where something travels in proportion.  A sliding coordinate has a displacement,
@@ -7,24 +7,89 @@ and a ball a unit quaternion (w, x, y, z).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import reduce
-from math import lcm
-from operator import matmul
+from math import cos, lcm, pi, sin
 
 import numpy as np
 
-from echelon.exact.expressions import Point, added, multiple_of_point
+from echelon.arrays import Floats
+from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle, Point, added, multiple_of_point
 from echelon.exact.polynomial import Polynomial, Rational, as_polynomial, simple_fraction
-from echelon.mechanism.closure import Closure, ClosureKind
+from echelon.mechanism.closure import Closure
 from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement, Step, merge, moved_by
-from echelon.mechanism.mechanism import ClosedAt, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values, placement_matrix
 
 _SHOWN = 4  # closures that a message names
-_ROUNDING = 1e-15
+_SAME = 1e-9  # angles that differ by less are the same, rad
+_DIGITS = 15
+_LARGEST_MULTIPLE = 200  # of a rational point of the circle, whose digits multiply too
+
+ExactPose = Mapping[str, tuple[Polynomial, ...]]
+"""Positions by motion."""
+
+
+def rational_pose(mechanism: Mechanism, pose: Floats) -> ExactPose:
+    """Positions of what moves in loops next to a pose, of angles rational points of the circle.
+
+    Ratios of couplings without a value, or of so many digits that the points would not end, raise ValueError.
+    """
+    if _largest_multiple(mechanism) > _LARGEST_MULTIPLE:
+        raise ValueError(f"angles that are turned by more than {_LARGEST_MULTIPLE} times a common part")
+    return _exact_pose(mechanism, dict(zip(mechanism.positions, map(float, pose), strict=True)), _rational_angle)
+
+
+def stated_exactly(mechanism: Mechanism) -> ExactPose:
+    """Positions at the assembly pose, zero where it says nothing; empty if an angle there is no multiple of 15°."""
+    upright = {m.positions[0]: 1.0 for m in mechanism.motions if m.kind is MotionKind.BALL}
+    try:
+        values = dict.fromkeys(mechanism.positions, 0.0) | upright | dict(mechanism.assembly)
+        return _exact_pose(mechanism, values, _angle_on_the_grid)
+    except ValueError:  # ratios of couplings that are no numbers, too
+        return {}
+
+
+def _exact_pose(
+    mechanism: Mechanism, values: Mapping[str, float], turned: Callable[[float, int], tuple[Polynomial, ...]]
+) -> ExactPose:
+    """Positions at some values; ``turned`` gives cosine and sine of one of the parts of an angle, and the angle."""
+    parts, involved, travels = angle_parts(mechanism), loop_motions(mechanism), travelling(mechanism)
+    exact = dict[str, tuple[Polynomial, ...]]()
+    for motion in mechanism.motions:
+        if motion.name not in involved:
+            continue
+        if motion.kind is MotionKind.BALL:
+            exact[motion.name] = tuple(map(as_polynomial, unit_quaternion([values[n] for n in motion.positions])))
+        elif motion.kind is MotionKind.TRANSLATION:
+            exact[motion.name] = (as_polynomial(Fraction(f"{values[motion.name]:.{_DIGITS}f}")),)
+        else:
+            exact[motion.name] = turned(values[motion.name], parts.get(motion.name, 1))[: 2 + (motion.name in travels)]
+    return exact
+
+
+def _rational_angle(value: float, parts: int) -> tuple[Polynomial, ...]:
+    cosine, sine, *_ = unit_quaternion([cos(value / parts), sin(value / parts), 0.0, 0.0])
+    return tuple(map(as_polynomial, (cosine, sine, Fraction(value))))
+
+
+def _angle_on_the_grid(value: float, parts: int) -> tuple[Polynomial, ...]:
+    turn = Fraction(round(value / parts / pi * STEPS_PER_HALF_TURN), STEPS_PER_HALF_TURN)
+    if abs(value - parts * turn * pi) > _SAME:
+        raise ValueError("an angle without an exact sine")
+    angle = Angle(turn)
+    return angle.cos(), angle.sin(), as_polynomial(parts * turn * Fraction(pi))
+
+
+def unit_quaternion(parts: Sequence[float]) -> list[Fraction]:
+    """The rational point of the unit sphere next to a quaternion, by stereographic projection from the far side."""
+    lead = max(range(4), key=lambda k: abs(parts[k]))
+    sign = 1 if parts[lead] >= 0 else -1
+    t = [Fraction(x / (parts[lead] + sign)).limit_denominator(10**_DIGITS) for x in parts]
+    square = sum((x * x for k, x in enumerate(t) if k != lead), Fraction(0))
+    return [sign * (1 - square if k == lead else 2 * x) / (1 + square) for k, x in enumerate(t)]
 
 
 def angle_parts(mechanism: Mechanism) -> dict[str, int]:
@@ -36,7 +101,7 @@ def angle_parts(mechanism: Mechanism) -> dict[str, int]:
     return parts
 
 
-def largest_multiple(mechanism: Mechanism) -> int:
+def _largest_multiple(mechanism: Mechanism) -> int:
     """The most parts of an angle that couplings take."""
     parts, terms = angle_parts(mechanism), ((c, *term) for c in mechanism.couplings for term in c.terms)
     multiples = [_rational(function.ratio, c.coordinate) * parts[name] for c, name, function in terms]
@@ -70,56 +135,43 @@ def shown_loops(mechanism: Mechanism, coordinate: str | None = None) -> str:
     return shown if len(through) <= _SHOWN else f"{shown} and {len(through) - _SHOWN} others"
 
 
-def follow(mechanism: Mechanism, pose: ClosedAt) -> Mechanism:
-    """A mechanism whose loops are closed at a pose: the second frames are where the first ones are."""
-    placed = _Placed(mechanism, pose)
-    closures = tuple(placed.followed(closure) for closure in mechanism.closures)
-    return replace(mechanism, closures=closures, closed_at=pose, stated_closures=mechanism.closures)
-
-
-def counted_from(mechanism: Mechanism, pose: ClosedAt, *, back: bool = False) -> Mechanism:
+def counted_from(mechanism: Mechanism, pose: ExactPose, *, back: bool = False) -> Mechanism:
     """The mechanism with coordinates of loops that are zero at a pose; with ``back`` as before."""
     placed = _Placed(mechanism, pose)
     bodies = (replace(b, joint=replace(b.joint, steps=placed.counted(b.joint.steps, back))) for b in mechanism.bodies)
     return replace(mechanism, bodies=tuple(bodies))
 
 
-def as_stated(mechanism: Mechanism) -> Mechanism:
-    """The mechanism with the frames of its loops as they were before some were made to follow."""
-    return replace(mechanism, closures=mechanism.stated_closures, closed_at={}, stated_closures=())
+def met_frame(mechanism: Mechanism, closure: Closure, pose: Floats) -> Floats:
+    """The first frame of a closure in the frame of its second body at a pose (positions,), a homogeneous matrix."""
+    known, values = known_values(mechanism), dict(zip(mechanism.positions, map(float, pose), strict=True))
+    for coupling in mechanism.couplings:
+        values[coupling.coordinate] = sum(f.floats(values[name], known)[0] for name, f in coupling.terms)
+
+    def moved(motion: Motion) -> Placement:
+        here = [as_polynomial(Fraction(values[name])) for name in motion.positions]
+        if motion.kind is MotionKind.BALL:
+            return turned_by(*here)
+        angle = 0.0 if motion.kind is MotionKind.TRANSLATION else values[motion.name]
+        cosine, sine = (as_polynomial(Fraction(f(angle))) for f in (cos, sin))
+        return moved_by(motion, cosine, sine, here[0])
+
+    def placed(bodies: Sequence[int]) -> Floats:
+        steps = [step for body in reversed(bodies) for step in mechanism.bodies[body].joint.steps]
+        placements = [step if isinstance(step, Placement) else moved(step) for step in steps]
+        return reduce(np.matmul, (placement_matrix(step, known) for step in placements), np.eye(4))
+
+    inward, outward = ends_of(mechanism, closure)
+    met: Floats = np.linalg.inv(placed(outward)) @ placed(inward) @ placement_matrix(closure.first_frame, known)
+    return met
 
 
 class _Placed:
     """Placements of bodies at a pose."""
 
-    def __init__(self, mechanism: Mechanism, pose: ClosedAt) -> None:
+    def __init__(self, mechanism: Mechanism, pose: ExactPose) -> None:
         self.mechanism, self.pose = mechanism, pose
         self._parts = angle_parts(mechanism)
-
-    def followed(self, closure: Closure) -> Closure:
-        """The closure with its second frame where the first one is."""
-        inward, outward = ends_of(self.mechanism, closure)
-        back = [step.inverse() for body in outward for step in reversed(self._steps(body))]
-        there = [step for body in reversed(inward) for step in self._steps(body)]
-        mount = tuple(step for step in (*back, *there) if not step.is_identity)
-        if not any(x.generators() for step in (*mount, *closure.placements) for x in step.entries()):
-            met = reduce(matmul, mount, Placement()) @ closure.first_frame
-            if closure.is_closed(met.inverse() @ reduce(matmul, closure.placements[1:])):
-                return closure  # there already, with a second axis or a place along the first of its own
-        frame = closure.first_frame
-        if closure.kind is ClosureKind.UNIVERSAL:
-            frame @= self._second_axis(closure, mount)
-        return replace(closure, second_mount=mount, second_frame=frame)
-
-    def _second_axis(self, closure: Closure, mount: Sequence[Placement]) -> Placement:
-        """The turn about x, the first axis, that brings y to the second axis, next to where it is stated."""
-        known = known_values(self.mechanism)
-        met, stated = (
-            reduce(np.matmul, (placement_matrix(step, known) for step in steps))
-            for steps in ((*mount, closure.first_frame), closure.placements[1:])
-        )
-        y = (met.T @ stated)[:3, 1]
-        return rational_rotation((1 + y[1], y[2], 0.0, 0.0) if y[1] > 0 else (y[2], 1 - y[1], 0.0, 0.0), _ROUNDING)
 
     def counted(self, steps: Sequence[Step], back: bool) -> tuple[Step, ...]:
         """Steps with the pose before their motions, or taken out of them."""
@@ -130,10 +182,6 @@ class _Placed:
                 found.append(moved.inverse() if back else moved)
             found.append(step)
         return merge(tuple(found))
-
-    def _steps(self, body: int) -> list[Placement]:
-        steps = self.mechanism.bodies[body].joint.steps
-        return [step if isinstance(step, Placement) else self._moved(step) for step in steps]
 
     def _moved(self, motion: Motion) -> Placement:
         if motion.kind is MotionKind.BALL:

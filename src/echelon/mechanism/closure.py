@@ -69,14 +69,11 @@ class Closure:
     second: int
     first_frame: Placement  # what it holds, in the frame of the first body
     second_frame: Placement  # the same in the frame of the second
-    # placements between the frame of the second body and the second frame, one in another, where this was derived from
-    # a pose; their product may be too long to write down
-    second_mount: tuple[Placement, ...] = ()
 
     @property
     def placements(self) -> tuple[Placement, ...]:
-        """All of them."""
-        return (self.first_frame, *self.second_mount, self.second_frame)
+        """Both frames."""
+        return (self.first_frame, self.second_frame)
 
     def is_closed(self, second: Placement) -> bool:
         """Whether the loop is closed, exactly, with the second frame at a place in the first one."""

@@ -127,10 +127,6 @@ def transmission(stated: Sequence[Actuator], coordinates: Sequence[str]) -> Tran
     return Transmission((*stated, *direct), inverse)
 
 
-ClosedAt = Mapping[str, tuple[Polynomial, ...]]
-"""Exact positions by motion: cosine and sine, a displacement or quaternion (:mod:`echelon.mechanism.closed_pose`)."""
-
-
 @dataclass(frozen=True, repr=False)
 class Mechanism:
     """A tree of bodies, its drives, and what is measured.
@@ -159,12 +155,8 @@ class Mechanism:
         for all of them (see :func:`echelon.regressor.loops.closing.close`).
     assembly : mapping of str to float
         Positions near which the loops close, which picks one of several ways to assemble them; zero where absent.
-    closed_at : mapping of str to tuple of Polynomial
-        Exact positions at which the loops are closed by construction, by motion; empty where there are none such.
     closed_in_balls : bool
         Whether the loops are closed at real poses only, in ball arithmetic, as no pose modulo primes is known.
-    stated_closures : tuple of Closure
-        The closures as they were before second frames were made to follow there.
     reading : Reading, optional
         How it was read from a file; absent if it was not, or was changed since (:meth:`as_read`).
 
@@ -185,9 +177,7 @@ class Mechanism:
     closures: tuple[Closure, ...] = ()
     independent: tuple[str, ...] = ()
     assembly: Mapping[str, float] = field(default_factory=dict)
-    closed_at: ClosedAt = field(default_factory=dict)
     closed_in_balls: bool = False
-    stated_closures: tuple[Closure, ...] = ()
     reading: Reading | None = field(init=False, default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -374,8 +364,7 @@ class Reading:
 def setup_placements(mechanism: Mechanism) -> list[Placement]:
     """Placements beside those of the joints: of sensors and closures."""
     cuts = [channel for output in mechanism.measured or () for channel, _ in output.terms if isinstance(channel, Cut)]
-    closures = (*mechanism.closures, *mechanism.stated_closures)
-    frames = [frame for closure in closures for frame in closure.placements]
+    frames = [frame for closure in mechanism.closures for frame in closure.placements]
     return [*(cut.frame for cut in cuts), *frames]
 
 

@@ -166,7 +166,6 @@ def geometry(mechanism: Mechanism) -> tuple[list[Polynomial], list[Polynomial]]:
         translations.extend(placement.translation)
         others.extend(entry for row in placement.rotation for entry in row)
     others.extend(setup_ratios(mechanism))
-    others.extend(x for position in mechanism.closed_at.values() for x in position)
     return translations, others
 
 

@@ -25,10 +25,7 @@ from echelon.exact.polynomial import (
 from echelon.mechanism.joint import Joint, MotionKind, merge
 from echelon.mechanism.mechanism import Mechanism
 
-_WITH_EXPRESSIONS = (
-    *("bodies", "gravity", "couplings", "closures", "stated_closures"),
-    *("actuators", "measured", "closed_at"),
-)
+_WITH_EXPRESSIONS = ("bodies", "gravity", "couplings", "closures", "actuators", "measured")
 """Fields of a mechanism that hold expressions."""
 _NAMES = re.compile(r"\[[^\]]*\]|[^\W\d]\w*")  # coordinates in brackets, which are no symbols, and names
 

@@ -15,7 +15,7 @@ from echelon.exact.expressions import PI, Angle
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.bodies import BASE, TO_AXIS
 from echelon.formats.builder import Built
-from echelon.formats.closure_frames import at_zero, second_frame
+from echelon.formats.closure_frames import at_zero, second_frame, with_frames_that_meet
 from echelon.formats.description.couplings import CouplingReader
 from echelon.formats.description.document import Document, Expressions, coordinate_axis, cut_off, declared_symbols
 from echelon.formats.literal import StatedJoint
@@ -35,7 +35,6 @@ from echelon.formats.snapping import ReadingOptions, symbol_stem
 from echelon.formats.usual_effects import effect_label, floating_velocities, slides
 from echelon.hints import nearest_of
 from echelon.inputs import step_into
-from echelon.mechanism.closed_pose import follow
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.coupling import Coupling, linear
 from echelon.mechanism.effect import Action, Effect, Side, ready_made
@@ -57,7 +56,6 @@ ADDITIONS = (
     "loops",
     "independent",
     "assembly",
-    "closed_at",
     "closed_in_balls",
     "actuators",
     "rotors",
@@ -234,7 +232,7 @@ class Additions:
         closures = (*self.mechanism.closures, *self._closures())
         if not closures:
             problem = "there are no loops, so no coordinate depends on others through them"
-            for key in ("independent", "assembly", "closed_at", "closed_in_balls"):
+            for key in ("independent", "assembly", "closed_in_balls"):
                 if key in self.robot.model_fields_set:
                     raise self.expressions.error(key, problem)
             return self.mechanism
@@ -243,14 +241,14 @@ class Additions:
         assembly = {**self.mechanism.assembly, **self._assembly()}
         symbols = {**self.mechanism.symbols, **self.expressions.named}
         opened = replace(self.mechanism, closures=closures, independent=(), assembly=assembly, symbols=symbols)
-        if self.robot.closed_at:
-            opened = self._followed(opened)
-        elif self.robot.closed_in_balls:
+        if self.robot.closed_in_balls:
             opened = replace(opened, closed_in_balls=True)
-        elif self.robot.robot is not None or not self.robot.symbols:  # what has a name is as it is stated
+        else:
             from echelon.formats.loop_axes import with_exact_axes
 
-            opened = with_exact_axes(opened, self.expressions.snapping)
+            if self.robot.robot is not None or not self.robot.symbols:  # what has a name is as it is stated
+                opened = with_exact_axes(opened, self.expressions.snapping)
+            opened = with_frames_that_meet(opened, self.expressions.snapping)
         from echelon.regressor.loops.closing import close  # robots without loops load without it
 
         return close(opened, self._independent(), prefer=prefer)
@@ -326,20 +324,6 @@ class Additions:
                 raise self.expressions.error(path, f"'{text}' must be a number here, without symbols")
             found[name] = value.evaluate({PI: math.pi}, float)
         return found
-
-    def _followed(self, mechanism: Mechanism) -> Mechanism:
-        """The mechanism with second frames of closures that are moved onto the first ones at the exact pose."""
-        pose = {
-            name: tuple(self.expressions.polynomial(text, f"closed_at.{name}[{k}]") for k, text in enumerate(position))
-            for name, position in self.robot.closed_at.items()
-        }
-        from echelon.regressor.loops.exact_pose import check_pose
-
-        try:
-            check_pose(mechanism, pose)
-            return follow(mechanism, pose)
-        except ValueError as error:
-            raise self.expressions.error("closed_at", str(error)) from None
 
     def _driven(self) -> list[str]:
         """Coordinates that actuators drive."""

@@ -217,13 +217,6 @@ class RobotDescription(Model):
         "With loops, positions near which they close, rad or m; zero where not stated.",
         {"coupler": "1.2", "rocker": "2*pi/3"},
     )
-    closed_at: dict[str, list[Expression]] = optional(
-        {},
-        "With loops, exact positions at which the second frames are where the first ones are, whatever is "
-        "stated of them, by joint coordinate: cosine and sine, and the angle where something travels in proportion; a "
-        "displacement; or a quaternion. As Echelon writes it.",
-        {"crank": ["cos(crank_closed)", "sin(crank_closed)"]},
-    )
     closed_in_balls: bool = optional(
         False, "With loops, whether they are closed at real poses only, in ball arithmetic. As Echelon writes it.", True
     )

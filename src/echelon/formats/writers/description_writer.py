@@ -70,13 +70,10 @@ def _loops(mechanism: Mechanism) -> dict[str, Any]:
     """The keys that describe loops, where there are some."""
     if not mechanism.closures:
         return {}
-    closures = mechanism.stated_closures or mechanism.closures
-    pose = mechanism.closed_at.items()
     return _stated(
-        loops=[_loop(closure, mechanism) for closure in closures],
+        loops=[_loop(closure, mechanism) for closure in mechanism.closures],
         independent=list(mechanism.independent) or None,
         assembly={name: repr(float(value)) for name, value in mechanism.assembly.items()} or None,
-        closed_at={name: [expression_text(x) for x in position] for name, position in pose} or None,
         closed_in_balls=mechanism.closed_in_balls or None,
     )
 

@@ -2,8 +2,8 @@
 
 Poses in doubles are refined by Newton's iteration, on as many of the closure equations and coordinates as the Jacobian
 has rank; the other coordinates stay as they are.  Krawczyk's operator then shows that exactly one solution of these
-equations lies in a small box around each, and the box is the pose.  Equations that were left out must hold there as far
-as the balls tell: they depend on the others on the component of poses that the pose belongs to.
+equations lies in a small box around each, and the box is the pose.  Equations that were left out must hold there but
+for rounding of frames: they depend on the others on the component of poses that the pose belongs to.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ Values = dict[str, Balls]
 _ITERATIONS = 16
 _RANK = 1e-6  # what counts as nothing among the pivots of a Jacobian in doubles
 BALL_STEPS = 256  # of random numbers, to one
+_MISSED = 1e-11  # m or rad: by what equations that depend on others may miss, which are those of rounded frames
 _SPARE = 32  # bits between the last step and the box
 _LARGEST_EXPONENT, _SLOWEST = 40.0, 40
 
@@ -207,8 +208,8 @@ class ClosedBalls:
                 found[columns, pose] = image.entries()
         closed = self._moved(q, found)
         for owner, left in zip(self.loops.equations.owners, self._closure(closed, self._names)[0], strict=True):
-            if not all(x.contains(0) for x in left):
-                most = max(float(abs(x).mid()) for x in left)
+            most = max(0.0 if x.contains(0) else float(abs(x).mid()) for x in left)
+            if most > _MISSED:
                 problem = f"with all others closed, '{owner}' is open by {most:.1g} (m or rad)"
                 raise InputError(self._open(problem))
         if not all(abs(x) < size for x in found.flat):

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from math import inf
@@ -14,25 +13,24 @@ import numpy as np
 from echelon.arrays import Floats, one_thread
 from echelon.errors import DegenerateSampleError, InputError, ShakyPoseError, SingularPoseError
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, null_vectors, random_generator, rank
-from echelon.mechanism.closed_pose import as_stated, loop_motions, shown_loops
+from echelon.mechanism.closed_pose import loop_motions, shown_loops
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import (
     all_symbols,
     has_values,
-    in_numbers,
     inexact_symbols,
     known_values,
+    symbol_roles,
     value_texts,
 )
 from echelon.mechanism.substitute import inexact_coupling, with_numeric_ratios
 from echelon.program.tape import Program
-from echelon.regressor.loops.assembly import NEARLY_FREE, Assembled, Assembly, OpenLoopsError
+from echelon.regressor.loops.assembly import NEARLY_FREE, Assembled, Assembly
 from echelon.regressor.loops.closed_balls import ClosedBalls
 from echelon.regressor.loops.closed_motion import RANK_TOLERANCE
 from echelon.regressor.loops.closures import Loops
 from echelon.regressor.loops.coordinates import independent_coordinates
 from echelon.regressor.loops.curves import CurveSampler
-from echelon.regressor.loops.exact_pose import closed_exactly
 from echelon.regressor.loops.recorded_loops import loops_of
 from echelon.regressor.steps import Recorder
 
@@ -45,12 +43,12 @@ _EXACTLY = (
     "equal numbers"
 )
 _STATES, _NEAR = 8, 0.5  # random configurations at which the mobility is counted numerically, and how far they stray
-_NEARLY = 1e-2  # what may be open where frames are made to follow, rad or characteristic lengths
 _SEARCH = 1.5e7  # numbers that are added until loops are not known to close: five to ten seconds
-_LITTLE_WORK = 1e5  # operations for a pose that take no longer than to let frames follow
+_LITTLE_WORK = 1e5  # operations for a pose that take no longer than balls
 _INDEPENDENT = (1e-3, 1e-5, 1e-6)  # singular values of independent motions, the wanted one first
 
 
+@one_thread()
 def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: Sequence[str] = ()) -> Mechanism:
     """A mechanism with loops, its independent coordinates chosen: the wanted ones, or preferably some, such as drives.
 
@@ -61,13 +59,12 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
             raise InputError("without loops all coordinates are independent; leave it out", element="independent")
         return mechanism
     mechanism = with_numeric_ratios(mechanism)
-    names = list(mechanism.velocities)
+    names, velocities = list(mechanism.velocities), None
     for name in wanted or ():
         if name not in names:
             raise InputError(f"there is no coordinate '{name}' (valid: {', '.join(names)})", element="independent")
     first = list(wanted) if wanted is not None else [name for name in prefer if name in names]
-    mechanism, real = _real(mechanism)
-    if real is None:
+    if not has_values(mechanism):
         if inexact := inexact_coupling(mechanism):
             problem = f"with loops, {inexact[1]}: give all symbols values, ratios exact ones such as 3/2"
             raise InputError(problem, element=inexact[0])
@@ -75,10 +72,11 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
         freedom = np.array(null_vectors(jacobian, field), dtype=np.int64).reshape(-1, len(names))
         chosen = independent_coordinates(mechanism, lambda columns: rank(freedom[:, columns], field), first)
     else:
-        chosen = real.independent(first)
+        real = _Real(mechanism)
+        chosen, velocities = real.independent(first), real.velocities
         mechanism = _closed_exactly(replace(mechanism, independent=chosen), real)
     if wanted is not None:
-        _check_wanted(mechanism, wanted, chosen, None if real is None else real.velocities)
+        _check_wanted(mechanism, wanted, chosen, velocities)
         chosen = tuple(wanted)
     return replace(mechanism, independent=chosen)
 
@@ -95,24 +93,6 @@ def check_independent(mechanism: Mechanism, velocities: Floats) -> None:
 def assembled(mechanism: Mechanism) -> Assembled | None:
     """What had to be moved to close the loops of a mechanism; None without loops, or if symbols have no values."""
     return Assembly(mechanism).assembled if mechanism.closures and has_values(mechanism) else None
-
-
-def closable_as_stated(mechanism: Mechanism) -> Mechanism:
-    """The mechanism with the frames that were stated, if the loops close with them in doubles; otherwise as it is."""
-    if mechanism.closures == (mechanism.stated_closures or mechanism.closures):  # all frames are where they were
-        return mechanism
-    stated = as_stated(mechanism)
-    with suppress(OpenLoopsError):
-        _ = Assembly(stated).pose
-        return stated
-    return mechanism
-
-
-def closing_notes(mechanism: Mechanism) -> list[str]:
-    """What a user should know of how the loops of a mechanism close."""
-    if not mechanism.closures or not has_values(mechanism):
-        return []
-    return [*([_moved(mechanism, Assembly(mechanism))] if mechanism.closed_at else []), *nearly_free(mechanism)]
 
 
 class _Real:
@@ -188,55 +168,28 @@ def _rank(velocities: Floats, threshold: float, columns: Sequence[int]) -> int:
     return int((np.linalg.svd(velocities[list(columns)], compute_uv=False) > threshold).sum()) if columns else 0
 
 
-@one_thread()
-def _real(mechanism: Mechanism) -> tuple[Mechanism, _Real | None]:
-    """The mechanism in double precision, None if symbols have no values; frames that nearly meet are made to follow."""
-    if not has_values(mechanism):
-        return mechanism, None
-    try:
-        return mechanism, _Real(mechanism)
-    except OpenLoopsError as error:
-        if error.size > _NEARLY:
-            raise
-        followed = _at(mechanism, error.pose)
-    return followed, _Real(followed)
-
-
-@one_thread()
 def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
-    """The mechanism as it is if its loops close exactly and move as in doubles, else with frames that follow."""
+    """The mechanism, if its loops close exactly and move as in doubles: modulo a prime, or else in ball arithmetic."""
     if mechanism.closed_in_balls:
         return mechanism
-    inexact = inexact_coupling(mechanism)
-    reasons = [unsolved(mechanism, f"{inexact[0]}: {inexact[1]}, and balls do not show one")] if inexact else []
-    locked, stated = "", replace(real.loops, mechanism=mechanism)
-    attempts: list[tuple[Callable[[], Loops], float]] = [
-        (lambda: stated, _LITTLE_WORK),
-        (lambda: _recorded(_at(mechanism, real.assembly.pose)), inf),
-        (lambda: stated, inf),
-        (lambda: _recorded(in_numbers(mechanism)), inf),
-    ]
-    for attempt, work in [] if inexact else attempts[:1] if mechanism.closed_at else attempts:
+    problem = ""
+    if inexact := inexact_coupling(mechanism):
+        problem = unsolved(mechanism, f"{inexact[0]}: {inexact[1]}, and balls do not show one")
+    else:
+        # balls take no longer than a pose modulo a prime that has to be searched for, but symbols need one
+        work = inf if symbol_roles(mechanism).lengths else _LITTLE_WORK
         try:
-            closed = attempt()
-            field, jacobian = _jacobian(closed, work)
+            field, jacobian = _jacobian(replace(real.loops, mechanism=mechanism), work)
         except InputError as error:
-            reasons.append(str(error))
-            continue
-        freedom = jacobian.shape[1] - rank(jacobian, field)
-        if freedom >= real.mobility:
-            return closed.mechanism
-        locked = _locked(mechanism, freedom, real)
+            problem = str(error)
+        else:
+            freedom = jacobian.shape[1] - rank(jacobian, field)
+            if freedom >= real.mobility:
+                return mechanism
+            problem = _locked(mechanism, freedom, real)
     if real.closes_in_balls:
         return replace(mechanism, closed_in_balls=True)
-    raise InputError(locked or real.singular() or reasons[0])
-
-
-def _at(mechanism: Mechanism, pose: Floats) -> Mechanism:
-    try:
-        return closed_exactly(mechanism, pose)
-    except ValueError as error:
-        raise InputError(unsolved(mechanism, str(error))) from None
+    raise InputError(real.singular() or problem)
 
 
 def _recorded(mechanism: Mechanism) -> Loops:
@@ -346,17 +299,6 @@ def broken_relations(mechanism: Mechanism) -> str:
     return (
         "Rounded numbers, or several turns by general angles one after another, break relations such as parallel axes: "
         f"state frames that are turned by multiples of 15 degrees, with axes in them.  {_EXACTLY}"
-    )
-
-
-def _moved(mechanism: Mechanism, assembly: Assembly) -> str:
-    """By how much frames were moved."""
-    stated = Assembly(as_stated(mechanism))
-    values, kinds = np.abs(stated.closures.at(assembly.pose[None])[0][0]), stated.closures.is_length
-    lengths, angles = (float(values[kinds == kind].max(initial=0.0)) for kind in (True, False))
-    return (
-        f"the second frames of {shown_loops(mechanism)} were moved by up to {lengths * stated.closures.length:.1g} m "
-        f"and {angles:.1g} rad, so that the loops close exactly"
     )
 
 

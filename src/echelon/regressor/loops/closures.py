@@ -78,8 +78,8 @@ class Loops:
     # virtual velocities of some freedoms, by node; those of the others are the inputs v[...].  None where all are, and
     # every virtual motion that keeps the loops closed is wanted
     speeds: Mapping[str, int] | None
-    # nodes of exact positions of motions, those of the assembly pose if it has some
-    closed_at: Mapping[str, tuple[int, ...]]
+    # nodes of exact positions of motions at the assembly pose, if it has some
+    exact_pose: Mapping[str, tuple[int, ...]]
     real: RealInputs  # random real inputs of the program on closed configurations, by name, from (rng, count)
     stated: bool = True  # whether poses may be taken from there where they are closed
     order: int = 24  # coefficients taken along curves; more where few freedoms have to show many parameters
@@ -142,7 +142,7 @@ class _Loop:
         self.recorder, self.closure = recorder, closure
         first, second = ends_of(mechanism, closure)
         self.first = _chain(recorder, probes, first[::-1], closure.first_frame)
-        self.second = _chain(recorder, probes, second[::-1], *closure.second_mount, closure.second_frame)
+        self.second = _chain(recorder, probes, second[::-1], closure.second_frame)
 
     def conditions(self) -> Iterator[tuple[Scalar, tuple[Wrench, Wrench]]]:
         """Every equation with its unit wrench: on the first body, and on the second, each in the axes of its frame."""

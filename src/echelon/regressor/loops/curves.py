@@ -56,7 +56,7 @@ class CurveSampler(FunctionSampler):
             problem = f"no exact closed pose is known for {shown_loops(loops.mechanism)}"
             raise SingularPoseError(f"{problem}: take base_parameters or sensor_report, which do without one")
         closing = loops.equations
-        known = [node for nodes in loops.closed_at.values() for node in nodes]
+        known = [node for nodes in loops.exact_pose.values() for node in nodes]
         centres = [node for wrist in loops.wrists for node in wrist.centre]
         parts = [outputs, closing.equations, closing.jacobian.values(), known, (loops.speeds or {}).values(), centres]
         super().__init__(program, [node for part in parts for node in part])
@@ -71,7 +71,7 @@ class CurveSampler(FunctionSampler):
         self._main = Schedule(self.program, main, functions)
         self._speeds = Schedule(self.program, speeds, functions)
         turns, turning = self._moving_turns(layout)
-        angles = angle_parts(loops.mechanism) if loops.closed_at else {}
+        angles = angle_parts(loops.mechanism) if loops.exact_pose else {}
         moving = [n for n in self._functions if self.program.ops[n] == Op.EXP and self._moves(n)]
         self._exponentials = Exponentials(self.canonical, moving, self._sign_leaves, functions)
         units = np.ones(len(layout.turning), dtype=np.int64)
@@ -88,7 +88,7 @@ class CurveSampler(FunctionSampler):
             closing.owners,
             [replace(wrist, centre=tuple(centres[3 * k : 3 * k + 3])) for k, wrist in enumerate(loops.wrists)],
             Schedule(self.program, known, functions),
-            [(name, angles.get(name, 1), len(nodes)) for name, nodes in loops.closed_at.items()],
+            [(name, angles.get(name, 1), len(nodes)) for name, nodes in loops.exact_pose.items()],
             turns,
             turning,
             units,

@@ -35,7 +35,7 @@ class Recorded:
     entries: Sequence[tuple[int, str]]  # equation and freedom of every entry of the Jacobian
     owners: tuple[str, ...]  # name of the closure of every equation
     wrists: Sequence[Wrist]
-    closed_at: Schedule  # of exact positions at which the loops are closed by construction
+    stated: Schedule  # of the exact positions of the stated pose
     # the motions that have some, in how many parts an angle counts, and how many numbers each has
     closing_motions: Sequence[tuple[str, int, int]]
     turns: Mapping[int, Turn]  # angles of the nodes that are sines and cosines
@@ -137,7 +137,7 @@ class Positions:
         recorded, layout = self.recorded, self.recorded.layout
         if not recorded.closing_motions:
             return None
-        values = self._run(recorded.closed_at, self.resting(pose))[..., 0]
+        values = self._run(recorded.stated, self.resting(pose))[..., 0]
         travels = [layout.names[place] for place in recorded.threaded]
         for name, parts, size in recorded.closing_motions:
             own, values = values[:size], values[size:]

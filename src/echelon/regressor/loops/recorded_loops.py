@@ -9,12 +9,12 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
+from echelon.mechanism.closed_pose import stated_exactly
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, known_values
 from echelon.program.tape import Scalar
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.closures import Loops, record_closures, record_wrists
-from echelon.regressor.loops.exact_pose import stated_exactly
 from echelon.regressor.steps import Probes, Recorder
 
 _DRAWS = 8  # of values for symbols that have none
@@ -25,13 +25,13 @@ def loops_of(
 ) -> Loops:
     """What keeps forms that were recorded for a mechanism with loops on closed configurations."""
     nodes = None if speeds is None else {name: speed.node for name, speed in speeds.items()}
-    record, closed_at = recorder.program.polynomial, mechanism.closed_at or stated_exactly(mechanism)
+    record = recorder.program.polynomial
     return Loops(
         mechanism,
         record_closures(mechanism, recorder, probes),
         tuple(record_wrists(mechanism, recorder)),
         nodes,
-        {name: tuple(record(x).node for x in value) for name, value in closed_at.items()},
+        {name: tuple(record(x).node for x in value) for name, value in stated_exactly(mechanism).items()},
         partial(real_inputs, mechanism),
     )
 
