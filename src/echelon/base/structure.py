@@ -10,7 +10,6 @@ the base and around couplings, is eliminated at once.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import matmul
@@ -158,16 +157,6 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator, search: float
     return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, ranks, accepted, singular, order)
 
 
-def stated_in_balls(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Mechanism, Structure] | None:
-    """A mechanism with loops as it is stated, and its structure, in ball arithmetic; None if that cannot be."""
-    if not mechanism.closures:
-        return None
-    stated = replace(mechanism, closed_in_balls=True)
-    with suppress(InputError, SingularPoseError, UnknownRelationsError):
-        return stated, find_structure(stated, rng)
-    return None
-
-
 def settled_structure(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Mechanism, Structure]:
     """The structure, in ball arithmetic where primes do not show the own mode, and the mechanism that it belongs to."""
     search = None if stated_values(mechanism).names else SEARCH
@@ -180,12 +169,21 @@ def settled_structure(mechanism: Mechanism, rng: np.random.Generator) -> tuple[M
 def in_balls_instead(
     mechanism: Mechanism, rng: np.random.Generator, error: EchelonError
 ) -> tuple[Mechanism, Structure]:
-    """The structure in ball arithmetic where primes end in an error; that error if balls do not tell, either."""
-    found = stated_in_balls(mechanism, rng)
-    # relations that rounding has broken are not restored by more digits
-    if found is None or (isinstance(error, BrokenRelationsError) and found[1].doubt):
+    """A mechanism with loops that is closed in ball arithmetic, and its structure there, where primes end in an error.
+
+    That error if balls do not tell, either.
+    """
+    if not mechanism.closures:
         raise error
-    return found
+    closed = replace(mechanism, closed_in_balls=True)
+    try:
+        found = find_structure(closed, rng)
+    except (InputError, SingularPoseError, UnknownRelationsError):
+        raise error from None
+    # relations that rounding has broken are not restored by more digits
+    if isinstance(error, BrokenRelationsError) and found.doubt:
+        raise error
+    return closed, found
 
 
 def _from_balls(mechanism: Mechanism, rng: np.random.Generator) -> Structure:

@@ -18,7 +18,7 @@ from echelon.errors import InputError
 from echelon.exact.expressions import Angle
 from echelon.exact.polynomial import Polynomial, as_polynomial
 from echelon.formats.bodies import Bodies, Part, placed_before, with_relations
-from echelon.formats.closure_frames import second_frame, with_frames_that_meet, with_parallelogram
+from echelon.formats.closure_frames import closed, second_frame, with_parallelogram
 from echelon.formats.literal import (
     LiteralClosure,
     LiteralLink,
@@ -105,16 +105,13 @@ class _Builder:
             assembly, note = chosen_pose(mechanism, self.tree.poses)
             self.notes += [note] if note else []
             mechanism = with_exact_axes(replace(mechanism, assembly=assembly), self.snapping)
-            mechanism = with_frames_that_meet(mechanism, self.snapping)
         used = {s for b in mechanism.bodies for s in b.joint.symbols()}
         used.update(s for placement in setup_placements(mechanism) for s in placement.symbols())
         symbols = {name: symbol for name, symbol in self.snapping.symbols.items() if name in used}
         mechanism = replace(mechanism, symbols=symbols)
         if closures:
-            from echelon.regressor.loops.closing import close  # robots without loops load without it
-
             driven = [name for name in self.tree.driven if name in mechanism.velocities]
-            mechanism = close(mechanism, None, prefer=driven)
+            mechanism = closed(mechanism, self.snapping, prefer=driven)
         return Built(mechanism, self.snapping, tuple(self.notes), self._rides())
 
     def _rides(self) -> dict[str, Ride]:

@@ -25,7 +25,7 @@ from echelon.mechanism.closed_pose import met_frame, parted, rational_rotation, 
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import IDENTITY, Body, Motion, MotionKind, Placement, Symbol, Vector, shift
 from echelon.mechanism.mechanism import Mechanism, Snap
-from echelon.mechanism.stated import has_values, known_values, placement_matrix
+from echelon.mechanism.stated import known_values, placement_matrix
 
 _ROUNDING = 1e-15
 _MOST_ANGLES = 18  # a product of six rotations by three angles each has thousands of terms
@@ -82,29 +82,33 @@ _STILL, _FINE = 1e-9, 12  # turns that do not matter, rad; decimals of moves
 _STEPS = 4  # of Newton's iteration for a turn
 
 
-def with_frames_that_meet(mechanism: Mechanism, snapping: Snapping) -> Mechanism:
-    """A mechanism whose second frames are moved by the little that keeps redundant constraints from closing."""
-    from echelon.regressor.loops.assembly import Assembly, OpenLoopsError  # robots without loops load without it
+def closed(
+    mechanism: Mechanism, snapping: Snapping, wanted: Sequence[str] | None = None, *, prefer: Sequence[str] = ()
+) -> Mechanism:
+    """:func:`echelon.regressor.loops.closing.close`, with second frames moved by what redundant constraints miss."""
+    from echelon.regressor.loops.assembly import OpenLoopsError  # robots without loops load without it
+    from echelon.regressor.loops.closing import close
 
-    if not has_values(mechanism):
-        return mechanism
     try:
-        _ = Assembly(mechanism).pose
+        return close(mechanism, wanted, prefer=prefer)
     except OpenLoopsError as error:
         if error.size > _NEARLY:
-            return mechanism
-        known, moved, far = known_values(mechanism), list[Closure](), [0.0, 0.0]
-        for closure in mechanism.closures:
-            met, stated = met_frame(mechanism, closure, error.pose), placement_matrix(closure.second_frame, known)
-            by = _missing(closure, met, stated)
-            moved.append(replace(closure, second_frame=closure.second_frame @ by))
-            matrix = placement_matrix(by, {})
-            turn = 2 * np.linalg.norm(rotation_quaternion(matrix[:3, :3])[1:])
-            far = [max(far[0], float(np.linalg.norm(matrix[:3, 3]))), max(far[1], float(turn))]
-        opening = f"open by {far[0]:.1g} m and {far[1]:.1g} rad"
-        snapping.snaps.append(Snap(f"frames of {shown_loops(mechanism)}", opening, "closed", max(far)))
-        return replace(mechanism, closures=tuple(moved))
-    return mechanism
+            raise
+        return close(_with_frames_that_meet(mechanism, error.pose, snapping), wanted, prefer=prefer)
+
+
+def _with_frames_that_meet(mechanism: Mechanism, pose: Floats, snapping: Snapping) -> Mechanism:
+    """The second frames are moved to where closures hold at a pose, by as little as it takes."""
+    known, closures, far = known_values(mechanism), list[Closure](), [0.0, 0.0]
+    for closure in mechanism.closures:
+        by = _missing(closure, met_frame(mechanism, closure, pose), placement_matrix(closure.second_frame, known))
+        closures.append(replace(closure, second_frame=closure.second_frame @ by))
+        matrix = placement_matrix(by, {})
+        turn = 2 * np.linalg.norm(rotation_quaternion(matrix[:3, :3])[1:])
+        far = [max(far[0], float(np.linalg.norm(matrix[:3, 3]))), max(far[1], float(turn))]
+    opening = f"open by {far[0]:.1g} m and {far[1]:.1g} rad"
+    snapping.snaps.append(Snap(f"frames of {shown_loops(mechanism)}", opening, "closed", max(far)))
+    return replace(mechanism, closures=tuple(closures))
 
 
 def _missing(closure: Closure, met: Floats, stated: Floats) -> Placement:

@@ -15,7 +15,7 @@ from echelon.exact.expressions import PI, Angle
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.bodies import BASE, TO_AXIS
 from echelon.formats.builder import Built
-from echelon.formats.closure_frames import at_zero, second_frame, with_frames_that_meet
+from echelon.formats.closure_frames import at_zero, closed, second_frame
 from echelon.formats.description.couplings import CouplingReader
 from echelon.formats.description.document import Document, Expressions, coordinate_axis, cut_off, declared_symbols
 from echelon.formats.literal import StatedJoint
@@ -243,15 +243,11 @@ class Additions:
         opened = replace(self.mechanism, closures=closures, independent=(), assembly=assembly, symbols=symbols)
         if self.robot.closed_in_balls:
             opened = replace(opened, closed_in_balls=True)
-        else:
-            from echelon.formats.loop_axes import with_exact_axes
+        elif self.robot.robot is not None or not self.robot.symbols:  # what has a name is as it is stated
+            from echelon.formats.loop_axes import with_exact_axes  # robots without loops load without it
 
-            if self.robot.robot is not None or not self.robot.symbols:  # what has a name is as it is stated
-                opened = with_exact_axes(opened, self.expressions.snapping)
-            opened = with_frames_that_meet(opened, self.expressions.snapping)
-        from echelon.regressor.loops.closing import close  # robots without loops load without it
-
-        return close(opened, self._independent(), prefer=prefer)
+            opened = with_exact_axes(opened, self.expressions.snapping)
+        return closed(opened, self.expressions.snapping, self._independent(), prefer=prefer)
 
     def _closures(self) -> Iterator[Closure]:
         """The joints that close loops."""
