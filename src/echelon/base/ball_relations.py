@@ -29,6 +29,7 @@ _FIRM = 1e-6  # of a column, what double precision surely shows
 _SMALLEST = 1e-4  # of columns, about the largest one
 _CHECKED = 40  # rows in which a column that depends on others has to vanish beside them
 _FAINT = 1e-9  # of what others show, what a file with many digits does not mean
+_WIDE = 2.0  # how far states stray from the pose that show whether it is rounding that shows little
 
 
 @dataclass(frozen=True)
@@ -81,8 +82,13 @@ def ball_relations(mechanism: Mechanism, most: int, order: Sequence[int] | None 
         If the loops are not proved to close, or precision does not tell.
     """
     count = len(mechanism.parameters)
-    pose = NearPose(mechanism, rows_of(mechanism), range(count))
-    found, bits = eliminated(pose, most, range(count) if order is None else order)
+    wanted, rows = range(count) if order is None else order, rows_of(mechanism)
+    pose = NearPose(mechanism, rows, range(count))
+    found, bits = eliminated(pose, most, wanted)
+    if found.faint:  # near the pose, much of what few motions change is smooth and shows little
+        wide = eliminated(NearPose(mechanism, rows, range(count), _WIDE), most, wanted)
+        if len(wide[0].pivots) == len(found.pivots) and wide[0].faint < found.faint:
+            found, bits = wide
     with flint.ctx.workprec(bits):
         return _relations(found, value_texts(mechanism, all_symbols(mechanism)), pose.is_singular)
 

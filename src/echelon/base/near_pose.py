@@ -20,7 +20,7 @@ from echelon.regressor.linear_forms import Rows, virtual_power_form
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.recorded_loops import state_inputs
 
-_STATES, _NEAR = 20, 0.2
+_STATES, NEAR = 20, 0.2
 _SMALLEST = 1e-4  # of columns, about the largest one: rounding keeps those that vanish far below
 # of singular values: what counts as nothing, and how far they fall to it; of about a hundred mechanisms, none falls by
 # more than 2000 within its rank
@@ -33,10 +33,10 @@ _OTHERS = 10  # poses at which relations are checked
 
 
 class NearPose:
-    """Rows at states near the pose, for some of the parameters."""
+    """Rows at states near the pose, for some of the parameters; ``reach`` says how near, see Assembly."""
 
-    def __init__(self, mechanism: Mechanism, rows: Rows, columns: Sequence[int]) -> None:
-        self.mechanism, self.rows, self.columns = mechanism, rows, list(columns)
+    def __init__(self, mechanism: Mechanism, rows: Rows, columns: Sequence[int], reach: float = NEAR) -> None:
+        self.mechanism, self.rows, self.columns, self._reach = mechanism, rows, list(columns), reach
         self._tables = dict[tuple[int, int, int, int], Balls | None]()  # rows in balls, as they were asked for
 
     @cached_property
@@ -65,7 +65,7 @@ class NearPose:
     def _real(self) -> tuple[Floats, Floats, Floats]:
         """Closed states near the pose: farther away a walk could pass to another mode."""
         states = _STATES + len(self.columns) // max(1, len(self.mechanism.outputs))
-        return self._assembly.determined_states(random_generator(DEFAULT_SEED), states, _NEAR)
+        return self._assembly.determined_states(random_generator(DEFAULT_SEED), states, self._reach)
 
     @cached_property
     def _assembly(self) -> Assembly:
@@ -116,6 +116,6 @@ class NearPose:
     def _inputs(self, known: bool, rng: np.random.Generator, count: int) -> dict[str, Floats]:
         """Inputs of closed states near the pose, of known ones where these are enough."""
         known = known and len(self._real[0]) >= count
-        states = self._real if known else self._assembly.random_closed_states(rng, count, _NEAR)
+        states = self._real if known else self._assembly.random_closed_states(rng, count, self._reach)
         values = {name: np.full(count, value) for name, value in known_values(self.mechanism).items()}
         return values | state_inputs(self.mechanism, *(x[:count] for x in states))

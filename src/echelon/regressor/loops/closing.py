@@ -176,10 +176,11 @@ def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
     if inexact := inexact_coupling(mechanism):
         problem = unsolved(mechanism, f"{inexact[0]}: {inexact[1]}, and balls do not show one")
     else:
-        # balls take no longer than a pose modulo a prime that has to be searched for, but symbols need one
-        work = inf if symbol_roles(mechanism).lengths else _LITTLE_WORK
+        # balls take no longer than a pose modulo a prime that has to be searched for; closed forms need one
+        roles = symbol_roles(mechanism)
+        named = bool(roles.symbols - roles.angles)
         try:
-            field, jacobian = _jacobian(replace(real.loops, mechanism=mechanism), work)
+            field, jacobian = _jacobian(replace(real.loops, mechanism=mechanism), inf if named else _LITTLE_WORK)
         except InputError as error:
             problem = str(error)
         else:
