@@ -22,6 +22,7 @@ from echelon.base.closed_form import assembled, closed_columns, relations
 from echelon.base.linear_base import LinearBase, linear_base_parameters
 from echelon.base.matrix import BaseMatrix, column_order, reordered
 from echelon.base.model import BaseModel
+from echelon.base.modes import alike
 from echelon.base.numeric_ranks import firm_first
 from echelon.base.reading_report import doubt_of_loops, report_reading
 from echelon.base.stated_columns import StatedColumns
@@ -48,7 +49,7 @@ from echelon.exact.interpolation import MOST_PRIMES
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.unknown_functions import Work
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import StatedValues, largest_denominator, stated_values, symbol_roles
+from echelon.mechanism.stated import StatedValues, has_values, largest_denominator, stated_values, symbol_roles
 from echelon.mechanism.substitute import substituted
 from echelon.models import LinearModel
 from echelon.regressor.linear_forms import LinearForms, rows_of, virtual_power_form
@@ -257,7 +258,10 @@ def specialised(
 ) -> SpecialisedMechanism:
     """A mechanism for its stated values, and its structure there."""
     try:
-        return _specialised(mechanism, rng, recorded, generic)
+        found = _specialised(mechanism, rng, recorded, generic)
+        if found.structure.tells_mode or found.structure.singular or not has_values(mechanism):
+            return found
+        raise OtherModeError(alike(mechanism))
     except LEFT_TO_BALLS as error:
         if generic:
             raise

@@ -18,7 +18,7 @@ import numpy as np
 
 from echelon.arrays import one_thread
 from echelon.base.ball_relations import BallRelations, ball_relations
-from echelon.base.modes import Dependence, InMode, Mode, alike, elsewhere, find_modes, in_mode
+from echelon.base.modes import Dependence, InMode, Mode, elsewhere, find_modes, in_mode
 from echelon.base.near_pose import NearPose
 from echelon.base.own_mode import OwnMode
 from echelon.errors import (
@@ -90,6 +90,11 @@ class Structure:
     def rank(self) -> int:
         """Number of base parameters."""
         return len(self.pivots)
+
+    @property
+    def tells_mode(self) -> bool:
+        """Whether coefficients tell its assembly mode from others with the same dependences."""
+        return self.accepted is None or self.accepted.mode.marks is not None
 
     @property
     def doubt(self) -> str:
@@ -236,8 +241,6 @@ def _modes(
             f"{shown_loops(mechanism)} have several assembly modes, of rank {ranks} at random poses, and the assembly "
             "pose is in another one.  State a pose farther from where modes meet"
         )
-    if own.marks is None and not pose.is_singular:
-        raise OtherModeError(alike(mechanism))
     count = len(columns) - len(own.dependence)
     if inexact_symbols(mechanism) and pose.shows_less(count):
         problem = f"{shown_loops(mechanism)}: {count} base parameters would show, but fewer do in floating point"
