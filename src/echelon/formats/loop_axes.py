@@ -234,7 +234,7 @@ class _AtZero:
 
     @property
     def _gap_matters(self) -> bool:
-        """Whether frames that follow would break relations: digits of doubles matter where lengths are equal only."""
+        """Whether loops that miss may not close: by digits of doubles redundant ones do not where lengths are equal."""
         equal = (u == v for (_, u), (_, v) in pairwise(sorted(self._lengths())))
         return self.is_general and (self._gap > PRECISION or (self._gap > 0 and any(equal)))
 

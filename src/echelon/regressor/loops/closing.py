@@ -43,8 +43,9 @@ _EXACTLY = (
     "equal numbers"
 )
 _STATES, _NEAR = 8, 0.5  # random configurations at which the mobility is counted numerically, and how far they stray
-_SEARCH = 1.5e7  # numbers that are added until loops are not known to close: five to ten seconds
-_LITTLE_WORK = 1e5  # operations for a pose that take no longer than balls
+# what a closed pose modulo a prime may take: operations to write down what is solved, and numbers that are added; five
+# to ten seconds without values, one where closed forms in names depend on it, no more than balls take where none do
+_LIMITS, _NAMED, _IN_NUMBERS = (inf, 1.5e7), (inf, 2e6), (1e5, 5e4)
 _INDEPENDENT = (1e-3, 1e-5, 1e-6)  # singular values of independent motions, the wanted one first
 
 
@@ -176,11 +177,10 @@ def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
     if inexact := inexact_coupling(mechanism):
         problem = unsolved(mechanism, f"{inexact[0]}: {inexact[1]}, and balls do not show one")
     else:
-        # balls take no longer than a pose modulo a prime that has to be searched for; closed forms need one
         roles = symbol_roles(mechanism)
-        named = bool(roles.symbols - roles.angles)
+        limits = _NAMED if roles.symbols - roles.angles else _IN_NUMBERS
         try:
-            field, jacobian = _jacobian(replace(real.loops, mechanism=mechanism), inf if named else _LITTLE_WORK)
+            field, jacobian = _jacobian(replace(real.loops, mechanism=mechanism), limits)
         except InputError as error:
             problem = str(error)
         else:
@@ -197,10 +197,10 @@ def _recorded(mechanism: Mechanism) -> Loops:
     return loops_of(mechanism, Recorder(mechanism, Program()))
 
 
-def _jacobian(loops: Loops, work: float = inf) -> tuple[PrimeField, Residues]:
-    """The Jacobian of the closures at a closed pose of a random geometry, found with a limited amount of work."""
-    mechanism, rng = loops.mechanism, random_generator(DEFAULT_SEED)
-    sampler = CurveSampler(loops.equations.program, [], replace(loops, work=work, search=_SEARCH))
+def _jacobian(loops: Loops, limits: tuple[float, float] = _LIMITS) -> tuple[PrimeField, Residues]:
+    """The Jacobian of the closures at a closed pose of a random geometry, found within some limits."""
+    mechanism, rng, (work, search) = loops.mechanism, random_generator(DEFAULT_SEED), limits
+    sampler = CurveSampler(loops.equations.program, [], replace(loops, work=work, search=search))
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng)
         try:

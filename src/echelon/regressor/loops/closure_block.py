@@ -43,6 +43,7 @@ class ClosureBlock:
         self._known = recorded.unmoved(nodes, self.solved)
         self._before, self._moved = recorded.schedule(self._known), recorded.schedule(nodes, self._known)
         self._tried = self._closed = 0  # samples, over all primes
+        self.is_open = False  # whether solutions are infinitely many, as at all of some random samples
 
     @property
     def work(self) -> int:
@@ -73,6 +74,7 @@ class ClosureBlock:
         """Values of the unknown coordinates at which the equations hold; see :meth:`Solver.solve`."""
         spend(len(pose.numbers) * self.work / AT_ONCE)
         found = self.recorded.solver.solve(self._polynomials(positions, pose), positions.field, spend)
+        self.is_open = not self._tried and len(found.counts) > 1 and bool((found.counts < 0).all())
         self._tried += len(found.counts)
         self._closed += int(np.count_nonzero(found.counts))
         return found

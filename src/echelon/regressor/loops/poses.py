@@ -274,6 +274,8 @@ def _closed(
     if not block.unknown:
         good = np.flatnonzero(~positions.equations(pose, block.equations).any(axis=1))
         return good, pose.at(good)
+    if block.is_open:
+        return _closed(positions, pose, block.fewer, spend)
     if block.points > _MOST_POINTS:
         raise SingularPoseError(f"{len(block.unknown)} coordinates would have to be solved for at once")
     solutions = block.solve(positions, pose, spend)
