@@ -23,10 +23,11 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.linear_forms import virtual_power_form
 from echelon.regressor.loops import closing
 from echelon.results.saved import from_json, to_json
-from support.closed_states import states
+from support.closed_states import read, states
 from support.paths import EXAMPLES
 from support.published_loops import LOOPS, PUBLISHED
 from support.selection import slow_unless
+from support.zoo import ZOO
 
 EXAMPLE = ("four_bar", "parallelogram", "three_rps", "sr400", "gough_stewart", "bennett", "delta")
 
@@ -103,6 +104,14 @@ def test_too_many_representatives_are_refused() -> None:
     more = replace(base.matrix, pivots=pivots, rows=tuple(by_pivot[p] for p in pivots), order=order)
     with pytest.raises(ec.CertificateError, match="are not independent"):
         certify(virtual_power_form(mechanism), more, 1)
+
+
+@pytest.mark.parametrize("name", ["Peaucellier", "car jack", "screw jack", "welded, with slides"])
+def test_what_few_motions_change_smoothly_is_not_doubted(name: str) -> None:
+    """Near the pose, some of what they show is a billionth of the rest and less."""
+    found = specialised(in_balls(read(ZOO[name].text)), random_generator(1))
+    assert found.structure.rank == ZOO[name].rank
+    assert not found.doubt
 
 
 @pytest.mark.slow

@@ -93,7 +93,7 @@ def report_reading(
         chosen = set(_decisive(reading, elements, rank, len(mechanism.bodies), rng))
     decisive = tuple(snap for snap in coarse if snap.element in chosen)
     doubt = _doubt(mechanism, None, literal_rank, rank, matrix if literal_rank == rank else None, literal)
-    doubt = doubt or _faint(mechanism, rank, [snap.difference for snap in coarse])
+    doubt = doubt or _faint(mechanism, rank, [snap.difference for snap in coarse], recorded)
     return replace(report, literal_rank=literal_rank, decisive=decisive, doubt=doubt)
 
 
@@ -170,7 +170,7 @@ def _doubt(
     return f"the file's numbers in floating point do not confirm {expected}{where}: rank {ranks}"
 
 
-def _faint(mechanism: Mechanism, rank: int, moved: Sequence[float]) -> str:
+def _faint(mechanism: Mechanism, rank: int, moved: Sequence[float], recorded: LinearForms | None = None) -> str:
     """Which part of a rank with loops shows no more than rounding of the file's numbers does; empty if none.
 
     Relations such as three points on a line may be broken by rounding, and not among those that are restored.
@@ -181,7 +181,7 @@ def _faint(mechanism: Mechanism, rank: int, moved: Sequence[float]) -> str:
     if not (mechanism.closures and most):
         return ""
     try:
-        found = numeric_ranks(mechanism, literal=False)
+        found = numeric_ranks(mechanism, literal=False, recorded=recorded)
     except InputError:  # values are missing, or loops do not close at the stated ones
         return ""
     singular = found.singular[:rank]

@@ -74,7 +74,7 @@ class Loops:
 
     mechanism: Mechanism
     equations: ClosureEquations
-    wrists: tuple[Wrist, ...]
+    wrists: Callable[[], Iterator[Wrist]]  # records them where a closed pose has to be found modulo a prime
     # virtual velocities of some freedoms, by node; those of the others are the inputs v[...].  None where all are, and
     # every virtual motion that keeps the loops closed is wanted
     speeds: Mapping[str, int] | None

@@ -57,7 +57,8 @@ class CurveSampler(FunctionSampler):
             raise SingularPoseError(f"{problem}: take base_parameters or sensor_report, which do without one")
         closing = loops.equations
         known = [node for nodes in loops.exact_pose.values() for node in nodes]
-        centres = [node for wrist in loops.wrists for node in wrist.centre]
+        wrists = list(loops.wrists())
+        centres = [node for wrist in wrists for node in wrist.centre]
         parts = [outputs, closing.equations, closing.jacobian.values(), known, (loops.speeds or {}).values(), centres]
         super().__init__(program, [node for part in parts for node in part])
         self.loops, self.order = loops, loops.order
@@ -86,7 +87,7 @@ class CurveSampler(FunctionSampler):
             Schedule(self.program, slopes, functions),
             list(closing.jacobian),
             closing.owners,
-            [replace(wrist, centre=tuple(centres[3 * k : 3 * k + 3])) for k, wrist in enumerate(loops.wrists)],
+            [replace(wrist, centre=tuple(centres[3 * k : 3 * k + 3])) for k, wrist in enumerate(wrists)],
             Schedule(self.program, known, functions),
             [(name, angles.get(name, 1), len(nodes)) for name, nodes in loops.exact_pose.items()],
             turns,

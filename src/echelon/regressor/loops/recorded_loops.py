@@ -29,7 +29,7 @@ def loops_of(
     return Loops(
         mechanism,
         record_closures(mechanism, recorder, probes),
-        tuple(record_wrists(mechanism, recorder)),
+        partial(record_wrists, mechanism, recorder),
         nodes,
         {name: tuple(record(x).node for x in value) for name, value in stated_exactly(mechanism).items()},
         partial(real_inputs, mechanism),
