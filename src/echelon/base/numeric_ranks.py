@@ -172,18 +172,19 @@ def _sampled(
     If omitted, there are at least half as many rows again as columns.
     """
     rows = rows or max(_FEWEST_ROWS, int(_ROWS_PER_COLUMN * len(columns)))
-    if mechanism.closures:
-        closed = Assembly(mechanism, symbols)
+    forms = virtual_power_form(mechanism) if recorded is None else recorded
+    if forms.loops is not None:
+        closed = Assembly(mechanism, symbols, forms.loops.equations)
         count = -(-rows // max(1, len(mechanism.outputs)))
         states = closed.determined_states(rng, count, motions=_MOTIONS if count > _FEW_STATES else 1)
-        found = evaluate_floats(virtual_power_form(mechanism), mechanism, *states, symbols, assembly=closed)
+        found = evaluate_floats(forms, mechanism, *states, symbols, assembly=closed)
         stacked = found.reshape(-1, found.shape[2])[:, list(columns)]
         length = characteristic_length(mechanism)
         stacked *= np.array([length ** mechanism.columns[column].length_degree for column in columns])
         sizes = np.linalg.norm(stacked, axis=0)
         scaled: Floats = stacked / np.maximum(sizes, _NOISE_AT_CLOSED_STATES * sizes.max(initial=1e-300))
         return scaled
-    forms = (virtual_power_form(mechanism) if recorded is None else recorded).columns(columns)
+    forms = forms.columns(columns)
     stacked, rounding = _at_states(mechanism, forms, rng, rows, symbols)
     sizes = np.linalg.norm(stacked, axis=0)
     seen = sizes > _NOISE * rounding
