@@ -53,6 +53,16 @@ def test_sets_of_models_that_are_open_at_zero(model: Published) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", ["digit_like", "digit_like_links", "disney_like"])
+def test_the_literal_reading_of_legs_is_compared(name: str) -> None:
+    """It is closed in ball arithmetic, too, and rounding shows there."""
+    model = next(m for m in PUBLISHED if m.name == name)
+    base = ec.base_parameters(load(model), budget=0)
+    assert (base.rank, base.reading.literal_rank) == (model.rank, model.rank)
+    assert not base.reading.doubt
+
+
+@pytest.mark.slow
 def test_a_set_is_derived_from_the_frames_as_stated_and_verified(tmp_path: Path) -> None:
     """The loops are closed in ball arithmetic."""
     model = next(m for m in PUBLISHED if m.name == "planar_delta")

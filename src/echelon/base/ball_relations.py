@@ -25,7 +25,7 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, value_texts
 from echelon.regressor.linear_forms import rows_of
 
-_FIRM = 1e-6  # of a column, what double precision surely shows
+_FIRM = (1e-6, 1e-4, 1e-2)  # of a column, what double precision surely shows; more where it does not
 _SMALLEST = 1e-4  # of columns, about the largest one
 _CHECKED = 40  # rows in which a column that depends on others has to vanish beside them
 _FAINT = 1e-9  # of what others show, what a file with many digits does not mean
@@ -133,16 +133,15 @@ class Elimination:
         left = [*range(first), *(first + column for column in order)]
         pivots, rest, largest, faint, size = list[int](), self.table[:, left], 0.0, 0, 0.0
         while True:
-            new = [left[k] for k in independent_columns(_scaled(rest), _FIRM)]
+            new, solved = self._shown(rest, pivots, left)
+            if solved is None:
+                return None
             shown = float(np.abs(doubles(rest)).max(initial=0.0))
             largest = largest or shown
             if shown < _FAINT * largest:
                 faint, size = faint + len(new), max(size, shown / largest)
             pivots += new
             left = [column for column in left if column not in new]
-            solved = combinations_of(self.table, pivots, left, _CHECKED)
-            if solved is None:
-                return None
             solution, rest = solved
             zero = [vanishes(x, self.bits) for x in rest.flat]
             if all(zero):
@@ -152,6 +151,15 @@ class Elimination:
                 return Found(own, [column - first for column in left], solution[first:], faint, size)
             if not new or False not in zero:
                 return None
+
+    def _shown(self, rest: Balls, pivots: list[int], left: list[int]) -> tuple[list[int], tuple[Balls, Balls] | None]:
+        """Columns that are independent beside others, and the rest as combinations of both; None if none is firm."""
+        for firm in _FIRM:
+            new = [left[k] for k in independent_columns(_scaled(rest), firm)]
+            others = [column for column in left if column not in new]
+            if (solved := combinations_of(self.table, [*pivots, *new], others, _CHECKED)) is not None:
+                return new, solved
+        return [], None
 
     def _vanish(self, table: Balls) -> bool:
         return all(vanishes(x, self.bits) for x in table.flat)

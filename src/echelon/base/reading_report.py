@@ -15,7 +15,7 @@ import numpy as np
 from echelon.base.matrix import BaseMatrix
 from echelon.base.numeric_ranks import numeric_ranks
 from echelon.base.stated_values import stated_structure
-from echelon.errors import DegenerateSampleError, InputError
+from echelon.errors import DegenerateSampleError, InputError, SingularPoseError
 from echelon.exact.field import ARRAY_BITS, DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.field import rank as rank_modulo
 from echelon.mechanism.mechanism import RESTORED, Mechanism, Reading, Snap
@@ -85,7 +85,7 @@ def report_reading(
     try:
         literal = reading.literal()
         literal_rank = stated_structure(literal, rng).rank
-    except InputError as error:  # rounding has locked loops
+    except (InputError, SingularPoseError) as error:  # rounding has locked loops
         return replace(report, notes=(*notes, f"the literal reading of the file has no answer: {error}"))
     chosen: set[str] = set()
     if literal_rank != rank:

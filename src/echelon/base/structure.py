@@ -178,7 +178,7 @@ def in_balls_instead(
 
     That error if balls do not tell, either.
     """
-    if not mechanism.closures:
+    if mechanism.closed_in_balls or not mechanism.closures:
         raise error
     closed = replace(mechanism, closed_in_balls=True)
     try:

@@ -73,16 +73,21 @@ class _Jacobian:
         np.add.at(total, self.rows, self.values[:, None] * x[self.columns])
         return total
 
-    def chosen(self, given: Sequence[int] = ()) -> _Choice:
-        """Independent equations and freedoms, none of which is given."""
+    def chosen(self, given: Sequence[int] = (), rows: Sequence[int] = ()) -> _Choice:
+        """Independent equations and freedoms, none of which is given.
+
+        The same equations everywhere if possible, perhaps some that are known: those that are left out may miss.
+        """
         doubles = np.zeros((*self.shape, self.values.shape[1]))
         doubles[self.rows, self.columns] = np.frompyfunc(lambda x: float(x.mid()), 1, 1)(self.values)
         doubles[np.abs(doubles) < NOISE] = 0  # equations that hold whatever moves determine nothing
         solved = [k for k in range(self.shape[1]) if k not in given]
-        found = []
+        found, same = _Choice(), list(rows)
         for table in np.moveaxis(doubles, 2, 0):
             columns = [solved[k] for k in _independent(table[:, solved])]
-            found.append((_independent(table[:, columns].T), columns))
+            if not len(_independent(table[np.ix_(same, columns)])) == len(columns) == len(same):
+                same = _independent(table[:, columns].T)
+            found.append((same, columns))
         return found
 
     def completed(self, chosen: _Choice, free: Balls, bias: Balls | int = 0) -> Balls:
@@ -264,7 +269,7 @@ class ClosedBalls:
         if given:
             free[given] = self._run(self._speeds, values).reshape(-1, *shape[1:])
         jacobian = self._closure(q, names)[1]
-        found = jacobian.completed(jacobian.chosen(given), free)
+        found = jacobian.completed(jacobian.chosen(given, self.poses[1][0][0]), free)
         return _flat(names, found)
 
     def _run(self, schedule: Schedule, values: Values) -> Balls:
