@@ -8,6 +8,7 @@ not: then those of them that are independent are representatives, too, and so on
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import flint
@@ -86,9 +87,10 @@ def ball_relations(mechanism: Mechanism, most: int, order: Sequence[int] | None 
     pose = NearPose(mechanism, rows, range(count))
     found, bits = eliminated(pose, most, wanted)
     if found.faint:  # near the pose, much of what few motions change is smooth and shows little
-        wide = eliminated(NearPose(mechanism, rows, range(count), _WIDE), most, wanted)
-        if len(wide[0].pivots) == len(found.pivots) and wide[0].faint < found.faint:
-            found, bits = wide
+        with suppress(SingularPoseError):
+            wide = eliminated(NearPose(mechanism, rows, range(count), _WIDE), most, wanted)
+            if len(wide[0].pivots) == len(found.pivots) and wide[0].faint < found.faint:
+                found, bits = wide
     with flint.ctx.workprec(bits):
         return _relations(found, value_texts(mechanism, all_symbols(mechanism)), pose.is_singular)
 
