@@ -20,7 +20,7 @@ from echelon.regressor.linear_forms import Rows, virtual_power_form
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.recorded_loops import state_inputs
 
-_STATES, NEAR = 20, 0.2
+_STATES, _NEAR = 20, 0.2
 _SMALLEST = 1e-4  # of columns, about the largest one: rounding keeps those that vanish far below
 # of singular values: what counts as nothing, and how far they fall to it; of about a hundred mechanisms, none falls by
 # more than 2000 within its rank
@@ -35,7 +35,7 @@ _OTHERS = 10  # poses at which relations are checked
 class NearPose:
     """Rows at states near the pose, for some of the parameters; ``reach`` says how near, see Assembly."""
 
-    def __init__(self, mechanism: Mechanism, rows: Rows, columns: Sequence[int], reach: float = NEAR) -> None:
+    def __init__(self, mechanism: Mechanism, rows: Rows, columns: Sequence[int], reach: float = _NEAR) -> None:
         self.mechanism, self.rows, self.columns, self._reach = mechanism, rows, list(columns), reach
         self._tables = dict[tuple[int, int, int, int], Balls | None]()  # rows in balls, as they were asked for
 
@@ -88,7 +88,7 @@ class NearPose:
     def balls(self, wanted: int, bits: int, motions: int) -> Balls | None:
         """So many rows in ball arithmetic, and some more, of some motions at each pose; auxiliary columns first.
 
-        None if the loops are not proved to close; redundant constraints that miss by rounding are not.
+        None if the loops are not proved to close.
         """
         rows = self.rows.auxiliary + wanted + _STATES
         states = int(_SURPLUS * -(-rows // self.rows.forms.shape[0])) + 2 * motions

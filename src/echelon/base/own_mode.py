@@ -72,7 +72,7 @@ class OwnMode:
         trials = [(min(2 * rank, enough), BITS[0], several), (enough, BITS[0], several), (enough, BITS[0], 1)]
         for wanted, bits, motions in (*trials, *((enough, bits, several) for bits in BITS[1:])):
             table = self._near.balls(wanted, bits, motions)
-            if table is None:  # there is no exact pose of the stated frames
+            if table is None:  # the loops are not proved to close
                 return False
             with flint.ctx.workprec(bits):
                 verdict = self._holds_in_balls(mode, table, bits)

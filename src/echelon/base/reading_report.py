@@ -19,7 +19,7 @@ from echelon.errors import DegenerateSampleError, InputError, SingularPoseError
 from echelon.exact.field import ARRAY_BITS, DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.field import rank as rank_modulo
 from echelon.mechanism.mechanism import RESTORED, Mechanism, Reading, Snap
-from echelon.mechanism.stated import StatedValues, has_values, inexact_symbols, stated_values, symbol_roles
+from echelon.mechanism.stated import StatedValues, inexact_symbols, stated_values, symbol_roles
 from echelon.regressor.linear_forms import LinearForms
 from echelon.regressor.loops.assembly import Assembled
 from echelon.regressor.loops.closing import assembled, nearly_free
@@ -108,8 +108,7 @@ def mechanism_notes(mechanism: Mechanism) -> list[str]:
         return notes
     split = ", ".join(f"'{name}'" for name in split_balls(mechanism))
     what = "the loops leave part of a free rotation undetermined, such as the spin of a rod between two ball joints"
-    close = nearly_free(mechanism) if has_values(mechanism) else []
-    return [*close, *notes, *([f"{what}: {split} is independent"] if split else [])]
+    return [*nearly_free(mechanism), *notes, *([f"{what}: {split} is independent"] if split else [])]
 
 
 def doubt_of_loops(mechanism: Mechanism, rank: int) -> str:
@@ -127,8 +126,8 @@ def doubt_of_loops(mechanism: Mechanism, rank: int) -> str:
     else:
         doubt = _doubt(mechanism, None, rank, rank, None, mechanism) if inexact_symbols(mechanism) else ""
     # rounding may have locked what is meant to move, but not where lengths have names and frames are as they are stated
-    rounded = has_values(mechanism) and not symbol_roles(mechanism).lengths
-    return doubt or "".join(nearly_free(mechanism) if rounded else ())
+    named = symbol_roles(mechanism).lengths
+    return doubt or "".join(() if named else nearly_free(mechanism))
 
 
 def _doubt(

@@ -1,4 +1,4 @@
-"""Frames of closures: where the second one is if only the first is stated, and parallelograms within rounding.
+"""Frames of closures: where the second one is if only the first is stated, or the loop stays open; parallelograms.
 
 With opposite sides exactly equal a parallelogram moves in a special way, and fewer parameters show.  Rounded numbers
 destroy that, as they destroy right angles.  So the point at which such a loop is closed is moved to where the sides are

@@ -45,8 +45,8 @@ def rational_pose(mechanism: Mechanism, pose: Floats) -> ExactPose:
 def stated_exactly(mechanism: Mechanism) -> ExactPose:
     """Positions at the assembly pose, zero where it says nothing; empty if an angle there is no multiple of 15°."""
     upright = {m.positions[0]: 1.0 for m in mechanism.motions if m.kind is MotionKind.BALL}
+    values = dict.fromkeys(mechanism.positions, 0.0) | upright | dict(mechanism.assembly)
     try:
-        values = dict.fromkeys(mechanism.positions, 0.0) | upright | dict(mechanism.assembly)
         return _exact_pose(mechanism, values, _angle_on_the_grid)
     except ValueError:  # ratios of couplings that are no numbers, too
         return {}

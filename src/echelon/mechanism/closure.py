@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from echelon.exact.polynomial import as_polynomial
 from echelon.mechanism.joint import Placement
 
 _ALONG_Z = ((0, 2, 0), (1, 2, 0), (2, 2, 1))
@@ -74,8 +73,3 @@ class Closure:
     def placements(self) -> tuple[Placement, ...]:
         """Both frames."""
         return (self.first_frame, self.second_frame)
-
-    def is_closed(self, second: Placement) -> bool:
-        """Whether the loop is closed, exactly, with the second frame at a place in the first one."""
-        met = all(not second.translation[k] for k in self.kind.positions)
-        return met and all(second.rotation[i][j] == as_polynomial(value) for i, j, value in self.kind.directions)

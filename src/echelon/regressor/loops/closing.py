@@ -304,7 +304,9 @@ def broken_relations(mechanism: Mechanism) -> str:
 
 
 def nearly_free(mechanism: Mechanism) -> list[str]:
-    """What is said of motions that the loops nearly allow."""
+    """What is said of motions that the loops nearly allow; nothing where symbols have no values."""
+    if not has_values(mechanism):
+        return []
     assembly = Assembly(mechanism)
     here = assembly.singular_values(assembly.pose[None])
     if not (here[here > RANK_TOLERANCE] < NEARLY_FREE).any():
