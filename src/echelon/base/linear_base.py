@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Floats
-from echelon.base.certificate import Certificate, certify
+from echelon.base.certificate import AtStatedValues, Certificate, certify
 from echelon.base.closed_form import assembled, closed_columns, linear_relations
 from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseSet
@@ -25,6 +25,7 @@ from echelon.extras import extra
 from echelon.mechanism.stated import StatedValues
 from echelon.models import LinearModel, definition_values, evaluate_model, recorded_definitions
 from echelon.program.sympy_bridge import to_sympy
+from echelon.regressor.linear_forms import LinearForms
 
 if TYPE_CHECKING:
     import sympy
@@ -209,7 +210,8 @@ def linear_base_parameters(
     own, special = _own_model(model, order, rng)
     own = model if generic else own
     matrix = _matrix(own, order, rng, Work.of(budget))
-    certificate = certify(own.regressor, matrix, seed)  # its evaluations find the functions of constants
+    stated = None if generic else model_at_stated_values(own)
+    certificate = certify(own.regressor, matrix, seed, stated)  # its evaluations find the functions of constants
     definitions = {n: d for n, d in own.regressor.sampler().definitions.items() if n in matrix.symbols}
     return LinearBase(own, matrix, definitions, certificate, seed, special)
 
@@ -234,7 +236,7 @@ def _own_model(
     model: LinearModel, order: tuple[int, ...], rng: np.random.Generator
 ) -> tuple[LinearModel, SpecialValues | None]:
     """The model with the relations among its stated constants put in that change its structure."""
-    values = StatedValues({name: value for name, value in model.constants.items() if value is not None}, {}, {})
+    values = _stated_values(model)
 
     def pivots_of(put_in: Mapping[str, Polynomial]) -> tuple[int, ...]:
         forms = model.with_constants(put_in).regressor if put_in else model.regressor
@@ -247,3 +249,19 @@ def _own_model(
     relations = RelationSearch(values, stated, pivots_of).find()
     own = model.with_constants(relations.put_in(values))
     return own, SpecialValues(len(general), len(stated), relations.texts(values))
+
+
+def model_at_stated_values(model: LinearModel) -> AtStatedValues:
+    """Rows of a linear model with values put in for its constants, for certificates."""
+    values = _stated_values(model)
+
+    def record() -> LinearForms:
+        return model.with_constants(values.put_in(values.names)).regressor if values.names else model.regressor
+
+    texts = {name: str(value) for name, value in values.numbers.items()}
+    return AtStatedValues(record, texts, bool(texts), len(texts) == len(model.constants))
+
+
+def _stated_values(model: LinearModel) -> StatedValues:
+    """Exact values of the constants that have one."""
+    return StatedValues({name: value for name, value in model.constants.items() if value is not None}, {}, {})

@@ -202,12 +202,6 @@ class StatedValues:
         """Symbols with a value, sorted."""
         return tuple(sorted({*self.numbers, *self.angles, *self.sums}))
 
-    @property
-    def can_be_drawn(self) -> bool:
-        """Whether no angle is a half turn, whose half has no tangent."""
-        half = 2 * STEPS_PER_HALF_TURN
-        return not any((steps % half, *rest) == (STEPS_PER_HALF_TURN, 0, 0) for steps, *rest in self.multiples.values())
-
     @cached_property
     def multiples(self) -> dict[str, tuple[int, int, int]]:
         """Every angle as steps of 15°, a multiple of the unit of decimals, and one of the unit of π."""
@@ -272,7 +266,7 @@ class StatedValues:
             return field.embed(self.numbers[name])
         if name in self.angles:
             c, s = (int(x[0]) for x in self._point(name, field, units))
-            return s * field.invert(1 + c) % field.p
+            return field.half_tangent(c, s)
         value = self.sums[name]
         return value.evaluate(self._residues(value.generators(), field, units), field.embed) % field.p
 
@@ -284,9 +278,6 @@ class StatedValues:
         for unit, n in zip(units, counts, strict=True):
             c, s = field.add_angles((c, s), field.multiply_angle(unit, n))
         return c, s
-
-
-GENERAL = StatedValues({}, {}, {})  # no values: all symbols are general
 
 
 def in_numbers(mechanism: Mechanism) -> Mechanism:

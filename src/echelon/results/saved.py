@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from echelon.base.certificate import Certificate, certify
+from echelon.base.derive import model_at_stated_values
 from echelon.base.linear_base import LinearBase
 from echelon.base.matrix import BaseMatrix, StatedNumbers, coefficient_value
 from echelon.base.model import BaseModel
@@ -24,7 +25,7 @@ from echelon.files import write_atomically
 from echelon.formats.linear_document import linear_document
 from echelon.formats.snapping import ReadingOptions
 from echelon.inputs import parse_json, read_content
-from echelon.mechanism.stated import stated_values, value_texts
+from echelon.mechanism.stated import value_texts
 from echelon.regressor.linear_forms import virtual_power_form
 from echelon.version import __version__
 
@@ -294,9 +295,9 @@ def verify(model: BaseModel | str | os.PathLike[str], seed: int | None = None) -
     if forms.loops is not None:
         structure = find_structure(model.mechanism, np.random.default_rng(recorded.seed))
         forms, modes = structure.on_curves(forms), structure.modes
-    values = None if model.generic else stated_values(model.mechanism)
-    _compare(recorded, certify(forms, model.matrix, recorded.seed, values, modes))
-    return certify(forms, model.matrix, secrets.randbits(_SEED_BITS) if seed is None else seed, values, modes)
+    stated = None if model.generic else model_at_stated_values(model.mechanism, forms)
+    _compare(recorded, certify(forms, model.matrix, recorded.seed, stated, modes))
+    return certify(forms, model.matrix, secrets.randbits(_SEED_BITS) if seed is None else seed, stated, modes)
 
 
 def _compare(recorded: Certificate, repeated: Certificate) -> None:

@@ -100,7 +100,7 @@ class CertificateRecord(_Strict):
 
     rank: int
     seed: int = Field(ge=0)
-    minor_prime: int
+    minor_prime: int = Field(description="0 for a minor in ball arithmetic.")
     minor_states: int
     identity_primes: list[str] = Field(description="81-bit primes as decimal text.")
     degree: int
@@ -111,7 +111,12 @@ class CertificateRecord(_Strict):
     regions_note: str = ""
     modes: list[int] = Field([], description="With loops, ranks of all assembly modes that were found.")
     numbers: int = Field(0, description="Columns of B that are numbers, checked at the stated values only.")
-    log10_residual: float | None = Field(None, description="Bound on what is left there, where they are not exact.")
+    log10_residual: float | None = Field(
+        None, description="Bound on what is left at real states in ball arithmetic, beside the largest of a column."
+    )
+    ball_states: int = Field(0, description="Real states at which coefficients were solved for in ball arithmetic.")
+    columns: dict[str, int] = Field({}, description="Number of columns that each kind of check reached.")
+    unchecked: list[str] = Field([], description="Claims that no check reached; empty if the set is valid as a whole.")
 
 
 class NumbersRecord(_Strict):
