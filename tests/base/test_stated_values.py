@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import echelon as ec
 from echelon.base.reading_report import report_reading
 from echelon.exact.expressions import Angle
-from echelon.exact.field import PrimeField
+from echelon.exact.field import PrimeField, residues_at
 from echelon.exact.polynomial import float_generators
 from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
@@ -299,13 +299,16 @@ def test_float_ranks_of_neighbours_stand_for_those_of_a_large_robot(monkeypatch:
     assert "for the parameters" in report_reading(robot, 43, np.random.default_rng(1), matrix=wrong).doubt
 
 
-def test_values_without_residues_are_compared_as_a_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_half_turns_have_residues(monkeypatch: pytest.MonkeyPatch) -> None:
     text = "symbols: {alpha: pi, l: 0.3}\nmodified_dh: [{joint: revolute}, {joint: revolute, alpha: alpha, a: l}]"
     base = ec.base_parameters(read(text), generic=True)
     assert "alpha" in base.matrix.symbols
+    field, rng = PrimeField.of(2**31 - 105), np.random.default_rng(1)
+    drawn = stated_values(read(text)).draw(["alpha"], field, rng)
+    assert residues_at(["cos(alpha)", "sin(alpha)"], drawn, field) == {"cos(alpha)": field.p - 1, "sin(alpha)": 0}
     monkeypatch.setattr("echelon.base.reading_report._MOST_COLUMNS", 12)
     stated = ec.base_parameters(read(text))
-    assert report_reading(read(text), stated.rank, np.random.default_rng(1), matrix=base.matrix).doubt == ""
+    assert report_reading(read(text), stated.rank, np.random.default_rng(1), matrix=stated.matrix).doubt == ""
 
 
 def test_a_count_that_is_not_compared_is_said() -> None:

@@ -74,7 +74,7 @@ def _free_states(
 
 def _unit_length(parts: Mapping[int, Balls]) -> dict[int, Balls]:
     """Components of quaternions, nearly of unit length, made exactly so."""
-    squares = sum(part * part for part in parts.values())
+    squares = np.sum([part * part for part in parts.values()], axis=0)
     lengths = np.array([square.sqrt() for square in squares], dtype=object)
     return {node: part / lengths for node, part in parts.items()}
 

@@ -108,8 +108,8 @@ class Certificate:
         found = []
         if self.order:
             found.append(
-                f"along {len(self.identity_primes)} closed curves, each modulo its own prime of {ARRAY_BITS} bits: what "
-                f"shows up to order {self.order} is missed with probability below 1e{int(self.log10_error)}"
+                f"along {len(self.identity_primes)} closed curves, each modulo its own prime of {ARRAY_BITS} bits: "
+                f"what shows up to order {self.order} is missed with probability below 1e{int(self.log10_error)}"
             )
         elif self.identity_primes:
             found.append(
@@ -139,6 +139,11 @@ class AtStatedValues:
     texts: Mapping[str, str]  # exact values as text; radians for angles
     special: bool  # whether there are symbols with values, so that these may be special
     everywhere: bool  # whether all symbols have a value
+
+    @property
+    def says_something(self) -> bool:
+        """Whether it is a robot at hand, and not one of which no symbol has a value."""
+        return self.special or self.everywhere
 
     @cached_property
     def forms(self) -> LinearForms:
@@ -272,7 +277,7 @@ class _Checks:
             return
         try:
             self._take(find_minor(stated.forms, matrix.pivots, self.rng))
-            self.at_values = True
+            self.at_values = stated.says_something
         except (InputError, UnknownRelationsError) as error:  # primes cannot stand for the functions there
             self._take(find_minor(self.regressor, matrix.pivots, self.rng))
             self._minor_in_balls(stated, str(error))
@@ -313,7 +318,7 @@ class _Checks:
         if special:
             self.at_closed_states(required=bool(self.numbers))
         elif stated is not None:
-            self.at_values = True
+            self.at_values = stated.says_something
 
     def at_closed_states(self, *, required: bool) -> None:
         """Check all columns at real closed states, with stated values of the symbols."""
@@ -347,8 +352,9 @@ class _Checks:
     def _take(self, minor: Minor) -> None:
         """Keep a minor of all representatives."""
         if minor.rank < self.matrix.rank:
+            shown = max(minor.rank, 0)
             raise CertificateError(
-                f"the set is too large: its {self.matrix.rank} representatives span only {max(minor.rank, 0)} dimensions"
+                f"the set is too large: its {self.matrix.rank} representatives span only {shown} dimensions"
             )
         self.minor = minor
         self.reached[MINOR] = set(self.matrix.pivots)

@@ -15,10 +15,11 @@ from echelon.base.certificate import AtStatedValues, Certificate, certify
 from echelon.base.closed_form import assembled, closed_columns, linear_relations
 from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseSet
+from echelon.base.prime_checks import Identity
 from echelon.base.stated_values import RelationSearch, SpecialValues
 from echelon.base.structure import linear_structure
 from echelon.errors import ClosedFormError, InputError
-from echelon.exact.field import random_generator
+from echelon.exact.field import ARRAY_BITS, DEFAULT_SEED, random_generator
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.unknown_functions import Work
 from echelon.extras import extra
@@ -51,6 +52,8 @@ class LinearBase(BaseSet):
     seed : int
     special : SpecialValues, optional
         What the stated values of constants change against general ones; None where they change nothing.
+    generic : bool
+        Whether the answer is for general values of the constants and not for the stated ones.
     """
 
     model: LinearModel
@@ -59,6 +62,7 @@ class LinearBase(BaseSet):
     certificate: Certificate
     seed: int
     special: SpecialValues | None = None
+    generic: bool = False
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -211,9 +215,16 @@ def linear_base_parameters(
     own = model if generic else own
     matrix = _matrix(own, order, rng, Work.of(budget))
     stated = None if generic else model_at_stated_values(own)
-    certificate = certify(own.regressor, matrix, seed, stated)  # its evaluations find the functions of constants
-    definitions = {n: d for n, d in own.regressor.sampler().definitions.items() if n in matrix.symbols}
-    return LinearBase(own, matrix, definitions, certificate, seed, special)
+    certificate = certify(own.regressor, matrix, seed, stated)
+    return LinearBase(own, matrix, definitions_in(own, matrix), certificate, seed, special, generic)
+
+
+def definitions_in(model: LinearModel, matrix: BaseMatrix) -> dict[str, str]:
+    """Functions of a model's constants that occur in B, as expressions in these."""
+    # an evaluation finds the functions of constants
+    Identity(model.regressor, matrix, (), random_generator(DEFAULT_SEED)).point(ARRAY_BITS)
+    found = model.regressor.sampler().definitions
+    return {name: text for name, text in found.items() if name in matrix.symbols}
 
 
 def _matrix(model: LinearModel, order: tuple[int, ...], rng: np.random.Generator, work: Work) -> BaseMatrix:
@@ -230,6 +241,19 @@ def _matrix(model: LinearModel, order: tuple[int, ...], rng: np.random.Generator
         )
     found = {order[t]: {order[p]: c for p, c in combination.items()} for t, combination in closed.items()}
     return assembled(model.parameters, tuple(order[p] for p in structure.pivots), found, order)
+
+
+def linear_special(model: LinearModel, order: tuple[int, ...], rng: np.random.Generator) -> SpecialValues | None:
+    """The change of the rank by the stated constants, against general ones; None where they change nothing.
+
+    Parameters
+    ----------
+    model : LinearModel
+    order : tuple of int
+        Columns from most to least preferred as representative.
+    rng : numpy.random.Generator
+    """
+    return _own_model(model, order, rng)[1]
 
 
 def _own_model(

@@ -200,9 +200,7 @@ def check_spanned(
     return primes, bound
 
 
-def _rows_showing_pivots(
-    forms: LinearForms, pivots: int, field: PrimeField, rng: np.random.Generator
-) -> Residues:
+def _rows_showing_pivots(forms: LinearForms, pivots: int, field: PrimeField, rng: np.random.Generator) -> Residues:
     """Rows of X in which the first columns are independent, and further ones in every region of signs."""
     sampler, regions = forms.sampler(), forms.sampler().regions
     states = max(2 + pivots // max(1, forms.shape[0]), regions)
@@ -211,7 +209,7 @@ def _rows_showing_pivots(
             values = _evaluated(sampler, field, rng, states + regions)
         except DegenerateSampleError:
             continue
-        table = forms.stacked(values)[0]
+        table: Residues = forms.stacked(values)[0]
         if rank(table[: states * forms.shape[0], :pivots], field) == pivots:
             return table
         states *= 2

@@ -208,7 +208,7 @@ def _neighbours(count: int) -> range:
 def _rank_of_columns(matrix: BaseMatrix, columns: Sequence[int], values: StatedValues) -> int | None:
     """Rank of some columns of B at the stated values, which is that of X, modulo a random prime.
 
-    None where the values have no residues (the tangent of half of a half turn) or make a denominator zero.
+    None where the values make a denominator zero.
     """
     rng = random_generator(DEFAULT_SEED)
     field = PrimeField.random(rng, ARRAY_BITS)

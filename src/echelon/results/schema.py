@@ -62,7 +62,8 @@ def made(kind: type[Made], record: Schema) -> Made:
 
 def json_schema(kind: type[Schema]) -> dict[str, Any]:
     """The JSON schema of a record."""
-    name = "identified" if kind is IdentifiedRecord else "base-model"
+    names = {IdentifiedRecord: "identified", LinearBaseRecord: "linear-base"}
+    name = names.get(kind, "base-model")
     return published_schema(name, kind.model_json_schema(by_alias=True))
 
 
@@ -146,6 +147,27 @@ class BaseModelRecord(_Strict):
     generic: bool = Field(False, description="Whether the set is for general values of the symbols.")
     certificate: CertificateRecord
     model: dict[str, Any] = Field(description="The mechanism as an Echelon description.")
+
+
+class LinearBaseRecord(_Strict):
+    """A saved set of base parameters of a linear model."""
+
+    format: Literal["echelon.linear-base/1"] = Field(alias="schema")
+    echelon: str = Field(description="Version that wrote the file.")
+    name: str
+    seed: int = Field(ge=0)
+    rank: int
+    outputs: list[str] = Field(description="The rows of X.")
+    order: list[str] = Field(description="Column order for which B is in reduced echelon form.")
+    generic: bool = Field(False, description="Whether the set is for general values of the constants.")
+    definitions: dict[str, str] = Field(description="Functions of constants that occur in coefficients.")
+    parameters: list[str] = Field(description="The columns of X and B.")
+    base: list[BaseParameterRecord]
+    numbers: None = None
+    classification: dict[str, list[str]]
+    special: SpecialValues | None = Field(None, description="Present where the stated values change the answer.")
+    certificate: CertificateRecord
+    model: dict[str, Any] = Field(description="The model as a document.")
 
 
 # -- identified models -------------------------------------------------------------------------------------------------
