@@ -24,12 +24,15 @@ from echelon.base.matrix import BaseMatrix
 from echelon.errors import CertificateError, InputError
 from echelon.exact.rational import RationalFunction
 from echelon.program.arithmetics import ball
+from echelon.program.operations import Op
 from echelon.regressor.linear_forms import LinearForms
 
-_SURPLUS = 20
-"""Rows beyond those that determine the coefficients."""
-_OTHERS = 10
-"""Closed poses of their own at which coefficients of mechanisms with loops have to hold."""
+_SURPLUS = 6
+"""Rows beyond those that determine the coefficients; a false relation fails in almost every one."""
+_SURPLUS_FOR_SIGNS = 60
+"""Rows beyond those where signs make regions, which random closed states have to meet."""
+_OTHERS = 4
+"""Closed poses beyond those that determine the coefficients of mechanisms with loops."""
 _LOOSEST = 1e-20
 """Relative error of a coefficient beyond which a comparison means nothing."""
 _LOG10_2 = log10(2.0)
@@ -139,14 +142,20 @@ class _Check:
 
     def _rows(self, attempt: _Attempt) -> tuple[Balls, int]:
         """Rows of the pivots and the other columns, and the number of states that they come from."""
-        wanted = attempt.times * (self.matrix.rank + _SURPLUS)
+        surplus = _SURPLUS_FOR_SIGNS if self._has_signs else _SURPLUS
+        wanted = attempt.times * (self.matrix.rank + surplus)
         states = -(-wanted // self.forms.shape[0])
         if self.loops is None:
             regions = self.forms.sampler().regions
             return ball_rows(self.forms, self.at, states + regions, self.rng), states
         motions = max(1, len(self.loops.mechanism.independent_velocities)) if attempt.share_poses else 1
-        several = ball_rows(self.forms, self.at, states, self.rng, motions)
-        return np.vstack([several, ball_rows(self.forms, self.at, _OTHERS, self.rng)]), states
+        return ball_rows(self.forms, self.at, states + _OTHERS * motions, self.rng, motions), states
+
+    @property
+    def _has_signs(self) -> bool:
+        program = self.forms.program
+        used = {program.ops[node] for node in program.needed(self.forms.entries.values())}
+        return not {Op.SIGN, Op.ABS}.isdisjoint(used)
 
     def _coefficients_agree(self, solution: Balls, scales: list[Any], bits: int) -> bool:
         """Whether the claimed coefficients are the solved ones; False if these are not precise enough."""

@@ -198,7 +198,7 @@ def certify(
     if regressor.loops is None:
         checks.of_tree()
     elif regressor.loops.mechanism.closed_in_balls:
-        checks.at_closed_states(required=True)
+        checks.in_balls_only()
     else:
         checks.along_curves()
     return checks.certificate(seed, modes)
@@ -301,7 +301,8 @@ class _Checks:
         """
         matrix, regressor, stated = self.matrix, self.regressor, self.stated
         special = stated is not None and stated.special
-        formulas = self._others() if not special else self._others() - self.numbers
+        rounded = matrix.numbers is not None and matrix.numbers.radius > 0
+        formulas = self._others() - self.numbers if special or rounded else self._others()
         identity = Identity(regressor, matrix, formulas, self.rng)
         assert isinstance(identity.sampler, CurveSampler)
         first = identity.point(ARRAY_BITS, states=2 + matrix.rank // max(1, regressor.shape[0]))
@@ -315,10 +316,20 @@ class _Checks:
         self.degree = identity.sampler.order
         self.log10_error = sum(log10(self.order) - log10(p) for p in primes)
         self.reached[IDENTITY] = formulas
-        if special:
+        if special or rounded:
             self.at_closed_states(required=bool(self.numbers))
         elif stated is not None:
             self.at_values = stated.says_something
+
+    def in_balls_only(self) -> None:
+        """Check at real closed states where no prime closes the loops; formulas would need other values, too."""
+        formulas = {column for row in self.matrix.rows for column in row} - {*self.matrix.pivots, *self.numbers}
+        if formulas:
+            name = self.matrix.parameters[min(formulas)]
+            raise CertificateError(
+                f"the coefficients of {name} are not said to be numbers, and no check reaches others"
+            )
+        self.at_closed_states(required=True)
 
     def at_closed_states(self, *, required: bool) -> None:
         """Check all columns at real closed states, with stated values of the symbols."""

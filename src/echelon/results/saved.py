@@ -236,7 +236,7 @@ def _certificate(record: BaseModelRecord | LinearBaseRecord, source: str) -> Cer
 
 
 def _parser(names: Collection[str]) -> Callable[[str], Polynomial]:
-    """A reader of expressions in which some names, such as ``log[T0]``, are symbols although they are no identifiers."""
+    """A reader of expressions in which some names, such as ``log[T0]``, are symbols though no identifiers."""
     stand_ins = {name: f"definition_{k}_of_{len(names)}" for k, name in enumerate(sorted(names, key=len, reverse=True))}
 
     def parsed(text: str) -> Polynomial:
