@@ -31,14 +31,16 @@ def ball_rows(
     states: int,
     rng: np.random.Generator,
     motions: int = 1,
+    *,
+    at_rest: bool = False,
 ) -> Balls:
-    """Entries of forms at random states, in all regions of signs; with loops there are some motions at each pose."""
+    """Entries of forms at random states, in all regions of signs; with loops some motions at each pose, from rest."""
     schedule = Schedule(forms.program, list(forms.entries.values()))
     if forms.loops is None:
         leaves = _free_states(forms, schedule, at, states, rng)
     else:
         real = forms.loops.real(rng, -(-states // motions))
-        leaves = ClosedBalls(forms.program, forms.loops, at, real).leaves(schedule, rng, motions)
+        leaves = ClosedBalls(forms.program, forms.loops, at, real).leaves(schedule, rng, motions, at_rest=at_rest)
         states = -(-states // motions) * motions
     found = schedule.run(BallArithmetic(), leaves, states)
     table = np.full((states, *forms.shape), flint.arb(0), dtype=object)

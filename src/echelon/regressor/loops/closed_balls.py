@@ -120,10 +120,15 @@ class ClosedBalls:
         self._speeds = Schedule(program, list((loops.speeds or {}).values()))
         self._arithmetic = BallArithmetic()
 
-    def leaves(self, schedule: Schedule, rng: np.random.Generator, motions: int = 1) -> dict[int, Balls]:
-        """Values of a schedule's leaves, (motions · poses,), at some random motions through each of the poses."""
+    def leaves(
+        self, schedule: Schedule, rng: np.random.Generator, motions: int = 1, *, at_rest: bool = False
+    ) -> dict[int, Balls]:
+        """Values of a schedule's leaves, (motions · poses,), at some random motions through each of the poses.
+
+        Those that start from rest take less time.
+        """
         names = {n: self.program.inputs[n].name for n in {*schedule.leaves, *self._speeds.leaves}}
-        values = self._moving({*names.values()}, rng, motions)
+        values = self._moving({*names.values()}, rng, motions, at_rest)
         return {node: values[names[node]] for node in schedule.leaves}
 
     @cached_property
@@ -147,16 +152,16 @@ class ClosedBalls:
         """Whether signs of speeds may occur, as of friction or dead zones."""
         return not {Op.SIGN, Op.ABS}.isdisjoint(self.program.ops)
 
-    def _moving(self, names: set[str], rng: np.random.Generator, motions: int) -> Values:
+    def _moving(self, names: set[str], rng: np.random.Generator, motions: int, at_rest: bool) -> Values:
         """Values of inputs, (motions · poses,), at random motions through the poses."""
         there, chosen = self.poses
         jacobian, q = self._closure(there, self._names)[1], {name: np.tile(x, motions) for name, x in there.items()}
         shape, count = (len(self._names), motions, len(chosen)), motions * len(chosen)
         pace = self._pace * _all_speeds(rng, shape[1:]) if self._has_signs else self._pace
-        rates = jacobian.completed(chosen, random_balls(rng, shape) * pace)
+        rates = _zeros(shape) if at_rest else jacobian.completed(chosen, random_balls(rng, shape) * pace)
         values = _inputs("q", q) | _inputs("qd", _flat(self._names, rates))
         if any(name.startswith("qdd[") for name in names):
-            bias = self._bias(q, _flat(self._names, rates)).reshape(-1, *shape[1:])
+            bias = 0 if at_rest else self._bias(q, _flat(self._names, rates)).reshape(-1, *shape[1:])
             found = jacobian.completed(chosen, random_balls(rng, shape), bias)
             values |= _inputs("qdd", _flat(self._names, found))
         values |= {n: random_balls(rng, (count,)) for n in sorted(names) if n not in {*values, *self.symbols}}
