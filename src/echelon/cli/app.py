@@ -120,12 +120,22 @@ SnapTolerance = Annotated[
 KeepFixedLinks = Annotated[bool, typer.Option("--keep-fixed-links", help="Keep links fixed to others as bodies.")]
 Massless = Annotated[list[str] | None, typer.Option(help="A link that carries no parameters; may be repeated.")]
 
+Ignore = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME",
+        help="An element (loop, gazebo/joint) or attribute (@quat, origin@quat) of a robot file that is ignored, though it "
+        "may change how the robot moves; may be repeated.",
+    ),
+]
+
 _READING: dict[str, tuple[Any, Any]] = {
     "floating": (Floating, False),
     "gravity": (Gravity, "file"),
     "snap_tolerance": (SnapTolerance, None),
     "keep_fixed_links": (KeepFixedLinks, False),
     "massless": (Massless, None),
+    "ignore": (Ignore, None),
     "mimic": (
         Annotated[
             Literal["coupled", "independent"], typer.Option(help="Respect mimic joints, or treat them as independent.")
@@ -189,6 +199,7 @@ def reading(**given: Any) -> dict[str, Any]:
         "symbolic": not chosen["numeric"],
         "independent_mimics": chosen["mimic"] == "independent",
         "massless": tuple(chosen["massless"] or ()),
+        "ignore": tuple(chosen["ignore"] or ()),
         "separate_symbols": chosen["symbols"] == "separate",
         **({} if tolerance is None else {"snap_tolerance": tolerance}),
     }

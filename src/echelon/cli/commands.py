@@ -30,7 +30,16 @@ Formulas = Literal["latex", "sympy"]
 
 @app.command(epilog="Example: echelon derive panda.urdf --format json -o panda.json")
 @reads_robot(
-    "floating", "gravity", "snap_tolerance", "numeric", "mimic", "keep_fixed_links", "massless", "symbols", "measured"
+    "floating",
+    "gravity",
+    "snap_tolerance",
+    "numeric",
+    "mimic",
+    "keep_fixed_links",
+    "massless",
+    "symbols",
+    "measured",
+    "ignore",
 )
 def derive(
     robot: Robot,
@@ -86,7 +95,7 @@ def derive(
 
 
 @app.command(epilog="Example: echelon sensors arm.yaml --size 2")
-@reads_robot("floating", "gravity")
+@reads_robot("floating", "gravity", "ignore")
 def sensors(
     robot: Robot,
     read: dict[str, Any],
@@ -124,7 +133,7 @@ def setup(
 
 
 @app.command(epilog="Example: echelon identify tx40.yaml run1.parquet --validate run2.parquet -o result/")
-@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless")
+@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless", "ignore")
 def identify(
     setup: Annotated[Path, typer.Argument(help="Robot description with its measurement set-up; or URDF, MJCF.")],
     logs: Annotated[
@@ -183,7 +192,7 @@ def identify(
 
 
 @app.command(epilog="Example: echelon check tx40.yaml run1.parquet run2.parquet")
-@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless")
+@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless", "ignore")
 def check(
     setup: Annotated[Path, typer.Argument(help="Robot description with its measurement set-up; or URDF, MJCF.")],
     logs: Annotated[list[Path], typer.Argument(help="Logs; a directory stands for all logs in it.")],

@@ -52,6 +52,7 @@ class Built:
     notes: tuple[str, ...]
     # links, frames and joints that are fixed to bodies, by name
     rides: Mapping[str, Ride] = field(default_factory=dict)
+    driven: tuple[str, ...] = ()  # coordinates, or joints, that have drives, as far as that is said
 
     @property
     def snaps(self) -> tuple[Snap, ...]:
@@ -110,9 +111,32 @@ class _Builder:
         symbols = {name: symbol for name, symbol in self.snapping.symbols.items() if name in used}
         mechanism = replace(mechanism, symbols=symbols)
         if closures:
-            driven = [name for name in self.tree.driven if name in mechanism.velocities]
-            mechanism = closed(mechanism, self.snapping, prefer=driven)
-        return Built(mechanism, self.snapping, tuple(self.notes), self._rides())
+            mechanism = closed(mechanism, self.snapping, prefer=self._preferred(mechanism))
+        self._check_independent(mechanism)
+        return Built(mechanism, self.snapping, tuple(self.notes), self._rides(), self.tree.driven)
+
+    def _preferred(self, mechanism: Mechanism) -> list[str]:
+        """Coordinates that shall be independent where loops leave a choice: first those of drives."""
+        first = [name for name in self.tree.driven if name in mechanism.velocities]
+        if not self.tree.independent:
+            return first
+        others = [name for name in mechanism.velocities if self.tree.independent.get(name, True)]
+        return list(dict.fromkeys([*first, *others]))
+
+    def _check_independent(self, mechanism: Mechanism) -> None:
+        """Refuse joints of which the file says that they depend on others, or do not, if that is not so."""
+        if self.options.looped or (self.options.independent_mimics and self.tree.has_mimics):
+            return  # loops stand in a file beside this one, or couplings are ignored on request
+        for name, stated in self.tree.independent.items():
+            if not stated and name in mechanism.independent_velocities:
+                problem = (
+                    "the file says that it depends on others (independent='false'), but no loop or coupling says how"
+                )
+                raise self._error(f"joint '{name}'", problem)
+            if stated and name in mechanism.velocities and name not in mechanism.independent_velocities:
+                chosen = ", ".join(mechanism.independent_velocities)
+                problem = f"the file says that it is independent, but it follows from others through loops: {chosen}"
+                raise self._error(f"joint '{name}'", problem)
 
     def _rides(self) -> dict[str, Ride]:
         """What is fixed to bodies, by name: links, frames, and joints, which mark the link that they fix."""
@@ -203,6 +227,7 @@ class _Builder:
 
     def _floating_link(self) -> int:
         """The link that floats: the root, or what hangs on the world where the world is the root."""
+        self._check_fixed_base()
         if not self.tree.root_is_world:
             return 0
         hanging = [k for k, link in enumerate(self.tree.links) if link.parent == 0]
@@ -213,6 +238,18 @@ class _Builder:
             f"floating needs exactly one body that is fixed to the world; the world carries {names}",
             source=self.tree.source,
         )
+
+    def _check_fixed_base(self) -> None:
+        """Refuse a base that floats already by a joint of the file."""
+        root = self.tree.links[0]
+        carried = [link for link in self.tree.links if link.parent == 0]
+        floats = [link for link in carried if any(_floats(step) for step in link.steps)]
+        if len(floats) == len(carried) == 1 and root.inertial is None:
+            problem = (
+                f"its joint '{floats[0].joint}' lets it float already, so the base need not float as well: leave out "
+                "--floating (floating=True, floating_base: true)"
+            )
+            raise self._error(f"body '{floats[0].name}'", problem)
 
     def _add(self, index: int, link: LiteralLink) -> None:
         parent = None if link.parent == GROUND else self.tree.links[link.parent].name
@@ -297,6 +334,10 @@ class _Builder:
 
     def _error(self, element: str, problem: str) -> InputError:
         return InputError(problem, source=self.tree.source, element=element)
+
+
+def _floats(step: LiteralStep) -> bool:
+    return not isinstance(step, LiteralPlacement) and step.kind == "floating"
 
 
 _CLOSED = 1e-9  # of the characteristic length, or rad: rounding of doubles, and nobody wants to know

@@ -142,6 +142,8 @@ class LiteralTree:
     # positions at which the loops may close, zero where absent, by what states them: the reference pose first
     poses: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     driven: tuple[str, ...] = ()  # coordinates with actuators
+    # joints that are said to be independent of others, or to depend on them
+    independent: Mapping[str, bool] = field(default_factory=dict)
     # what is stated of the drives of coordinates, by kind of effect, nan where only the kind is known
     drives: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     has_mimics: bool = False  # whether the file couples joints, whatever is made of it

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,7 @@ from echelon.formats.literal import LiteralTree
 from echelon.formats.robot_sources import described_path, expanded, text_of
 from echelon.formats.snapping import ANGLE_TOLERANCE, Gravity, ReadingOptions
 from echelon.formats.usual_effects import with_usual_effects
+from echelon.formats.vocabulary import without
 from echelon.inputs import parse_xml, read_content
 from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism, Reading
@@ -45,6 +46,7 @@ class RobotFile:
     source: str  # name of the file, for messages
     is_description: bool  # whether it is YAML or JSON, rather than XML
     directory: Path | None = None  # where files that it includes are looked for
+    ignored: tuple[str, ...] = ()  # elements and attributes of XML that count as if they were not there
 
     @classmethod
     def of(cls, data: bytes, source: str, directory: Path | None = None) -> RobotFile:
@@ -99,7 +101,8 @@ class RobotFile:
         if self.directory is None:
             problem = "a description given as text cannot refer to another file"
             raise self.document.error("robot", problem)
-        file = open_robot(self.directory / self.description.robot.file)
+        ignored = (*self.ignored, *self.description.robot.ignore)
+        file = replace(open_robot(self.directory / self.description.robot.file), ignored=ignored)
         if file.is_description:
             problem = "only URDF, SDF and MJCF files can be added to; include the description"
             raise InputError(problem, source=file.source)
@@ -114,14 +117,14 @@ class RobotFile:
         if root.tag not in ("robot", "sdf", "mujoco"):
             problem = f"the root element is <{root.tag}>; expected <robot> (URDF), <sdf> (SDF) or <mujoco> (MJCF)"
             raise InputError(problem, source=self.source)
-        return root
+        return without(root, self.ignored, self.source) if self.ignored else root
 
     @cached_property
     def mjcf(self) -> MjcfDocument:
         """The text of an MJCF file with the files that it includes."""
         from echelon.formats.mjcf.mjcf_model import checked_mjcf
 
-        return checked_mjcf(self.data, self.source, self.directory)
+        return checked_mjcf(self.data, self.source, self.directory, self.ignored)
 
     def tree(self, *, mimics: bool = True) -> LiteralTree:
         """The links and joints of an XML file as they stand there."""
@@ -151,6 +154,8 @@ class RobotFile:
     def mechanism(self, options: ReadingOptions | None = None, literal: Collection[str] = ()) -> Mechanism:
         """The robot; the numbers of the literal elements are taken as they stand."""
         options = ReadingOptions() if options is None else options
+        if new := [name for name in options.ignore if name not in self.ignored]:
+            return replace(self, ignored=(*self.ignored, *new)).mechanism(options, literal)
         built = self.built(options, literal)
         mechanism = built.mechanism if options.symbolic else in_numbers(built.mechanism)
         locked = {**(self.description.locked if self.is_description else {}), **options.locked}
@@ -162,7 +167,15 @@ class RobotFile:
         if options.usual_effects if stated is None else "usual" in stated:
             mechanism = with_usual_effects(mechanism, {} if tree is None else tree.drives)
         couples = tree is not None and tree.has_mimics
-        return mechanism.as_read(Reading(built.snaps, built.notes, self, options, couples))
+        notes = (*built.notes, *self._asked())
+        return mechanism.as_read(Reading(built.snaps, notes, self, options, couples, built.driven))
+
+    def _asked(self) -> list[str]:
+        """A note on what is ignored on request."""
+        ignored = () if self.robot is None else self.robot.ignored
+        if self.ignored and self.robot is None:
+            raise InputError(f"it has no '{self.ignored[0]}' that could be ignored", source=self.source)
+        return [f"ignored, as asked: {', '.join(dict.fromkeys(ignored))}"] if ignored else []
 
     def built(self, options: ReadingOptions, literal: Collection[str] = ()) -> Built:
         """The robot with symbols, and what was read as exact."""
@@ -211,6 +224,7 @@ def load(
     separate_symbols: bool = False,
     measured: Measured = "drives",
     locked: Mapping[str, float] | None = None,
+    ignore: Sequence[str] = (),
 ) -> Mechanism:
     """Read a robot description.
 
@@ -244,6 +258,10 @@ def load(
         ``docs/formats/mjcf.md``).  Descriptions state their outputs themselves.
     locked : mapping of str to float, optional
         Coordinates, or joints, that do not move, and where they stand, rad or m.
+    ignore : sequence of str
+        Elements (``"loop"``, ``"gazebo/joint"``) and attributes (``"@quat"``, ``"origin@quat"``) of a robot file that
+        count as if they were not there.  What Echelon does not read is refused where it could change how the robot
+        moves, unless it is listed here.
 
     Returns
     -------
@@ -271,6 +289,7 @@ def load(
         separate_symbols=separate_symbols,
         measured=measured,
         locked=locked or {},
+        ignore=tuple(ignore),
     )
     return open_robot(robot).mechanism(options)
 

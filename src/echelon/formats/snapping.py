@@ -90,6 +90,8 @@ class ReadingOptions:
     usual_effects: bool = False
     # coordinates, or joints, that do not move, and where they stand (rad or m), beside those that the file names
     locked: Mapping[str, float] = field(default_factory=dict)
+    # elements and attributes of a robot file that are ignored, though they may change how it moves
+    ignore: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not 0 <= self.snap_tolerance <= 0.1:

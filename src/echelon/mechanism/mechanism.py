@@ -348,6 +348,7 @@ class Reading:
     file: ReadableFile
     options: Any  # how the file was read
     couples: bool = False  # whether the file couples joints, whatever was made of it
+    driven: tuple[str, ...] = ()  # coordinates, or joints, of which the file says that they have drives
 
     def literal(self, elements: Collection[str] | None = None) -> Mechanism:
         """The mechanism with these snapped elements (all, if omitted) taken literally."""

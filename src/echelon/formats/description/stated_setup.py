@@ -363,7 +363,8 @@ def add_to_file(
     mechanism, notes = _labelled(replace(mechanism, symbols={**mechanism.symbols, **known}), robot, document)
     mechanism = Additions(mechanism, robot, expressions, _FileParts(stated, mechanism, expressions)).added()
     stated.snapping.snaps += expressions.snapping.snaps
-    return replace(stated, mechanism=mechanism, notes=(*stated.notes, *notes))
+    driven = (*stated.driven, *robot.robot.driven)
+    return replace(stated, mechanism=mechanism, notes=(*stated.notes, *notes), driven=driven)
 
 
 def _labelled(mechanism: Mechanism, robot: RobotDescription, document: Document) -> tuple[Mechanism, list[str]]:

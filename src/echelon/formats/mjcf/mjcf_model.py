@@ -24,6 +24,7 @@ import numpy as np
 from echelon.errors import InputError
 from echelon.exact.expressions import is_whole
 from echelon.extras import extra
+from echelon.formats.vocabulary import without
 from echelon.hints import in_quotes, unused
 from echelon.inputs import INCLUDES, parse_xml, read_content
 
@@ -47,9 +48,15 @@ class MjcfDocument:
     missing: tuple[str, ...]  # files that are not there; the text does not include them any more
 
 
-def checked_mjcf(text: str | bytes, source: str, directory: Path | None) -> MjcfDocument:
-    """A document that is harmless; includes of missing files are left out, unless they would define parts of bodies."""
+def checked_mjcf(text: str | bytes, source: str, directory: Path | None, ignored: Collection[str] = ()) -> MjcfDocument:
+    """A document that is harmless; includes of missing files are left out, unless they would define parts of bodies.
+
+    Elements and attributes that are to be ignored are taken out of the document itself, not of what it includes.
+    """
     root = parse_xml(text, source)
+    if ignored:
+        root = without(root, ignored, source)
+        text = bytes(tostring(root, encoding="utf-8"))
     if root.tag == "mujocoinclude":
         raise InputError("this is a fragment, not a model: read the file that includes it", source=source)
     if root.tag != "mujoco":

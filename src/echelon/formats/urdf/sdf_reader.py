@@ -33,7 +33,7 @@ from echelon.formats.literal import (
 )
 from echelon.formats.mjcf.mjcf_numbers import exact_angle, exact_number, placements, placements_of
 from echelon.formats.snapping import ANGLE_TOLERANCE, nearest_step
-from echelon.formats.urdf.urdf_reader import ExactXml
+from echelon.formats.urdf.exact_xml import ExactXml
 from echelon.hints import in_quotes, nearest_of
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.coupling import linear
