@@ -241,8 +241,11 @@ class _Builder:
 
     def _check_fixed_base(self) -> None:
         """Refuse a base that floats already by a joint of the file."""
-        root = self.tree.links[0]
-        carried = [link for link in self.tree.links if link.parent == 0]
+        root, *others = self.tree.links
+        carried = [link for link in others if link.parent == 0]
+        while len(carried) == 1 and _is_fixed(carried[0]) and root.inertial is None:  # such as a frame of the world
+            place = self.tree.links.index(carried[0])
+            root, carried = carried[0], [link for link in others if link.parent == place]
         floats = [link for link in carried if any(_floats(step) for step in link.steps)]
         if len(floats) == len(carried) == 1 and root.inertial is None:
             problem = (
@@ -334,6 +337,10 @@ class _Builder:
 
     def _error(self, element: str, problem: str) -> InputError:
         return InputError(problem, source=self.tree.source, element=element)
+
+
+def _is_fixed(link: LiteralLink) -> bool:
+    return all(isinstance(step, LiteralPlacement) for step in link.steps)
 
 
 def _floats(step: LiteralStep) -> bool:

@@ -83,8 +83,8 @@ class _Account:
 
     def visit(self, element: Any, known: Element, where: str) -> None:
         """Go through an element and all elements that count in it."""
-        for name in element.keys():  # noqa: SIM118  # an element, no mapping
-            if not name.startswith(_OF_XML):
+        for name, value in element.items():
+            if value.strip() and not name.startswith(_OF_XML):  # an empty one says nothing
                 self._meet(f"@{name}", element, known, where)
         for tag, count in Counter(child.tag for child in element).items():
             if count > 1 and tag in known.single.split():

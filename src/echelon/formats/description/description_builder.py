@@ -111,7 +111,10 @@ class _Tree:
         self.lumped = Bodies(0 if floating or kept else 1)
         self._riders: dict[int, list[Part]] = {}
         self._coordinates: dict[str, str] = {}
-        if floating and (first is None or (first.moves and first.kind != "floating")):
+        if floating and first is not None and first.kind == "floating":
+            problem = f"body '{first.name}' floats already, by its own joint: leave floating_base (--floating) out"
+            raise expressions.error("floating_base", problem)
+        if floating and (first is None or first.moves):
             # the base becomes a body, because the first part moves against it
             name, joint = unused(BASE, {part.name for part in parts}), Joint(BASE, "floating", floating_motions(BASE))
             self.lumped.add_base(Body(name, "0", GROUND, joint, () if BASE in options.massless else ALL))

@@ -240,7 +240,19 @@ def _effect_notes(spec: Any) -> list[str]:
     found += ["gravity compensation"] if any(body.gravcomp for body in spec.bodies) else []
     acts = any(np.any(getattr(tendon, name, 0)) for tendon in spec.tendons for name in _EFFECTS)
     found += ["forces of tendons"] if acts else []
+    found += ["limits of tendons"] if any(_is_limited(tendon) for tendon in spec.tendons) else []
+    found += ["drag of a fluid"] if spec.option.density or spec.option.viscosity else []
+    found += ["forces of plugins"] if any(body.plugin.active for body in spec.bodies) else []
+    joints = {import_mujoco().mjtTrn.mjTRN_JOINT, import_mujoco().mjtTrn.mjTRN_JOINTINPARENT}
+    if any(actuator.trntype not in joints for actuator in spec.actuators):
+        found.append("actuators that act through tendons, sites or bodies")
     return [f"ignored, since rigid-body parameters do not cover them: {', '.join(found)}"] if found else []
+
+
+def _is_limited(tendon: Any) -> bool:
+    """Whether a tendon stops somewhere; where nothing says so, a range does."""
+    limited, low, high = import_mujoco().mjtLimited, *tendon.range
+    return bool(tendon.limited == limited.mjLIMITED_TRUE or (tendon.limited == limited.mjLIMITED_AUTO and low < high))
 
 
 def keep_bodies(spec: Any) -> None:

@@ -34,6 +34,8 @@ from echelon.formats.literal import (
 from echelon.formats.mjcf.mjcf_numbers import exact_angle, exact_number, placements, placements_of
 from echelon.formats.snapping import ANGLE_TOLERANCE, nearest_step
 from echelon.formats.urdf.exact_xml import ExactXml
+from echelon.formats.urdf.sdf_vocabulary import MODEL_NAMES, SDF
+from echelon.formats.vocabulary import unread
 from echelon.hints import in_quotes, nearest_of
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.coupling import linear
@@ -188,7 +190,7 @@ class _Reader(_Frames):
     def __init__(self, root: Any, model: Any, source: str) -> None:
         super().__init__(source)
         self.model = model
-        self.notes: list[str] = []
+        self.notes = [*unread(root, SDF, source), *unread(model, MODEL_NAMES, source)]
         version = tuple(int(part) if part.isdigit() else 0 for part in root.get("version", "1.12").split("."))
         self.axis_in_joint = version >= _AXIS_IN_JOINT
         self.links = dict(self._named("link"))
@@ -229,7 +231,7 @@ class _Reader(_Frames):
     def _add_frames(self) -> None:
         """The frames of the model, its links, its joints, and those that it names."""
         where = f"model '{self.model.get('name')}'"
-        found = [tag for tag in ("model", "include", "gripper") if self.model.find(tag) is not None]
+        found = [tag for tag in ("model", "include") if self.model.find(tag) is not None]
         found += ["placement_frame"] if self.model.get("placement_frame") else []
         if found or not self.links:
             problem = f"has <{found[0]}>, which is not read: write one model of links" if found else "has no links"
