@@ -124,8 +124,8 @@ Ignore = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME",
-        help="An element (loop, gazebo/joint) or attribute (@quat, origin@quat) of a robot file that is ignored, though it "
-        "may change how the robot moves; may be repeated.",
+        help="An element (loop, gazebo/joint) or attribute (@quat, origin@quat) of a robot file that counts as if it "
+        "were not there, though it may change how the robot moves; may be repeated.",
     ),
 ]
 

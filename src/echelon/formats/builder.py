@@ -130,7 +130,8 @@ class _Builder:
         for name, stated in self.tree.independent.items():
             if not stated and name in mechanism.independent_velocities:
                 problem = (
-                    "the file says that it depends on others (independent='false'), but no loop or coupling says how"
+                    "the file says that it depends on others (independent='false'), but no loop or coupling says how: "
+                    "state one, or leave the attribute out (--ignore @independent)"
                 )
                 raise self._error(f"joint '{name}'", problem)
             if stated and name in mechanism.velocities and name not in mechanism.independent_velocities:

@@ -2,8 +2,8 @@
 
 The reader of an XML format states a vocabulary: for each element, the names that it reads, those that say nothing about
 how a robot moves, and those that are listed as not read.  Any other name is refused where it could change the dynamics,
-as in a link or a joint, and listed elsewhere.  Refusals end where a user asks for that: names to ignore are taken out of
-the document before anything reads it.
+as in a link or a joint, and listed elsewhere.  What a user wants to be ignored is taken out of the document before
+anything reads it.
 
 Names are those of elements, such as ``mimic``, or of attributes, such as ``@xyz``.
 """
@@ -54,10 +54,9 @@ class Element:
         return Otherwise.LISTED if name in self.listed.split() else self.otherwise
 
     @property
-    def names(self) -> list[str]:
-        """All names that it has."""
-        attributes = [f"@{name}" for name in self.attributes.split()]
-        return [*self.inside, *attributes, *self.harmless.split(), *self.listed.split()]
+    def read(self) -> list[str]:
+        """The names that are read."""
+        return [*self.inside, *(f"@{name}" for name in self.attributes.split())]
 
 
 def unread(root: Any, known: Element, source: str) -> tuple[str, ...]:
@@ -103,7 +102,7 @@ class _Account:
             shown = f"the attribute '{name[1:]}'" if name.startswith("@") else f"<{name}>"
             said = known.advice.get(name, known.advice.get("", "")).format(file=PurePath(self.source).name)
             problem = (
-                f"{shown} is not read, and may change how the robot moves{nearest(name, known.names)}{said}; "
+                f"{shown} is not read, and may change how the robot moves{nearest(name, known.read)}{said}; "
                 f"if it does not matter: --ignore {name}, or in Python ignore=['{name}']"
             )
             raise InputError(problem, source=self.source, element=where or f"<{element.tag}>")

@@ -251,7 +251,8 @@ def _effect_notes(spec: Any) -> list[str]:
 
 def _is_limited(tendon: Any) -> bool:
     """Whether a tendon stops somewhere; where nothing says so, a range does."""
-    limited, low, high = import_mujoco().mjtLimited, *tendon.range
+    limited = import_mujoco().mjtLimited
+    low, high = tendon.range
     return bool(tendon.limited == limited.mjLIMITED_TRUE or (tendon.limited == limited.mjLIMITED_AUTO and low < high))
 
 

@@ -58,8 +58,8 @@ class RobotFile(Model):
     )
     ignore: Annotated[tuple[str, ...], AS_LIST] = optional(
         (),
-        "Elements and attributes of the file, such as gazebo/joint or origin@quat, that count as if they were not there, "
-        "though they may change how the robot moves.",
+        "Elements and attributes of the file, such as gazebo/joint or origin@quat, that count as if they were not "
+        "there, though they may change how the robot moves.",
         ["gazebo/joint"],
     )
 

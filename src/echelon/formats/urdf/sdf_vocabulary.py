@@ -11,7 +11,7 @@ _INERTIAL = Element(
     {
         "pose": _POSE,
         "mass": _TEXT,
-        "inertia": Element({name: _TEXT for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")}),
+        "inertia": Element(dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), _TEXT)),
         # noted by the reader; densities matter to inertias that are left to collisions only
         "fluid_added_mass": Element(otherwise=Otherwise.QUIET),
         "density": _TEXT,
@@ -32,11 +32,11 @@ _LINK = Element(
 _AXIS = Element(
     {
         "xyz": Element(attributes="expressed_in"),
-        "mimic": Element({name: _TEXT for name in ("multiplier", "offset", "reference")}, "joint axis"),
+        "mimic": Element(dict.fromkeys(("multiplier", "offset", "reference"), _TEXT), "joint axis"),
         "use_parent_model_frame": _TEXT,
         "limit": Element(otherwise=Otherwise.QUIET),
         "dynamics": Element(
-            {name: _TEXT for name in ("damping", "friction")},
+            dict.fromkeys(("damping", "friction"), _TEXT),
             listed="spring_reference spring_stiffness",
             otherwise=Otherwise.LISTED,
         ),

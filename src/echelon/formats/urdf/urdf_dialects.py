@@ -2,8 +2,8 @@
 
 Four dialects state loops.  URDF+ has ``<loop>``, a joint with a frame on each of its links, and ``<coupling>``, which
 relates the joints on the ways from the nearest common ancestor of two links: ratio · Σ q_predecessor = Σ q_successor.
-Simulators read ``<loop_joint>``, with a frame on each link too, and ``<gazebo><joint>``, a joint of SDF whose links meet
-where all coordinates are zero.  ``<drake:ball_constraint>`` holds two points together.
+Simulators read ``<loop_joint>``, with a frame on each link too, and ``<gazebo><joint>``, a joint of SDF whose links
+meet where all coordinates are zero.  ``<drake:ball_constraint>`` holds two points together.
 """
 
 from __future__ import annotations
@@ -32,8 +32,10 @@ _ALONG_AXIS = {
     "cylindrical": ClosureKind.CYLINDRICAL,
     "planar": ClosureKind.PLANAR,
 }
-_WITHOUT_AXIS = {"fixed": ClosureKind.WELD, "spherical": ClosureKind.SPHERICAL, "ball": ClosureKind.SPHERICAL}
-_KINDS = {**_ALONG_AXIS, **_WITHOUT_AXIS}
+WITHOUT_AXIS = {"fixed": ClosureKind.WELD, "spherical": ClosureKind.SPHERICAL, "ball": ClosureKind.SPHERICAL}
+LOOP_KINDS = {**_ALONG_AXIS, **WITHOUT_AXIS}
+"""Joints that close loops, by the types of URDF and its dialects."""
+
 _UP: Triple = (0, 0, 1)
 _X: Triple = (1, 0, 0)
 _POSE_NUMBERS = 6
@@ -70,7 +72,7 @@ class Loops(ExactXml):
 
     def _loop(self, element: Any, name: str) -> LiteralClosure:
         where = f"loop '{name}'"
-        kind = self._kind(element, where, tuple(_KINDS))
+        kind = self._kind(element, where, tuple(LOOP_KINDS))
         aim: tuple[LiteralPlacement, ...] = ()
         if element.get("type") in _ALONG_AXIS:
             axis = element.find("axis")
@@ -83,7 +85,7 @@ class Loops(ExactXml):
     def _loop_joint(self, element: Any, name: str) -> LiteralClosure:
         where = f"loop_joint '{name}'"
         # with an axis the importers differ: some take x of the frames, some an attribute
-        kind = self._kind(element, where, tuple(_WITHOUT_AXIS))
+        kind = self._kind(element, where, tuple(WITHOUT_AXIS))
         ends = [(tag, element.find(tag)) for tag in ("link1", "link2")]
         first, second = (self._link(end, tag, where) for tag, end in ends)
         at, on_second = (self.placement(end, f"{where} {tag}") for tag, end in ends)
@@ -102,7 +104,9 @@ class Loops(ExactXml):
         root = next(iter(self.position))
         if (parent, child, element.get("type")) == (WORLD, root, "fixed"):
             return None  # the root is fixed anyway
-        kind = self._kind(element, where, tuple(k for k in _KINDS if k not in ("planar", "cylindrical", "spherical")))
+        kind = self._kind(
+            element, where, tuple(k for k in LOOP_KINDS if k not in ("planar", "cylindrical", "spherical"))
+        )
         first, second = self._index(child, "child", where), self._index(parent, "parent", where)
         pose = element.find("pose")
         if pose is not None and pose.get("relative_to", child) != child:
@@ -122,7 +126,7 @@ class Loops(ExactXml):
         if stated not in valid:
             problem = f"its type is '{stated}'" if stated else "the attribute 'type' is missing"
             raise self.error(f"{problem} (read: {', '.join(valid)}): {self.advice}", where)
-        return _KINDS[stated]
+        return LOOP_KINDS[stated]
 
     def _link(self, end: Any, tag: str, where: str, key: str = "link") -> int:
         return self._index("" if end is None else end.get(key, ""), tag, where)
@@ -130,6 +134,8 @@ class Loops(ExactXml):
     def _index(self, name: str, tag: str, where: str) -> int:
         if not name:
             raise self.error(f"<{tag}> with the name of a link is missing", where)
+        if name == WORLD and name not in self.position:
+            raise self.error(f"the world is no link of a URDF: hold the root link, or {self.advice}", where)
         if name not in self.position:
             raise self.error(f"{tag} link '{name}' does not exist{nearest_of(name, self.position)}", where)
         return self.position[name]
@@ -211,6 +217,6 @@ def independence(joints: Mapping[str, Any], error: Callable[[str, str], InputErr
         if text is None:
             continue
         if text.strip().lower() not in known:
-            raise error(f"independent='{text}' is neither true nor false", f"joint '{name}'")
+            raise error(f"joint '{name}'", f"independent='{text}' is neither true nor false")
         found[name] = known[text.strip().lower()]
     return found

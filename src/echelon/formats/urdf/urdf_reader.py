@@ -27,10 +27,11 @@ from echelon.formats.literal import (
     numeric_placement,
 )
 from echelon.formats.urdf.exact_xml import ExactXml
-from echelon.formats.urdf.urdf_dialects import Couplings, Loops, independence
+from echelon.formats.urdf.urdf_dialects import LOOP_KINDS, WITHOUT_AXIS, Couplings, Loops, independence
 from echelon.formats.urdf.urdf_vocabulary import URDF
 from echelon.formats.vocabulary import unread
 from echelon.hints import in_quotes
+from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.coupling import linear
 
 JOINT_TYPES = (*MOTIONS, "fixed")
@@ -148,19 +149,19 @@ class UrdfReader(ExactXml):
             link = self._end(self.joints[parents[link]], "parent", parents[link])
         cycle = {parents[name] for name in seen[seen.index(link) :]}
         last = next(name for name in reversed(self.joints) if name in cycle)
-        return f"for joint '{last}', {self._beside(last)}"
+        return f"joint '{last}' closes it: {self._beside(last)}"
 
     def _beside(self, name: str) -> str:
         """How a joint that closes a loop is stated in a description beside the file."""
         joint, where, file = self.joints[name], f"joint '{name}'", PurePath(self.source).name
-        kind = self._kind(name)
+        kind = joint.get("type")
         if kind == "floating":
             return "take this joint out, as it constrains nothing"
         parent, child = (self._end(joint, tag, name) for tag in ("parent", "child"))
         origin = self.origin(joint, where)
         frame = f"{{xyz: [{_written(origin.xyz)}], rpy: [{_written(origin.rpy)}]}}"
-        axis = "" if kind == "fixed" else f", axis: [{_written(self._axis(joint, name))}]"
-        word = {"continuous": "revolute", "fixed": "weld"}.get(kind, kind)
+        word = LOOP_KINDS.get(str(kind), ClosureKind.REVOLUTE).value
+        axis = "" if kind in WITHOUT_AXIS else f", axis: [{_written(self._axis(joint, name))}]"
         loop = f"{{name: {name}, joint: {word}, connects: [{parent}, {child}], at: {frame}{axis}, on_second: {{}}}}"
         stated = f"'robot: {{file: {file}}}' and 'loops: [{loop}]'"
         return f"take this joint out, and state it as a loop: {stated} in a YAML file beside it"

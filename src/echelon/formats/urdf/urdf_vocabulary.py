@@ -26,7 +26,11 @@ _VALUE = Element(attributes="value")
 _NAME = Element(attributes="name")
 
 _INERTIAL = Element(
-    {"origin": _ORIGIN, "mass": Element(attributes="value", listed="@unit @units"), "inertia": Element(attributes="ixx ixy ixz iyy iyz izz")},
+    {
+        "origin": _ORIGIN,
+        "mass": Element(attributes="value", listed="@unit @units"),
+        "inertia": Element(attributes="ixx ixy ixz iyy iyz izz", listed="@unit @units"),
+    },
     single="origin mass inertia",
 )
 
@@ -78,7 +82,7 @@ _GAZEBO_JOINT = Element(
         "parent": Element(),
         "child": Element(),
         "pose": Element(attributes="relative_to"),
-        "axis": Element({"xyz": Element()}, harmless="limit dynamics"),
+        "axis": Element({"xyz": Element(advice={"": _LOOP})}, harmless="limit dynamics", advice={"": _LOOP}),
     },
     "name type",
     harmless="physics sensor",
