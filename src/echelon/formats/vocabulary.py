@@ -68,7 +68,7 @@ def unread(root: Any, known: Element, source: str) -> tuple[str, ...]:
         For a name that could change how the robot moves; says what to write instead.
     """
     account = _Account(source)
-    account.visit(root, known, "")
+    account.visit(root, known, _place(root, ""))
     found = [name if count == 1 else f"{name} ({count} times)" for name, count in account.found.items()]
     return (f"not read: {', '.join(found)}",) if found else ()
 
@@ -105,7 +105,7 @@ class _Account:
                 f"{shown} is not read, and may change how the robot moves{nearest(name, known.read)}{said}; "
                 f"if it does not matter: --ignore {name}, or in Python ignore=['{name}']"
             )
-            raise InputError(problem, source=self.source, element=where or f"<{element.tag}>")
+            raise InputError(problem, source=self.source, element=where)
 
 
 def _place(element: Any, within: str) -> str:
