@@ -36,6 +36,7 @@ WITHOUT_AXIS = {"fixed": ClosureKind.WELD, "spherical": ClosureKind.SPHERICAL, "
 LOOP_KINDS = {**_ALONG_AXIS, **WITHOUT_AXIS}
 """Joints that close loops, by the types of URDF and its dialects."""
 
+_OF_SDF = ("revolute", "continuous", "prismatic", "ball", "fixed")
 _UP: Triple = (0, 0, 1)
 _X: Triple = (1, 0, 0)
 _POSE_NUMBERS = 6
@@ -51,24 +52,20 @@ class Loops(ExactXml):
         self._names: set[str] = set()
 
     def closures(self) -> Iterator[LiteralClosure]:
-        """All of them, dialect after dialect."""
+        """All of them, in the order of the document; joints of Gazebo come last."""
         readers: Mapping[str, Callable[[Any, str], LiteralClosure | None]] = {
             "loop": self._loop,
             "loop_joint": self._loop_joint,
             "drake:ball_constraint": self._ball_constraint,
-            "gazebo/joint": self._gazebo_joint,
         }
-        for path, read in readers.items():
-            for element in self.root.findall(path) if ":" not in path else self._prefixed(path):
-                name = unused(element.get("name") or f"loop{len(self._names) + 1}", self._names)
-                closure = read(element, name)
-                if closure is not None:
-                    self._names.add(name)
-                    yield closure
-
-    def _prefixed(self, tag: str) -> list[Any]:
-        """Elements with a prefix, which paths cannot name."""
-        return [child for child in self.root if child.tag == tag]
+        stated = [(element, readers[element.tag]) for element in self.root if element.tag in readers]
+        stated += [(element, self._gazebo_joint) for element in self.root.findall("gazebo/joint")]
+        for element, read in stated:
+            name = unused(element.get("name") or f"loop{len(self._names) + 1}", self._names)
+            closure = read(element, name)
+            if closure is not None:
+                self._names.add(name)
+                yield closure
 
     def _loop(self, element: Any, name: str) -> LiteralClosure:
         where = f"loop '{name}'"
@@ -104,9 +101,7 @@ class Loops(ExactXml):
         root = next(iter(self.position))
         if (parent, child, element.get("type")) == (WORLD, root, "fixed"):
             return None  # the root is fixed anyway
-        kind = self._kind(
-            element, where, tuple(k for k in LOOP_KINDS if k not in ("planar", "cylindrical", "spherical"))
-        )
+        kind = self._kind(element, where, _OF_SDF)
         first, second = self._index(child, "child", where), self._index(parent, "parent", where)
         pose = element.find("pose")
         if pose is not None and pose.get("relative_to", child) != child:

@@ -42,7 +42,7 @@ _LINK = Element(
         "contact contact_coefficients collision_checking self_collision_checking self_filter self_collide selfCollide "
         "surface origin gravity turnGravityOff kinematic velocity_decay enable_wind must_be_base_link sensor material "
         "color texture light projector battery audio_source audio_sink description comment drake:proximity_properties "
-        "@type @concave @id @description"
+        "@type @class @concave @id @description"
     ),
     single="inertial",
 )
@@ -66,7 +66,8 @@ _JOINT_ELEMENT = Element(
     listed=(
         "hardwareInterface hardware_interface sensor actuator motor drive isaac_drive_api physics spring_stiffness "
         "spring_reference stiffness damping friction provideFeedback disable_collisions home description comment "
-        "gazebo @id @description @actuated @dont_collapse @disableFixedJointLumping @preserveFixedJoint"
+        "gazebo joint_properties compliance feedback @id @class @description @actuated "
+        "@dont_collapse @disableFixedJointLumping @preserveFixedJoint"
     ),
     single="parent child origin axis mimic limit dynamics",
     advice={"": ".  The elements of a joint are <parent>, <child>, <origin>, <axis>, <mimic>, <limit> and <dynamics>"},
@@ -148,8 +149,8 @@ URDF = Element(
         "origin static mujoco capability group group_state chain end_effector virtual_joint passive_joint "
         "disable_collisions disable_default_collisions collision_checking self_collision_checking self_filter "
         "safety_controller calibration sensors color texture contact camera light controller hardware actuator "
-        "joint_limits joint_properties param parameters rosparam yarp author maintainer license description comment "
-        "documentation metadata info website url version @author @date @license @description @file @id"
+        "joint_limits joint_properties webots param parameters rosparam yarp author maintainer license description "
+        "comment documentation metadata info website url version @author @date @license @description @file @id"
     ),
     advice={
         "": _LOOP,
