@@ -18,8 +18,9 @@ from typing import Any
 import flint
 import numpy as np
 
+from echelon.arrays import independent_columns
 from echelon.base.ball_rows import Balls, ball_rows, stated_generators
-from echelon.base.ball_tables import combinations_of, vanishes
+from echelon.base.ball_tables import combinations_of, doubles, vanishes
 from echelon.base.matrix import BaseMatrix
 from echelon.errors import CertificateError, InputError
 from echelon.exact.rational import RationalFunction
@@ -35,6 +36,8 @@ _OTHERS = 4
 """Closed poses beyond those that determine the coefficients of mechanisms with loops."""
 _LOOSEST = 1e-20
 """Relative error of a coefficient beyond which a comparison means nothing."""
+_FIRM = 1e-9
+"""Share of a column that double precision surely shows beside others."""
 _LOG10_2 = log10(2.0)
 
 
@@ -128,6 +131,7 @@ class _Check:
         table = table / np.array(scales, dtype=object)
         solved = combinations_of(table, range(rank), range(rank, table.shape[1]))
         if solved is None:
+            self._refuse_dependent(table[:, :rank], bits)
             return None
         solution, left = solved
         verdicts = {column: [vanishes(x, bits) for x in left[:, k]] for k, column in enumerate(self.others)}
@@ -154,6 +158,17 @@ class _Check:
         at_rest = mechanism.measures_every_force and not mechanism.effects
         many = ball_rows(self.forms, self.at, states, self.rng, motions, at_rest=at_rest)
         return np.vstack([many, ball_rows(self.forms, self.at, _OTHERS, self.rng)]), states
+
+    def _refuse_dependent(self, table: Balls, bits: int) -> None:
+        """Refuse representatives of which some are combinations of the others to all digits."""
+        firm = independent_columns(doubles(table), _FIRM)
+        rest = [k for k in range(table.shape[1]) if k not in firm]
+        found = combinations_of(table, firm, rest)
+        if rest and found is not None and all(vanishes(x, bits) for x in found[1].flat):
+            raise CertificateError(
+                f"the set is too large: its {self.matrix.rank} representatives span only {len(firm)} dimensions at the "
+                "stated values"
+            )
 
     @property
     def _has_signs(self) -> bool:
