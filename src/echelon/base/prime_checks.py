@@ -22,7 +22,15 @@ import numpy as np
 
 from echelon.base.matrix import BaseMatrix
 from echelon.errors import CertificateError, DegenerateSampleError
-from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField, Residues, rank, substituted
+from echelon.exact.field import (
+    ARRAY_BITS,
+    CERTIFICATE_BITS,
+    PrimeField,
+    Residues,
+    random_generator,
+    rank,
+    substituted,
+)
 from echelon.exact.polynomial import is_trigonometric, multiple_of
 from echelon.program.schedule import FieldSampler, Size, polynomial_size, size_bound
 from echelon.regressor.linear_forms import LinearForms
@@ -53,7 +61,7 @@ def find_minor(regressor: LinearForms, columns: tuple[int, ...], rng: np.random.
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng, ARRAY_BITS)
         try:
-            settled = regressor.blocks.independent(columns, field, rng) if regressor.blocks else set()
+            settled = regressor.blocks.independent(columns, field, _child(rng)) if regressor.blocks else set()
             rest = tuple(p for p in columns if p not in settled)
             sampler = regressor.columns(rest).sampler()
             regions = sampler.regions
@@ -73,8 +81,18 @@ def find_minor(regressor: LinearForms, columns: tuple[int, ...], rng: np.random.
 
 def _evaluated(sampler: FieldSampler, field: PrimeField, rng: np.random.Generator, states: int) -> Residues:
     """Outputs at random states and one random geometry."""
-    geometry = {name: field.draw(rng, (1,)) for name in sampler.symbols}
-    return sampler.evaluate(field, rng, states, geometry)
+    own = _child(rng)
+    geometry = {name: field.draw(own, (1,)) for name in sampler.symbols}
+    return sampler.evaluate(field, own, states, geometry)
+
+
+def _child(rng: np.random.Generator) -> np.random.Generator:
+    """A generator for one point.
+
+    A sampler learns functions of constants when it is first evaluated, and draws more numbers from then on; the primes
+    that are drawn afterwards must not depend on that, or a recorded check could not be repeated.
+    """
+    return random_generator(int(rng.integers(2**62)))
 
 
 @dataclass(frozen=True)
@@ -118,10 +136,11 @@ class Identity:
         """A random point modulo a random prime."""
         for _ in range(_ATTEMPTS):
             field = PrimeField.random(self.rng, bits)
+            own = _child(self.rng)
             names = sorted({*self.sampler.symbols, *self.matrix.symbols})
-            symbols = {s: field.draw(self.rng, (1,)) for s in names}
+            symbols = {s: field.draw(own, (1,)) for s in names}
             try:
-                values = self.sampler.evaluate(field, self.rng, max(states, self.sampler.regions), symbols)
+                values = self.sampler.evaluate(field, own, max(states, self.sampler.regions), symbols)
                 rows = self.matrix.modulo(symbols, field)
             except DegenerateSampleError:
                 continue
