@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from math import atan2, hypot, radians
+from math import radians
 from typing import Any
 
 from echelon.errors import InputError
@@ -365,16 +365,14 @@ class _Reader(_Frames):
         """The motions of a joint, seen from the link that carries the other one."""
         if joint.kind == "ball":
             return (LiteralMotion(joint.element, joint.name, MotionKind.BALL),)
-        steps: list[LiteralStep] = []
+        motions: list[LiteralStep] = []
         kinds = _AXES.get(joint.kind, ())
         for number, kind in enumerate(kinds, 1):
-            turned, axis = self._axis(joint, "axis" if number == 1 else f"axis{number}")
+            turns, axis = self._axis(joint, "axis" if number == 1 else f"axis{number}")
             x, y, z = (-v for v in axis) if backwards else axis
             name = joint.name if len(kinds) == 1 else f"{joint.name}.{number}"
-            back = (replace(turn, inverse=not turn.inverse) for turn in reversed(turned))
-            motion: list[LiteralStep] = [*turned, LiteralMotion(joint.element, name, kind, (x, y, z)), *back]
-            steps = motion + steps if backwards else steps + motion
-        return tuple(steps)
+            motions.append(LiteralMotion(joint.element, name, kind, (x, y, z), turns))
+        return tuple(reversed(motions) if backwards else motions)
 
     def _axis(self, joint: _Joint, tag: str) -> tuple[tuple[LiteralPlacement, ...], Triple]:
         """The frame in which an axis is stated, as turns of the joint's frame, and the axis in it."""
@@ -394,24 +392,20 @@ class _Reader(_Frames):
         return tuple(replace(turn, xyz=(0, 0, 0)) for turn in turns), axis
 
     def _closure(self, joint: _Joint, position: Mapping[str, int]) -> LiteralClosure:
-        """A joint that closes a loop: its frame on both links, with z along its axis."""
+        """A joint that closes a loop: its frame on both links, and its axis."""
         if joint.kind not in _CLOSURES:
             kinds = ", ".join(_CLOSURES)
             problem = (
                 f"it closes a loop, which a {joint.kind} joint cannot (these can: {kinds}): give that loop one of these"
             )
             raise self.error(problem, joint.element)
-        aim: tuple[LiteralPlacement, ...] = ()
+        axis = None
         if joint.kind in _AXES:
-            turned, axis = self._axis(joint, "axis")
-            x, y, z = (float(v) for v in axis)
-            along = LiteralPlacement(
-                f"{joint.element} axis", rpy=(0, exact_angle(atan2(hypot(x, y), z)), exact_angle(atan2(y, x)))
-            )
-            aim = (*turned, along)
-        one, two = ((*self.between(end, joint.name, joint.element), *aim) for end in (joint.parent, joint.child))
+            turns, direction = self._axis(joint, "axis")
+            axis = LiteralMotion(joint.element, joint.name, MotionKind.ROTATION, direction, turns)
+        one, two = (self.between(end, joint.name, joint.element) for end in (joint.parent, joint.child))
         first, second = position[joint.parent], position[joint.child]
-        return LiteralClosure(joint.element, joint.name, _CLOSURES[joint.kind], first, second, one, two)
+        return LiteralClosure(joint.element, joint.name, _CLOSURES[joint.kind], first, second, one, two, axis)
 
     def _couplings(self) -> Iterator[StatedCoupling]:
         """The couplings that mimic elements state."""
