@@ -41,6 +41,8 @@ class _Set(Protocol):
     def special(self) -> SpecialValues | None: ...
     @property
     def certificate(self) -> Certificate: ...
+    @property
+    def largest_coefficient(self) -> float | None: ...
 
 
 class _RobotSet(_Set, Protocol):
@@ -152,6 +154,7 @@ def _linear_facts(base: _LinearSet) -> list[tuple[str, str]]:
         ("constants", ", ".join(f"{n} = {v}" for n, v in values.items())),
         ("functions of constants", ", ".join(f"{n} = {d}" for n, d in base.definitions.items())),
         ("stated values", base.special.text("model") if base.special else ""),
+        ("largest coefficient", _size_text(base)),
         ("certificate", str(base.certificate)),
     ]
 
@@ -164,6 +167,7 @@ def _robot_facts(model: _RobotSet) -> list[tuple[str, str]]:
         ("symbols", ", ".join(f"{s.name} = {value_text(s.exact, s.value)}" for s in used)),
         ("stated values", model.special.text("robot") if model.special else ""),
         ("numbers", numbers_text(model, numbers) if numbers else ""),
+        ("largest coefficient", _size_text(model)),
         ("not shown", f"{model.hidden} {rounding}" if model.hidden else ""),
         ("read as exact", snap_summary(model) if reading.snaps else ""),
         ("mimic joints", str(reading.mimics or "")),
@@ -173,6 +177,11 @@ def _robot_facts(model: _RobotSet) -> list[tuple[str, str]]:
         ("certificate", str(model.certificate)),
         ("assumes", f"{'; '.join(model.certificate.assumptions)} (docs/assumptions.md)"),
     ]
+
+
+def _size_text(model: _RobotSet | _LinearSet) -> str:
+    largest = model.largest_coefficient
+    return "" if largest is None else f"{largest:.3g}"
 
 
 def numbers_text(model: _RobotSet, numbers: StatedNumbers) -> str:

@@ -60,6 +60,18 @@ class BaseSet(ABC):
     def units(self) -> tuple[str, ...]:
         """Unit of every base parameter."""
 
+    @abstractmethod
+    def B_float(self) -> Floats:
+        """B in double precision, shape (base parameters, standard parameters), at the stated values."""
+
+    @cached_property
+    def largest_coefficient(self) -> float | None:
+        """The largest absolute value in B at the stated values; None where these are missing or give it no double."""
+        try:
+            return float(np.abs(self.B_float()).max(initial=0.0))
+        except InputError:
+            return None
+
     @cached_property
     def expressions(self) -> tuple[Expression, ...]:
         """Every base parameter in closed form, terms with equal coefficients collected."""
