@@ -15,7 +15,7 @@ from echelon.base.certificate import Certificate
 from echelon.base.evaluation import Evaluation
 from echelon.base.expression import Expression, collect
 from echelon.base.lift import Metric, lift, metric_matrix, pseudo_inverse_floats
-from echelon.base.matrix import BaseMatrix, Identifiability, Row, classify
+from echelon.base.matrix import BaseMatrix, Identifiability, Row, classify, coefficient_value
 from echelon.base.reading_report import ReadingReport
 from echelon.base.stated_values import SpecialValues, at_values
 from echelon.errors import InputError
@@ -23,7 +23,7 @@ from echelon.exact.expressions import PI
 from echelon.exact.rational import RationalFunction
 from echelon.extras import extra
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import characteristic_length, stated_values, symbol_values
+from echelon.mechanism.stated import characteristic_length, known_values, stated_values, symbol_values
 from echelon.program.sympy_bridge import sympy_number
 from echelon.regressor.linear_forms import LinearForms, inverse_dynamics_regressor, virtual_power_form
 
@@ -80,6 +80,29 @@ class BaseSet(ABC):
             collect(name, unit, [(self.parameters[c], value) for c, value in sorted(row.items())], decimals)
             for name, unit, row in zip(self.pivots, self.units, self._shown_rows, strict=True)
         )
+
+    @cached_property
+    def readable(self) -> tuple[Expression, ...]:
+        """The expressions with coefficients of more than a dozen terms as their values at the stated numbers.
+
+        Where symbols have no values, the number of terms stands in their place.
+        """
+        return tuple(expression.readable(self._value) for expression in self.expressions)
+
+    def _value(self, coefficient: RationalFunction) -> float | None:
+        """A coefficient at the stated values; None where these are missing or give it no double."""
+        known = self._known
+        if not set(coefficient.symbols()) <= known.keys():
+            return None
+        try:
+            return coefficient_value(coefficient, known)
+        except InputError:
+            return None
+
+    @property
+    @abstractmethod
+    def _known(self) -> Mapping[str, float]:
+        """Stated values of symbols of B."""
 
     @cached_property
     def classification(self) -> dict[str, Identifiability]:
@@ -180,6 +203,10 @@ class BaseModel(BaseSet, Evaluation):
     def hidden(self) -> int:
         """Number of coefficients below 1e-11, from rounding where loops close, that no expression shows."""
         return sum(self._is_rounding(c) for row in self.matrix.rows for c in row.values())
+
+    @property
+    def _known(self) -> Mapping[str, float]:
+        return known_values(self.mechanism)
 
     # -- B in other forms --------------------------------------------------------------------------------------
 

@@ -54,6 +54,9 @@ def derive(
     regressor: Annotated[
         Formulas | None, typer.Option("--regressor", help="Instead: the base regressor as formulas.")
     ] = None,
+    full: Annotated[
+        bool, typer.Option("--full", help="Print every formula; those of more than 12 terms are numbers otherwise.")
+    ] = False,
     seed: Seed = None,
     budget: Budget = 1.0,
 ) -> None:
@@ -82,7 +85,7 @@ def derive(
     elif rank_only:
         derive.run_rank_only(robot, read, target, seed, generic=generic, as_json=chosen == "json")
     else:
-        derive.run_derive(robot, chosen, regressor, read, derivation, target, seed, budget)
+        derive.run_derive(robot, chosen, regressor, read, derivation, target, seed, budget, full=full)
 
 
 @app.command(epilog="Example: echelon sensors arm.yaml --size 2")
