@@ -9,7 +9,7 @@ from fractions import Fraction
 
 from echelon.conventions import PARAMETERS
 from echelon.errors import one_line
-from echelon.exact.expressions import PI, decimal_text
+from echelon.exact.expressions import PER_PI, PI, decimal_text
 from echelon.exact.polynomial import Monomial, Number, Polynomial, Surd, is_negative, is_trigonometric, multiple_of
 from echelon.exact.rational import RationalFunction
 
@@ -160,6 +160,8 @@ class LatexStyle(TextStyle):
         power = f"^{{{exponent}}}" if exponent > 1 else ""
         if is_trigonometric(name):
             return f"\\{name[:3]}{power}({angle_text(name, self, latex_symbol)})"
+        if name == PER_PI:
+            return rf"\pi^{{-{exponent}}}"
         return (r"\pi" if name == PI else latex_symbol(name)) + power
 
     def number(self, value: Number) -> str:

@@ -19,7 +19,7 @@ from echelon.base.matrix import BaseMatrix, Identifiability, Row, classify, coef
 from echelon.base.reading_report import ReadingReport
 from echelon.base.stated_values import SpecialValues, at_values
 from echelon.errors import InputError
-from echelon.exact.expressions import PI
+from echelon.exact.expressions import pi_generators
 from echelon.exact.rational import RationalFunction
 from echelon.extras import extra
 from echelon.mechanism.mechanism import Mechanism
@@ -229,7 +229,7 @@ class BaseModel(BaseSet, Evaluation):
                 raise InputError(f"symbol '{name}' has no value")
             stated = symbol.expression
             values[name] = (
-                sympy.Float(symbol.value) if stated is None else stated.evaluate({PI: sympy.pi}, sympy_number)
+                sympy.Float(symbol.value) if stated is None else stated.evaluate(pi_generators(sympy.pi), sympy_number)
             )
         return self.matrix.sympy(values)
 

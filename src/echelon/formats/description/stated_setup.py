@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from echelon.conventions import PARAMETERS
-from echelon.exact.expressions import PI
+from echelon.exact.expressions import PER_PI, PI, pi_generators
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.bodies import BASE
 from echelon.formats.builder import Built
@@ -313,9 +313,9 @@ class Additions:
             path = f"assembly.{name}"
             self.expressions.check(name, self.mechanism.positions, path)
             value = self.expressions.polynomial(text, path)
-            if not set(value.generators()) <= {PI}:
+            if not set(value.generators()) <= {PI, PER_PI}:
                 raise self.expressions.error(path, f"'{text}' must be a number here, without symbols")
-            found[name] = value.evaluate({PI: math.pi}, float)
+            found[name] = value.evaluate(pi_generators(math.pi), float)
         return found
 
     def _driven(self) -> list[str]:
