@@ -14,11 +14,14 @@ from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.joint import GROUND
 from echelon.mechanism.mechanism import Mechanism
+from echelon.results.saved import from_json, to_json
 from support.loop_frames import residual
 from support.selection import one_in
 from support.textbook_poses import Array, along, moved, pose_of, turned
 
 LITERAL = ReadingOptions(snap_tolerance=0)
+ARM_MODEL = """<model name="arm"><link name="a"/>
+  <joint name="j" type="revolute"><parent>world</parent><child>a</child><axis><xyz>0 1 0</xyz></axis></joint></model>"""
 
 
 def read(text: str, options: ReadingOptions = LITERAL) -> Mechanism:
@@ -251,6 +254,73 @@ def test_a_loop_with_axes_in_the_frame_of_the_model_is_that_with_axes_of_links()
     )
     assert (two.pivots, two.rank) == (one.pivots, 8)
     np.testing.assert_allclose(two.B_float(), one.B_float(), atol=1e-4)
+
+
+# -- screws and models -------------------------------------------------------------------------------------------------
+
+SCREW = model(
+    """<link name="base"/><link name="nut"><pose>0.1 0.2 0.3 0.4 0 0</pose></link>
+  <joint name="w" type="fixed"><parent>world</parent><child>base</child></joint>
+  <joint name="s" type="screw"><parent>base</parent><child>nut</child>PITCH<axis><xyz>0 0.6 0.8</xyz></axis></joint>"""
+)
+PITCHES = {
+    "metres per turn": ("<screw_thread_pitch>0.01</screw_thread_pitch>", 0.01 / (2 * np.pi)),
+    "a left-handed thread": ("<screw_thread_pitch>-0.01</screw_thread_pitch>", -0.01 / (2 * np.pi)),
+    "the old word, radians per metre": ("<thread_pitch>-600</thread_pitch>", 1 / 600),
+    "both": ("<thread_pitch>1</thread_pitch><screw_thread_pitch>0.02</screw_thread_pitch>", 0.01 / np.pi),
+    "none": ("", 1 / (2 * np.pi)),
+}
+
+
+@pytest.mark.parametrize("case", PITCHES)
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_screw_travels_by_its_pitch(case: str, backwards: bool) -> None:
+    stated, pitch = PITCHES[case]
+    text = SCREW.replace("PITCH", stated)
+    if backwards:
+        text = text.replace("<parent>base</parent><child>nut</child>PITCH", "<parent>nut</parent><child>base</child>")
+    robot = read(text, ReadingOptions())
+    q, axis = 0.7, np.array([0, 0.6, 0.8])
+    placed = euler(0.1, 0.2, 0.3, 0.4, 0, 0)
+    expected = placed @ along(axis, pitch * q) @ turned(axis, q)
+    np.testing.assert_allclose(pose_of(robot, 0, {"s": q}), expected, atol=1e-12)
+    assert ("1 m per turn" in notes(robot)) == (case == "none")
+
+
+def test_a_screw_shows_what_that_of_a_description_does() -> None:
+    described = "echelon: 1\nname: m\nsymbols: {p: 0.01/(2*pi)}\nbodies: [{name: nut, JOINT}]\n"
+    described = described.replace("JOINT", "joint: {type: helical, axis: z, pitch: p}")
+    text = (
+        SCREW.replace("PITCH", PITCHES["metres per turn"][0]).replace("0 0.6 0.8", "0 0 1").replace("0.4 0 0", "0 0 0")
+    )
+    one = ec.base_parameters(read(text, ReadingOptions()))
+    two = ec.base_parameters(RobotFile.of(described.encode(), "m.yaml").mechanism())
+    assert one.pivots == two.pivots == ("ZZ1", "M1")
+    saved = from_json(to_json(one))
+    assert ec.verify(saved).rank == 2
+    np.testing.assert_allclose(pose_of(saved.mechanism, 0, {"s": 2.0})[2, 3], 0.3 + 0.02 / (2 * np.pi))
+
+
+WORLD = """<sdf version="1.9"><world name="w">{arm}{lift}
+  <model name="floor"><static>1</static><link name="g"/>
+  <joint name="j" type="fixed"><parent>world</parent><child>g</child></joint></model></world></sdf>""".format(
+    arm=ARM_MODEL,
+    lift=SCREW.replace("PITCH", "").split('<sdf version="1.9">')[1].replace('name="m"', 'name="lift"')[:-6],
+)
+
+
+def test_one_of_several_models_is_chosen_by_its_name() -> None:
+    assert ec.load(WORLD, model="arm").positions == ("j",)
+    assert ec.load(WORLD, model="lift").positions == ("s",)
+    reading = ec.load(WORLD, model="lift", independent_mimics=True).reading
+    assert reading is not None
+    assert reading.literal().positions == ("s",)  # it remembers which
+    with pytest.raises(ec.InputError, match=r"several models have joints, 'arm', 'lift': .*--model arm"):
+        ec.load(WORLD)
+    with pytest.raises(ec.InputError, match=r"there is no model 'lfit' with joints; did you mean 'lift'"):
+        ec.load(WORLD, model="lfit")
+    with pytest.raises(ec.InputError, match="only SDF files hold several models"):
+        ec.load("echelon: 1\nname: m\nbodies: [{name: a}]\n", model="m")
 
 
 # -- loops -------------------------------------------------------------------------------------------------------------

@@ -30,7 +30,16 @@ Formulas = Literal["latex", "sympy"]
 
 @app.command(epilog="Example: echelon derive panda.urdf --format json -o panda.json")
 @reads_robot(
-    "floating", "gravity", "snap_tolerance", "numeric", "mimic", "keep_fixed_links", "massless", "symbols", "measured"
+    "floating",
+    "gravity",
+    "snap_tolerance",
+    "numeric",
+    "mimic",
+    "keep_fixed_links",
+    "massless",
+    "symbols",
+    "measured",
+    "model",
 )
 def derive(
     robot: Robot,
@@ -89,7 +98,7 @@ def derive(
 
 
 @app.command(epilog="Example: echelon sensors arm.yaml --size 2")
-@reads_robot("floating", "gravity")
+@reads_robot("floating", "gravity", "model")
 def sensors(
     robot: Robot,
     read: dict[str, Any],
@@ -127,7 +136,7 @@ def setup(
 
 
 @app.command(epilog="Example: echelon identify tx40.yaml run1.parquet --validate run2.parquet -o result/")
-@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless")
+@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless", "model")
 def identify(
     setup: Annotated[Path, typer.Argument(help="Robot description with its measurement set-up; or URDF, MJCF.")],
     logs: Annotated[
@@ -187,7 +196,7 @@ def identify(
 
 
 @app.command(epilog="Example: echelon check tx40.yaml run1.parquet run2.parquet")
-@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless")
+@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless", "model")
 def check(
     setup: Annotated[Path, typer.Argument(help="Robot description with its measurement set-up; or URDF, MJCF.")],
     logs: Annotated[list[Path], typer.Argument(help="Logs; a directory stands for all logs in it.")],
@@ -255,7 +264,7 @@ def verify(
 
 
 @app.command(epilog="Example: echelon audit tx40.urdf TX40_bp_5.csv --ignore 'fv*'")
-@reads_robot("floating", "gravity", "snap_tolerance", "mimic", "keep_fixed_links")
+@reads_robot("floating", "gravity", "snap_tolerance", "mimic", "keep_fixed_links", "model")
 def audit(
     robot: Robot,
     claimed: Annotated[Path, typer.Argument(help="Base parameters to check: CSV, JSON, or one expression per line.")],

@@ -52,6 +52,7 @@ class LiteralMotion:
     axis: Triple = (0, 0, 1)  # any non-zero length
     # turns from the joint's frame to the one in which the axis is stated, where that is another one
     turns: tuple[LiteralPlacement, ...] = ()
+    pitch: Polynomial = Polynomial({})
 
 
 LiteralStep = LiteralPlacement | LiteralMotion

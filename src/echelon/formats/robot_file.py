@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -45,6 +45,7 @@ class RobotFile:
     source: str  # name of the file, for messages
     is_description: bool  # whether it is YAML or JSON, rather than XML
     directory: Path | None = None  # where files that it includes are looked for
+    model: str = ""  # which of several models of an SDF file it is about; empty for the only one
 
     @classmethod
     def of(cls, data: bytes, source: str, directory: Path | None = None) -> RobotFile:
@@ -99,7 +100,7 @@ class RobotFile:
         if self.directory is None:
             problem = "a description given as text cannot refer to another file"
             raise self.document.error("robot", problem)
-        file = open_robot(self.directory / self.description.robot.file)
+        file = open_robot(self.directory / self.description.robot.file, self.model)
         if file.is_description:
             problem = "only URDF, SDF and MJCF files can be added to; include the description"
             raise InputError(problem, source=file.source)
@@ -141,7 +142,7 @@ class RobotFile:
         if self.root.tag == "sdf":
             from echelon.formats.urdf.sdf_reader import read_sdf
 
-            return read_sdf(self.root, self.source, mimics=mimics)
+            return read_sdf(self.root, self.source, mimics=mimics, model=self.model)
         from echelon.formats.urdf.urdf_reader import UrdfReader
 
         return UrdfReader(self.root, self.source).read(mimics)
@@ -180,8 +181,22 @@ class RobotFile:
             raise error.located(self.source) from None
 
 
-def open_robot(robot: Any) -> RobotFile:
-    """A robot file of any supported format; or a text, a model or a name that stands for one."""
+def open_robot(robot: Any, model: str = "") -> RobotFile:
+    """A robot file of any supported format; or a text, a model or a name that stands for one.
+
+    Of an SDF file with several models that move, the one with a name.
+    """
+    file = _opened(robot)
+    if not model:
+        return file
+    file = replace(file, model=model)
+    stated = None if file.is_linear_model else file.robot
+    if stated is None or stated.root.tag != "sdf":
+        raise InputError(f"only SDF files hold several models: leave out model '{model}'", source=file.source)
+    return file
+
+
+def _opened(robot: Any) -> RobotFile:
     if isinstance(robot, RobotFile):
         return robot
     if not isinstance(robot, str | os.PathLike):
@@ -211,6 +226,7 @@ def load(
     separate_symbols: bool = False,
     measured: Measured = "drives",
     locked: Mapping[str, float] | None = None,
+    model: str = "",
 ) -> Mechanism:
     """Read a robot description.
 
@@ -244,6 +260,8 @@ def load(
         ``docs/formats/mjcf.md``).  Descriptions state their outputs themselves.
     locked : mapping of str to float, optional
         Coordinates, or joints, that do not move, and where they stand, rad or m.
+    model : str
+        Name of the model to read from an SDF file in which several have joints.
 
     Returns
     -------
@@ -272,12 +290,12 @@ def load(
         measured=measured,
         locked=locked or {},
     )
-    return open_robot(robot).mechanism(options)
+    return open_robot(robot, model).mechanism(options)
 
 
-def load_model(robot: Any, **reading: Any) -> Mechanism | LinearModel:
+def load_model(robot: Any, model: str = "", **reading: Any) -> Mechanism | LinearModel:
     """Read a robot, with the keyword arguments of :func:`load`, or a linear model."""
-    file = open_robot(robot)
+    file = open_robot(robot, model)
     if not file.is_linear_model:
         return file.mechanism(ReadingOptions(**reading))
     from echelon.formats.linear_document import read_linear

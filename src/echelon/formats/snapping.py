@@ -24,7 +24,7 @@ from typing import TypeVar
 
 from echelon.choices import Measured
 from echelon.errors import InputError
-from echelon.exact.expressions import PI, STEPS_PER_HALF_TURN, Angle, decimal_text, parse
+from echelon.exact.expressions import PI, STEPS_PER_HALF_TURN, Angle, decimal_text, parse, pi_generators
 from echelon.exact.polynomial import (
     Number,
     Polynomial,
@@ -263,6 +263,17 @@ class Snapping:
                 return symbol
         return None
 
+    def _pitch(self, value: Polynomial, name: str, element: str) -> Polynomial:
+        """The pitch of a screw: a symbol where lengths have names, or where it has π in it."""
+        if value.number is not None and (not value or not self.options.symbolic or self.options.looped):
+            return value
+        size = value.evaluate(pi_generators(pi), float)
+        sign = 1 if size > 0 else -1
+        if (sign * value) not in self._lengths or self.options.separate_symbols:
+            symbol = Symbol(name, abs(size), format_polynomial(sign * value), element)
+            self._lengths[sign * value] = self._new_symbol(name, symbol)
+        return sign * Polynomial.generator(self._lengths[sign * value])
+
     def length(self, value: float, name: str, element: str) -> Polynomial:
         """A measured length: a symbol, or the decimal that it is to twelve digits."""
         return self._length(as_polynomial(Fraction(f"{value:.12g}")), name, element)
@@ -349,7 +360,8 @@ class Snapping:
             mounting, motions = mounting @ flip, planar_motions(literal.name, axis)
         else:
             assert isinstance(literal.kind, MotionKind)
-            motions = (Motion(literal.kind, literal.name, axis, sign),)
+            pitch = self._pitch(literal.pitch, f"pitch{label}", f"{literal.element} pitch")
+            motions = (Motion(literal.kind, literal.name, axis, sign, pitch),)
         return (mounting, *motions, mounting.inverse())
 
     def aim(self, literal: LiteralMotion, label: str) -> Placement:
