@@ -7,6 +7,7 @@ or with the joints that it couples independent.
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
@@ -14,11 +15,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from echelon.choices import Measured
-from echelon.errors import InputError, locating
+from echelon.errors import DoubtWarning, InputError, locating
 from echelon.formats.builder import Built, build_mechanism
 from echelon.formats.literal import LiteralTree
 from echelon.formats.robot_sources import described_path, expanded, text_of
 from echelon.formats.snapping import ANGLE_TOLERANCE, Gravity, ReadingOptions
+from echelon.formats.unit_questions import unit_questions
 from echelon.formats.usual_effects import with_usual_effects
 from echelon.inputs import parse_xml, read_content
 from echelon.mechanism.lock_joints import lock_joints
@@ -163,7 +165,11 @@ class RobotFile:
         if options.usual_effects if stated is None else "usual" in stated:
             mechanism = with_usual_effects(mechanism, {} if tree is None else tree.drives)
         couples = tree is not None and tree.has_mimics
-        return mechanism.as_read(Reading(built.snaps, built.notes, self, options, couples))
+        in_world = self.robot is not None and self.robot.root.tag != "robot"
+        questions = tuple(unit_questions(mechanism, built.snapping.radians, in_world=in_world))
+        for question in questions if not literal else ():
+            warnings.warn(f"{self.source}: {question}", DoubtWarning, stacklevel=3)
+        return mechanism.as_read(Reading(built.snaps, (*built.notes, *questions), self, options, couples))
 
     def built(self, options: ReadingOptions, literal: Collection[str] = ()) -> Built:
         """The robot with symbols, and what was read as exact."""
@@ -271,6 +277,11 @@ def load(
     ------
     InputError
         If the file cannot be read or is not a valid robot; the message names file and element.
+
+    Warns
+    -----
+    DoubtWarning
+        If angles look like degrees, or offsets like millimetres.
 
     Examples
     --------

@@ -174,6 +174,8 @@ class Snapping:
     def __post_init__(self) -> None:
         self._angles: list[tuple[float, str]] = []
         self._lengths: dict[Polynomial, str] = {}
+        self.radians: dict[str, Rational] = {}
+        """Numbers that were read as angles, by element, rad."""
         self.exact: set[str] = set()
         """Symbols of angles that are stated exactly."""
 
@@ -326,6 +328,8 @@ class Snapping:
     def angle_value(self, value: Rational | float, element: str) -> float:
         """An angle in floats, if these still tell angles apart."""
         number = float(value)
+        if not isinstance(value, float):
+            self.radians[element] = value
         if abs(number) > LARGEST_ANGLE:
             problem = f"{number:.3g} rad is too large for an angle: robots have angles up to {LARGEST_ANGLE:.0e}"
             raise InputError(problem, source=self.source, element=element)

@@ -374,7 +374,8 @@ def with_intended_angles(mechanism: Mechanism, snapping: Snapping) -> Mechanism:
         symbol, element = found[name], f"symbols.{name}"
         if symbol.exact is None or symbol.value is None or parse_angle(symbol.exact).half_turns:
             continue
-        steps = round(snapping.angle_value(symbol.value, element) * STEPS_PER_HALF_TURN / math.pi)
+        radians = parse_angle(symbol.exact).radians
+        steps = round(snapping.angle_value(radians, element) * STEPS_PER_HALF_TURN / math.pi)
         exact = steps * math.pi / STEPS_PER_HALF_TURN
         difference = abs(symbol.value - exact)
         if steps and difference <= snapping.angle_tolerance(element):
