@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from fractions import Fraction
 from math import cos
@@ -21,7 +22,7 @@ from echelon.exact.polynomial import float_generators
 from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import StatedValues, stated_values, unit_of
-from echelon.results.saved import to_json
+from echelon.results.saved import from_json, to_json
 from support.descriptions import read_description
 from support.paths import ROOT
 
@@ -314,3 +315,40 @@ def test_half_turns_have_residues(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_count_that_is_not_compared_is_said() -> None:
     robot = ec.load(PANDA)
     assert "not compared" in report_reading(robot, 1001, np.random.default_rng(1)).doubt
+
+
+SCREWS = """echelon: 1
+name: screws
+gravity: [0, 0, 0]
+symbols: {{p: {one}, r: {two}}}
+bodies:
+  - {{name: nut, joint: {{type: helical, axis: z, pitch: p}}}}
+  - {{name: second, parent: nut, joint: {{type: helical, axis: z, pitch: r}}}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("one", "two", "rank"),
+    [
+        ("0.01/(2*pi)", "0.01/(2*pi)", 2),  # two screws that travel equally are one
+        ("0.01/(2*pi)", "0.005/pi", 2),
+        ("0.01/(2*pi)", "-0.01/(2*pi)", 3),
+        ("0.01/(2*pi)", "0.02/(2*pi)", 3),
+        ("0.01/(2*pi)", "0.00159154943", 3),  # a decimal is not the quotient
+        ("0.001*pi", "0.001*pi^2/pi", 2),
+    ],
+)
+def test_lengths_with_pi_have_their_relations(one: str, two: str, rank: int) -> None:
+    base = ec.base_parameters(read_description(SCREWS.format(one=one, two=two).encode(), "s.yaml", ReadingOptions()))
+    assert base.rank == rank
+    pitch = eval(one, {"pi": math.pi})
+    masses = base.parameters.index("M1")
+    assert base.B_float()[0, masses] == pytest.approx(pitch**2, rel=1e-12)
+    assert float(base.B_exact[0, masses]) == pytest.approx(pitch**2, rel=1e-12)
+    assert ec.verify(from_json(to_json(base))).rank == rank
+
+
+def test_a_length_with_pi_is_written_as_a_symbol() -> None:
+    text = SCREWS.format(one="1", two="1").replace("pitch: p}", "pitch: 0.01/(2*pi)}")
+    with pytest.raises(ec.InputError, match=r"write a symbol here, and its value in 'symbols'"):
+        read_description(text.encode(), "s.yaml", ReadingOptions())

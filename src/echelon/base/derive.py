@@ -19,6 +19,7 @@ import numpy as np
 from echelon.base.ball_relations import BallRelations, ball_relations
 from echelon.base.certificate import AtStatedValues, certify
 from echelon.base.closed_form import assembled, closed_columns, relations
+from echelon.base.firm_pivots import doubt_of_coefficients, exchange_note, firm_order
 from echelon.base.linear_base import LinearBase, linear_base_parameters
 from echelon.base.matrix import BaseMatrix, column_order, reordered
 from echelon.base.model import BaseModel
@@ -163,6 +164,10 @@ def base_parameters(
     found = specialised(mechanism, rng, stated, generic=generic)
     own, structure = found.mechanism, found.structure
     matrix = base_matrix(own, structure, columns, rng, budget, progress)
+    classical = matrix
+    if not generic and (firm := firm_order(own, matrix)) is not None:
+        progress("other representatives")
+        matrix = base_matrix(own, structure, firm, rng, budget, progress)
     progress("certificate")
     if own is not mechanism:
         recorded = virtual_power_form(own)
@@ -171,7 +176,9 @@ def base_parameters(
     certificate = certify(forms, matrix, seed, None if generic else stated, structure.modes)
     stated_rank = structure.rank if found.special is None else found.special.rank
     reading = report_reading(mechanism, stated_rank, rng, recorded, None if generic else matrix)
-    if doubt := found.doubt:
+    if matrix is not classical:
+        reading = replace(reading, notes=(*reading.notes, exchange_note(own, classical, matrix)))
+    if doubt := found.doubt or reading.doubt or ("" if generic else doubt_of_coefficients(own, matrix, forms)):
         reading = replace(reading, doubt=doubt)
     return BaseModel(own, matrix, certificate, reading, seed, found.special, generic)
 

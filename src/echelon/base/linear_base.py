@@ -172,6 +172,12 @@ class LinearBase(BaseSet):
         forms = self.model.regressor.columns(self.matrix.pivots)
         return symbolic_regressor(self.model.name, forms, self.model.outputs, self.pivots, form)
 
+    @property
+    def _known(self) -> Mapping[str, float]:
+        known = self.model.values
+        complete = known.keys() >= set(self._constants_used())
+        return {**known, **definition_values(self.definitions, known)} if complete else known
+
     def _constants_used(self) -> list[str]:
         plain = {s for s in self.matrix.symbols if s not in self.definitions}
         program, _ = recorded_definitions({n: d for n, d in self.definitions.items() if n in self.matrix.symbols})

@@ -152,6 +152,10 @@ _READING: dict[str, tuple[Any, Any]] = {
         ],
         "shared",
     ),
+    "model": (
+        Annotated[str, typer.Option("--model", help="Name of the model, if several of an SDF file have joints.")],
+        "",
+    ),
     "measured": (
         Annotated[Measured, typer.Option(help="Forces of all drives, or the sensors of an MJCF file.")],
         "drives",
@@ -195,7 +199,7 @@ def reading(**given: Any) -> dict[str, Any]:
     chosen = {name: default for name, (_, default) in _READING.items()} | given
     tolerance = chosen["snap_tolerance"]
     return {
-        **{name: chosen[name] for name in ("floating", "gravity", "keep_fixed_links", "measured")},
+        **{name: chosen[name] for name in ("floating", "gravity", "keep_fixed_links", "measured", "model")},
         "symbolic": not chosen["numeric"],
         "independent_mimics": chosen["mimic"] == "independent",
         "massless": tuple(chosen["massless"] or ()),

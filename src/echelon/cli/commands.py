@@ -40,6 +40,7 @@ Formulas = Literal["latex", "sympy"]
     "symbols",
     "measured",
     "ignore",
+    "model",
 )
 def derive(
     robot: Robot,
@@ -63,6 +64,9 @@ def derive(
     regressor: Annotated[
         Formulas | None, typer.Option("--regressor", help="Instead: the base regressor as formulas.")
     ] = None,
+    full: Annotated[
+        bool, typer.Option("--full", help="Print every formula; those of more than 12 terms are numbers otherwise.")
+    ] = False,
     seed: Seed = None,
     budget: Budget = 1.0,
 ) -> None:
@@ -91,11 +95,11 @@ def derive(
     elif rank_only:
         derive.run_rank_only(robot, read, target, seed, generic=generic, as_json=chosen == "json")
     else:
-        derive.run_derive(robot, chosen, regressor, read, derivation, target, seed, budget)
+        derive.run_derive(robot, chosen, regressor, read, derivation, target, seed, budget, full=full)
 
 
 @app.command(epilog="Example: echelon sensors arm.yaml --size 2")
-@reads_robot("floating", "gravity", "ignore")
+@reads_robot("floating", "gravity", "ignore", "model")
 def sensors(
     robot: Robot,
     read: dict[str, Any],
@@ -133,7 +137,7 @@ def setup(
 
 
 @app.command(epilog="Example: echelon identify tx40.yaml run1.parquet --validate run2.parquet -o result/")
-@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless", "ignore")
+@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless", "ignore", "model")
 def identify(
     setup: Annotated[Path, typer.Argument(help="Robot description with its measurement set-up; or URDF, MJCF.")],
     logs: Annotated[
@@ -192,7 +196,7 @@ def identify(
 
 
 @app.command(epilog="Example: echelon check tx40.yaml run1.parquet run2.parquet")
-@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless", "ignore")
+@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless", "ignore", "model")
 def check(
     setup: Annotated[Path, typer.Argument(help="Robot description with its measurement set-up; or URDF, MJCF.")],
     logs: Annotated[list[Path], typer.Argument(help="Logs; a directory stands for all logs in it.")],
@@ -244,7 +248,7 @@ def verify(
 
 
 @app.command(epilog="Example: echelon audit tx40.urdf TX40_bp_5.csv --ignore 'fv*'")
-@reads_robot("floating", "gravity", "snap_tolerance", "mimic", "keep_fixed_links")
+@reads_robot("floating", "gravity", "snap_tolerance", "mimic", "keep_fixed_links", "model")
 def audit(
     robot: Robot,
     claimed: Annotated[Path, typer.Argument(help="Base parameters to check: CSV, JSON, or one expression per line.")],

@@ -180,8 +180,9 @@ class _Builder:
     def _closure(self, stated: LiteralClosure) -> Closure:
         (first, offset), (second, other) = self._ride(stated.first), self._ride(stated.second)
         read, stem = self.snapping.placements, symbol_stem(stated.name)
-        frame = read(stated.first_frame, stem)
-        met = self._met(stated, frame) if stated.second_frame is None else read(stated.second_frame, stem)
+        aim = Placement() if stated.axis is None else self.snapping.aim(stated.axis, stem)
+        frame = read(stated.first_frame, stem) @ aim
+        met = self._met(stated, frame) if stated.second_frame is None else read(stated.second_frame, stem) @ aim
         frame, met = read(offset, stem) @ frame, read(other, stem) @ met
         closure = Closure(stated.name, stated.kind, first, second, frame, met)
         return with_parallelogram(closure, stated.element, self.bodies, self.snapping)

@@ -50,6 +50,9 @@ class LiteralMotion:
     name: str  # name of the coordinate, or the stem of several
     kind: MotionKind | str
     axis: Triple = (0, 0, 1)  # any non-zero length
+    # turns from the joint's frame to the one in which the axis is stated, where that is another one
+    turns: tuple[LiteralPlacement, ...] = ()
+    pitch: Polynomial = Polynomial({})
 
 
 LiteralStep = LiteralPlacement | LiteralMotion
@@ -91,6 +94,7 @@ class LiteralClosure:
     first_frame: tuple[LiteralPlacement, ...]  # the frame that it holds, in the first link's frame
     # the same in the second link's frame; None for where the first one is at the reference pose
     second_frame: tuple[LiteralPlacement, ...] | None
+    axis: LiteralMotion | None = None  # along whose axis, stated in these frames, z is instead
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from collections import defaultdict
 from fractions import Fraction
 from operator import add, mul, neg, sub, truediv
 OPERATIONS = {ast.Add: add, ast.Sub: sub, ast.Mult: mul, ast.Div: truediv, ast.USub: neg, ast.Pow: pow}
-KEYS = "schema echelon name seed rank outputs parameters order base classification reading special generic certificate"
+KEYS = "schema echelon name seed rank outputs parameters order base classification reading special generic certificate largest_coefficient"
 RANDOM, ONE, ZERO = secrets.SystemRandom(), [[int(i == j) for j in range(4)] for i in range(4)], [[0] * 4] * 4
 AXES, FINEST_ANGLE, NUMBER = ((0, "X"), (1, "Y"), (2, "Z")), Fraction(1, 10**24), r"[0-9.]{1,400}(e[-+]?[0-9]{1,2})?"
 MOMENTS = {a + a: {(k, k): Fraction(1 - 2 * (k == i), 2) for k in range(3)} for i, a in AXES}  # J for a unit of each

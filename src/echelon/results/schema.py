@@ -140,6 +140,7 @@ class BaseModelRecord(_Strict):
     parameters: list[str] = Field(description="Standard parameters, the columns of X and B.")
     order: list[str] = Field(description="Column order for which B is in reduced echelon form.")
     base: list[BaseParameterRecord]
+    largest_coefficient: float | None = Field(None, description="Largest absolute value in B at the stated values.")
     numbers: NumbersRecord | None = Field(None, description="What has no closed form within the budget.")
     classification: dict[str, list[str]]
     reading: ReadingReport = Field(description="What was snapped when the file was read, and whether it mattered.")
