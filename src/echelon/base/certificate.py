@@ -139,6 +139,8 @@ class AtStatedValues:
     texts: Mapping[str, str]  # exact values as text; radians for angles
     special: bool  # whether there are symbols with values, so that these may be special
     everywhere: bool  # whether all symbols have a value
+    # whether angles are fractions of π such as π/7, whose sines satisfy relations that random residues do not
+    fractions_of_pi: bool = False
 
     @property
     def says_something(self) -> bool:
@@ -277,10 +279,22 @@ class _Checks:
             return
         try:
             self._take(find_minor(stated.forms, matrix.pivots, self.rng))
+            if stated.fractions_of_pi:
+                self._require_in_balls(stated)
             self.at_values = stated.says_something
         except (InputError, UnknownRelationsError) as error:  # primes cannot stand for the functions there
             self._take(find_minor(self.regressor, matrix.pivots, self.rng))
             self._minor_in_balls(stated, str(error))
+
+    def _require_in_balls(self, stated: AtStatedValues) -> None:
+        """A minor in ball arithmetic, where fractions of π have their true sines."""
+        try:
+            check_in_balls(self.regressor, self.matrix, (), stated.texts, self.rng)
+        except CertificateError as error:
+            raise CertificateError(
+                f"{error}.  Sums of angles that are fractions of π other than multiples of 15° are not read from their "
+                "values: write the one in terms of the other, such as  alpha: pi - beta"
+            ) from None
 
     def _minor_in_balls(self, stated: AtStatedValues, reason: str) -> None:
         """A minor at the stated values where primes show none; else it is named as not checked."""

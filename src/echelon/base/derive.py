@@ -371,5 +371,6 @@ def model_at_stated_values(mechanism: Mechanism, recorded: LinearForms | None = 
             return recorded
         return virtual_power_form(put_in)
 
-    texts = value_texts(mechanism, all_symbols(mechanism))
-    return AtStatedValues(record, texts, bool(stated_values(mechanism).names), has_values(mechanism))
+    values, texts = stated_values(mechanism), value_texts(mechanism, all_symbols(mechanism))
+    fractions_of_pi = any(turns for _, _, turns in values.multiples.values())
+    return AtStatedValues(record, texts, bool(values.names), has_values(mechanism), fractions_of_pi)
