@@ -145,9 +145,10 @@ class _Search:
 
     def found(self, changes: Sequence[_Change]) -> Culprit | None:
         """The best change, if it is far better than none and than all others."""
-        if not changes:
+        as_read = self.marks.normals(self._read)
+        if not changes or not any(some.spread > 0 for some in as_read):  # no row moves: all changes do alike
             return None
-        before = best = self._mark(self.marks.normals(self._read), physical=True)
+        before = best = self._mark(as_read, physical=True)
         # of changes that physics alone tells apart, those that happen more often come first
         free = sorted(((round(self._free(change), 2), change) for change in changes), key=lambda entry: entry[0])
         marks: list[tuple[float, _Change]] = []
