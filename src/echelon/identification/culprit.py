@@ -124,6 +124,11 @@ def common_unit(base: BaseModel, observation: Observation, prior: Floats) -> Cul
             said = " or ".join(f"{prefix}{unit}" for unit in dict.fromkeys(units[name] for name in off))
             text = f"{which} in {said} (unit: {said.split(' or ')[0]}), {ratio:.3g} times what the prior model predicts"
             return Culprit(text, exp(abs(log(ratio))), exp(abs(log(ratio / factor))))
+    foreign = [ratio for ratio in ratios.values() if abs(log(ratio)) > log(_FOREIGN)]
+    if 2 * len(foreign) > len(ratios):
+        ratio = float(np.median(foreign))
+        text = f"the outputs are in another unit: they are {ratio:.3g} times what the prior model predicts"
+        return Culprit(text, exp(abs(log(ratio))), 1.0)
     return None
 
 

@@ -32,6 +32,7 @@ from echelon.identification.physics.bounds import Bounds
 from echelon.identification.physics.feasibility import Feasibility, feasibility
 from echelon.identification.physics.fit import PhysicalFit, departures, physical_fit
 from echelon.identification.physics.prior_information import Prior, known_before
+from echelon.identification.plausible_mass import mass_findings
 from echelon.identification.result import (
     FAR,
     Identification,
@@ -214,6 +215,7 @@ def _fitted(
     findings += elsewhere
     if physical is not None and prior is not None:
         findings += departures(base.mechanism, physical.standard, prior.values, physical.prior_weight)
+    findings += mass_findings(base, estimate.values) if comparable else []
     facts = contradictions(feasible, culprit, apart, findings)
     findings += fit_findings(estimate, conditions, feasible, physical, validations, culprit, apart)
     judgement = overall_verdict(by_role(validations)[-1], facts)
