@@ -177,8 +177,9 @@ FAULTS = (
         "if a + b < c * (1",
         "if a + b < 0 * (1",
         "triangle inequalities",
-        "zoo/test_faults.py",
+        "mechanism/test_impossible.py zoo/test_faults.py",
     ),
+    Fault("zoo/faults.py", "POINT if mass > _LIGHT", "POINT if mass < _LIGHT", "points of mass", "zoo/test_faults.py"),
     Fault(
         "logs/columns/by_values.py",
         "near = np.abs(slopes[:, None] / _SCALES - 1) < _NEAR",

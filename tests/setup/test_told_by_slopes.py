@@ -69,20 +69,19 @@ def test_velocities_beside_torques_that_follow_them_are_velocities(scale: float,
 
 @pytest.mark.parametrize("names", ["", "b0 b1 c0 c1"])
 def test_without_a_clock_no_rate_is_invented(names: str, tmp_path: Path) -> None:
-    """Whatever is taken for the rate is a question, and torques are none of the velocities that it would need."""
-    found = made(tmp_path, MOTION["q"], rubbed((300.0, 40.0)), names=names)
-    assert "velocity" not in section(found)
-    if "rate" in section(found):
-        assert any("samples per second" in question for question in found.undecided)
-    else:
-        assert not found.is_complete
+    """Torques are none of the velocities that would tell it; one that masses and gravity tell is only proposed."""
+    for torques in (rubbed((300.0, 40.0)), MOTION["tau"]):
+        found = made(tmp_path, MOTION["q"], torques, names=names)
+        assert section(found).keys() == {"position", "output"}
         assert any("state the rate" in question for question in found.undecided)
+        assert not found.is_complete
+    assert any("if the rate is 300 Hz" in question for question in found.undecided)
 
 
 def test_columns_that_may_be_velocities_or_torques_stay_open_without_a_clock(tmp_path: Path) -> None:
     found = made(tmp_path, MOTION["q"], 1.7 * MOTION["qd"], names="b0 b1 c0 c1")
     assert "velocity" not in section(found)
-    assert "rate" not in section(found) or any("samples per second" in question for question in found.undecided)
+    assert "rate" not in section(found)
 
 
 def test_no_next_step_is_offered_while_outputs_are_open(tmp_path: Path) -> None:

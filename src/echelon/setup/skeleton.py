@@ -80,14 +80,15 @@ def skeleton(
     if found.columns.references and not found.columns.outputs:
         found = _commanded(understood(log, setup, only=len(paths) == 1, by_values=True, outputs=False))
     found = _with_rate(found, log)
-    if _lacks_clock(found, log) and not found.problems and rate_of is not None:
-        found = _with_explained_rate(found, file, log, folder, lambda setup: rate_of(setup, paths))
-    problems = found.problems
+    problems, proposed = found.problems, None
     if _lacks_clock(found, log):
-        problems += ("no column is the time: state the rate of the samples",)
+        if not problems and rate_of is not None:
+            proposed = _explained_rate(found, file, log, folder, lambda setup: rate_of(setup, paths))
+        explained = f"; a robot that can exist explains the outputs if the rate is {proposed:g} Hz" if proposed else ""
+        problems += (f"no column is the time: state the rate of the samples{explained}",)
     if not problems and not (found.columns.outputs or found.columns.inputs):
         problems = ("no output is measured: say under log which columns are torques, forces or currents",)
-    body = _body(file, found, log, folder)
+    body = _body(file, found, log, folder, proposed)
     questions = (*problems, *_questions(found.columns))
     trial, is_read = ((), False) if problems else _trial(body, folder, paths)
     first = "Look it through" if is_read else "Mend what is not decided"
@@ -147,19 +148,15 @@ def _lacks_clock(found: Understood, log: LogFile) -> bool:
     return bool(columns.positions) and not (columns.time or columns.rate or first_table(log).clocks)
 
 
-def _with_explained_rate(
+def _explained_rate(
     found: Understood, file: RobotFile, log: LogFile, folder: Path, rate_of: Callable[[Setup], float | None]
-) -> Understood:
-    """With the rate that explains the outputs, where masses and gravity tell one."""
+) -> float | None:
+    """The rate that explains the outputs, where masses and gravity tell one."""
     trial = _body(file, replace(found, columns=replace(found.columns, rate=GUESS)), log, folder)
     try:
-        rate = rate_of(load_setup(RobotFile(trial.encode(), "setup.yaml", True, folder)))
+        return rate_of(load_setup(RobotFile(trial.encode(), "setup.yaml", True, folder)))
     except EchelonError:  # what is wrong with the log is said when it is tried
-        return found
-    if rate is None:
-        return found
-    note = f"no column is the time; a robot that can exist explains the outputs if the rate is {rate:g} Hz"
-    return replace(found, columns=replace(found.columns, rate=rate), notes=(*found.notes, note))
+        return None
 
 
 def _questions(columns: ColumnMap) -> list[str]:
@@ -180,12 +177,13 @@ def _questions(columns: ColumnMap) -> list[str]:
 # -- text -------------------------------------------------------------------------------------------------------------
 
 
-def _body(file: RobotFile, found: Understood, log: LogFile, folder: Path) -> str:
+def _body(file: RobotFile, found: Understood, log: LogFile, folder: Path, proposed: float | None = None) -> str:
+    """The set-up after its head; with a ``proposed`` rate, Hz, for a log without a clock."""
     mechanism = found.setup.mechanism
     parts = [f"{line}  # they rest: there?" for line in _locked_lines(found)]
     if mechanism.measured is not None and not file.is_description:
         parts.append(dump_flow({"outputs": [{"actuator": output.name} for output in mechanism.outputs]}))
-    section = _log_section(found.columns, mechanism, log)
+    section = _log_section(found.columns, mechanism, log, proposed)
     if file.is_description:
         return "\n".join([file.data.decode().rstrip(), *parts, section])
     source = Path(file.source)
@@ -211,14 +209,14 @@ def _gears(file: RobotFile) -> list[str]:
     ]
 
 
-def _log_section(columns: ColumnMap, mechanism: Mechanism, log: LogFile) -> str:
+def _log_section(columns: ColumnMap, mechanism: Mechanism, log: LogFile, proposed: float | None) -> str:
     lines = ["log:"]
     if columns.time is not None:
         lines.append(f"  {dump_flow({'time': _entry(columns.time)})}")
     elif columns.rate:
         lines.append(f"  rate: {columns.rate:<32g}# Hz, as found above")
     elif not first_table(log).clocks:
-        lines.append("  #  rate: 1000                         # Hz; in place of the time, which no column is")
+        lines.append(f"  #  rate: {proposed or 1000:<28g} # Hz; in place of the time, which no column is")
     for key, group in columns.channels.items():
         if group:
             lines += _group(key, group)
