@@ -36,6 +36,7 @@ from echelon.formats.literal import (
 from echelon.formats.snapping import ReadingOptions, Snapping, gravity_vector, symbol_stem
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.effect import Side
+from echelon.mechanism.impossible import stated_impossibilities
 from echelon.mechanism.joint import ALL, GROUND, Motion, MotionKind, Placement, Step, merge
 from echelon.mechanism.mechanism import Force, Mechanism, Output, Snap, setup_placements, wrench_output
 
@@ -322,6 +323,8 @@ class _Builder:
                 continue
             moved = move_inertial(np.array(link.inertial), numeric_placements(placements))
             totals[body] = totals[body] + moved if body in totals else moved
+            faults = stated_impossibilities(link.name, link.inertial)
+            self.bodies[body] = replace(self.bodies[body], impossible=(*self.bodies[body].impossible, *faults))
         for body, total in totals.items():
             values = tuple(float(v) for v in total)
             self.bodies[body] = replace(self.bodies[body], inertial=values)

@@ -21,6 +21,7 @@ from echelon.exact.rational import RationalFunction, inverse_matrix
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.coupling import Coupling
 from echelon.mechanism.effect import Effect, Side
+from echelon.mechanism.impossible import warn_of_impossible
 from echelon.mechanism.joint import GROUND, Body, Motion, MotionKind, Placement, Symbol, Vector
 
 
@@ -299,7 +300,11 @@ class Mechanism:
         return self.measured is None
 
     def standard_values(self) -> tuple[float | None, ...]:
-        """Standard parameters stated by the file, None where it is silent."""
+        """Standard parameters stated by the file, None where it is silent.
+
+        Warns with a :class:`~echelon.DoubtWarning` of every link whose inertia no body can have.
+        """
+        warn_of_impossible([self.bodies[k] for index in self.carriers for k in self.sharing[index]])
         values: list[float | None] = []
         for index in self.carriers:
             stated = (self.bodies[k].inertial for k in self.sharing[index])

@@ -35,6 +35,7 @@ from echelon.formats.schema.schema_types import AxisJoint, CustomJoint, HelicalJ
 from echelon.formats.schema.schema_types import Joint as Entry
 from echelon.formats.snapping import ReadingOptions, gravity_vector, symbol_stem
 from echelon.hints import nearest, nearest_of, unused
+from echelon.mechanism.impossible import stated_impossibilities
 from echelon.mechanism.joint import (
     ALL,
     GROUND,
@@ -179,6 +180,7 @@ class _Tree:
         if body.inertial is None and not body.massless:
             return body
         total = np.array(body.inertial) if body.inertial is not None and not body.massless else None
+        faults = () if total is None else stated_impossibilities(body.name, body.inertial)
         for part in riders:
             if part.inertial is None:
                 continue
@@ -189,8 +191,9 @@ class _Tree:
                 )
                 return replace(body, carried=carried, inertial=None)
             total = moved if total is None else total + moved
+            faults += stated_impossibilities(part.name, part.inertial)
         values = None if total is None else tuple(float(v) for v in total)
-        return replace(body, carried=carried, inertial=values)
+        return replace(body, carried=carried, inertial=values, impossible=faults)
 
     def _moved(self, part: Part) -> Floats | None:
         """Parameters of a fixed part about the frame of its body, if all symbols on the way have values."""
