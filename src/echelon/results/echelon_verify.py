@@ -2,21 +2,19 @@
 
     python echelon_verify.py set.json        exit codes: 0 valid, 1 NOT valid, 2 not readable, 3 not covered here
 
-A particle p of a body is at H (p, 1), and a virtual displacement moves it by δH = ξ H, where ξ is a twist.  By d'Alembert's
-principle the work of what is measured is Σ m δx·(a − g), so a body adds tr(ξ H J (Ḧ − G)ᵀ), where J = ∫ (p, 1)(p, 1)ᵀ dm is
-linear in its ten parameters and g the last column of G.  A displacement for each output gives the rows of X, mostly zeros.
-An angle u is a random e^(iu) modulo a prime, a sign a random number.  docs/verification.md says why, and bounds the error.
+The virtual work of what is measured is Σ m δx·(a − g).  A particle p of a body is at H (p, 1), which a displacement moves by
+δH = ξ H with a twist ξ, so a body adds tr(ξ H J (Ḧ − G)ᵀ): J = ∫ (p, 1)(p, 1)ᵀ dm is linear in its ten parameters, g the last
+column of G.  An angle u is a random e^(iu) modulo a prime, a sign a random number.  Why that is enough: docs/verification.md.
 """
-import ast, json, math, re, secrets, sys
+import ast, functools, json, math, re, secrets, sys
 from collections import defaultdict
 from fractions import Fraction
-from functools import cache
 from operator import add, mul, neg, sub, truediv
 OPERATIONS = {ast.Add: add, ast.Sub: sub, ast.Mult: mul, ast.Div: truediv, ast.USub: neg, ast.Pow: pow}
 KEYS = "schema echelon name seed rank outputs parameters order base classification reading special generic certificate model"
-RANDOM, ONE = secrets.SystemRandom(), [[int(i == j) for j in range(6)] for i in range(6)]
+RANDOM, STATE, ONE = secrets.SystemRandom(), ("q", "qd", "qdd"), [[int(i == j) for j in range(4)] for i in range(4)]
 AXES, ROOT_OF_1, PARTS_OF_RADIAN = ((0, "X"), (1, "Y"), (2, "Z")), 2 * math.lcm(*range(1, 21), 1000), 10**24
-NUMBER, CIRCULAR = r"[0-9.]{1,400}(e[-+]?[0-9]{1,2})?", r"(cos|sin)\((?:([0-9]{1,9})\*)?(\w+)\)"
+NUMBER, CIRCULAR, ANY = r"[0-9.]{1,400}(e[-+]?[0-9]{1,2})?", r"(cos|sin)\((?:([0-9]{1,9})\*)?(\w+)\)", RANDOM.randrange(2**64)
 MOMENTS = {a + a: {(k, k): 1 - 2 * (k == i) for k in range(3)} for i, a in AXES}  # 2 J for a unit
 MOMENTS |= {a + b: {(i, j): -2, (j, i): -2} for i, a in AXES for j, b in AXES if i < j}
 MOMENTS |= {"M" + a: {(i, 3): 2, (3, i): 2} for i, a in AXES} | {"M": {(3, 3): 2}}
@@ -26,15 +24,11 @@ def need(condition, problem):
 def cover(condition, what):
     if not condition: raise NotImplementedError(what)  # the set may be valid
 def only(data, keys):  # one that is not known here may change what the others mean
-    cover(data.keys() <= {*keys.split()}, "closed loops" if "loops" in data else ", ".join(sorted({*data} - {*keys.split()})))
-    return data
-def unique(pairs):
-    need(len(dict(pairs)) == len(pairs), "a name stands twice")
-    return dict(pairs)
+    strange = {*data} - {*keys.split()}
+    return data if not strange else cover(False, "closed loops" if "loops" in strange else ", ".join(sorted(strange)))
+def unique(pairs): return dict(pairs) if len(dict(pairs)) == len(pairs) else need(False, "a name stands twice")
 def kinds(body): return unique([(k, MOMENTS[k]) for k in ([] if body.get("massless") else body.get("parameters", MOMENTS))])
-
-def random_prime(n):
-    """A prime of 81 bits that is 1 modulo an even n; the strong test is a proof below 3.3e24 (Sorenson and Webster, 2015)."""
+def random_prime(n):  # of 81 bits, 1 modulo an even n; the strong test is a proof below 3.3e24 (Sorenson and Webster, 2015)
     while True:
         p = 1 + n * RANDOM.randrange(2**80 // n + 1, 2**81 // n)
         halvings = range(1, (p - 1 & 1 - p).bit_length())  # of p − 1, until it is odd
@@ -44,8 +38,7 @@ def cross(a, b): return [a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2] for i in rang
 def bracket(a, b): return [*cross(a[:3], b[:3]), *map(add, cross(a[:3], b[3:]), cross(a[3:], b[:3]))]
 def matrix(twist): return [*zip(*(cross(twist[:3], axis[:3]) for axis in ONE[:3]), twist[3:], strict=True), [0] * 4]
 def evaluate(text, look_up):  # an expression by Python's grammar; names, calls, entries [...] are looked up
-    cover(text.isprintable(), f"{text[:60]!a}")
-    text = text.strip(" ").replace("^", "**")
+    text = text.strip(" ").replace("^", "**") if text.isprintable() else cover(False, ascii(text[:60]))
     def value(node):
         source = text.encode()[node.col_offset:node.end_col_offset].decode()
         if isinstance(node, ast.Name | ast.Call | ast.Subscript): return look_up(source)
@@ -67,14 +60,43 @@ class Robot:
         roots = (pow(self.random(), self.p // n, self.p) for _ in iter(int, 1))  # of 1, one of them of order n
         self.root = w = next(w for w in roots if all(pow(w, n // k, self.p) != 1 for k in range(2, 20) if n % k == 0))
         root2, root3 = (pow(w, n // k, self.p) + pow(w, -n // k, self.p) for k in (8, 12))
-        self.known, self.read = {"sqrt(2)": root2, "sqrt(3)": root3, "sqrt(6)": root2 * root3}, cache(self.read)
-        self.coordinates()
-        self.moves = self.displacements()
+        self.known, self.read = {"sqrt(2)": root2, "sqrt(3)": root3, "sqrt(6)": root2 * root3}, functools.cache(self.read)
         names = {(k, body["label"]): k + body["label"] for body in model["bodies"] for k in kinds(body)}  # shared with a label
         self.parameters = [*unique([(n, 0) for n in [*names.values(), *(e["parameter"] for e in model.get("effects", []))]])]
+        gravity = {"none": "000", "generic": ["gx", "gy", "gz"]}.get(str(model["gravity"]), model["gravity"])
+        self.weight = [0, 0, 0, *(-self.read(g) for g in gravity)]
+        steps = [step for body in model["bodies"] for step in only(body["joint"], "type kind name steps")["steps"]]
+        motions = self.motions = unique([(step["name"], step["motion"]) for step in steps if "motion" in step])
+        followers, actuators = unique([x for entry in model.get("couplings", []) for x in entry.items()]), model.get("actuators", {})
+        axes = {name: [f"{name}.{c}" for c in "xyz"] if kind == "ball" else [name] for name, kind in motions.items()}
+        self.free = [*unique([(axis, 0) for name in axes if name not in followers for axis in axes[name]])]
+        self.ratios, self.symbolic = {x: {x: Fraction(1)} for x in self.free}, set()  # what depends on them
+        for name, entry in [*followers.items(), *actuators.items()]:
+            terms = only(entry, "terms")["terms"]
+            linear = {*terms} <= {*self.free} and {*map(type, [*terms.values(), *self.free])} <= {str}
+            cover(linear and name not in self.ratios, f"how {name!r} depends on others")
+            self.ratios[name] = {x: evaluate(ratio, self.look_up) for x, ratio in terms.items()}
+            if not re.fullmatch("[-+*/(). 0-9e]*", "".join(terms.values())): self.symbolic.add(name)
+        cover(all(motions[n] == "translation" for n in {*followers} & self.symbolic), "an angle with a ratio that is a symbol")
+        self.part = math.lcm(*(r.denominator for terms in self.ratios.values() for r in terms.values()))  # of an angle
+        self.rates = {name: {x: self.residue(r) for x, r in terms.items()} for name, terms in self.ratios.items()}
+        self.drives = [*actuators, *(x for x in self.free if not any(x in self.ratios[a] for a in actuators))]
+        points = [{(kind, x): self.random() for kind in STATE for x in self.free} for _ in range(2)]
+        self.points = [{f"{kind}[{name}]": sum(r * point[kind, x] for x, r in self.ratios[name].items() for point in some)
+                        for kind in STATE for name in self.ratios.keys() - self.symbolic} for some in (points[:1], points[1:], points)]
+        self.outputs = unique([self.output(e) for e in model.get("outputs", [{"actuator": n, "name": n} for n in self.drives])])
+        moves, leads = defaultdict(dict), {}  # how far the i-th output's displacement moves drives, sensors and coordinates
+        for i, weights in enumerate(self.outputs.values()):
+            for place, weight in weights.items(): moves[place][i] = weight
+        for a in self.drives: self.extend(leads, self.rates[a] | self.combination([(-1, moves["actuator", a])]), self.free)
+        cover(len(leads) == len(self.free) == len(self.drives), "drives that leave joints open")
+        for x, row in [(x, {x: 1}) for x in self.free]:
+            self.extend(leads, row, self.free)  # until only outputs remain
+            moves[x] = self.combination([(1, row), (1, moves["joint", x])])
+        self.moves = {**moves} | {n: self.combination((rate, moves[x]) for x, rate in rates.items()) for n, rates in self.rates.items()}
     def random(self): return RANDOM.randrange(1, self.p)
     def residue(self, x): return x.numerator * pow(x.denominator, -1, self.p) % self.p
-    def read(self, text): return self.residue(evaluate(text, self.look_up))  # an expression of symbols
+    def read(self, text, over="1"): return self.residue(evaluate(text, self.look_up) / evaluate(over, self.look_up))
     def times(self, A, B): return [[sum(map(mul, row, column)) % self.p for column in zip(*B, strict=True)] for row in A]
     def plus(self, x, factor, y): return [(a + factor * b) % self.p for a, b in zip(x, y, strict=True)]
     def combination(self, terms):  # of sparse rows, for pairs of a factor and a row
@@ -82,29 +104,24 @@ class Robot:
         for factor, row in terms:
             for k, x in row.items(): total[k] += factor * x
         return {k: x % self.p for k, x in total.items() if x % self.p}
-    def extend(self, leads, row, columns):  # an echelon form by a sparse row, unless nothing remains of it in these columns
-        for k in columns:
-            if x := row.get(k):
-                if k not in leads: return leads.update({k: self.combination([(pow(x, -1, self.p), row)])})
-                for n, y in leads[k].items(): row[n] = (row.get(n, 0) - x * y) % self.p
-    def rank(self, columns):  # of X; until its rows span all, a new state adds to them
-        leads, before = {}, -1
-        while before < len(leads) < len(columns):
-            before = len(leads)
-            for row in self.rows():
-                if len(leads) < len(columns): self.extend(leads, {k: row[k] for k in columns if k in row}, columns)
-        return len(leads)
+    def extend(self, leads, row, columns):  # an echelon form by what remains of a sparse row in these columns
+        for k in filter(row.get, columns):
+            if k not in leads: leads[k] = self.combination([(pow(row[k], -1, self.p), row)])  # then nothing remains
+            x = row[k]
+            for n, y in leads[k].items(): row[n] = (row.get(n, 0) - x * y) % self.p
+    def rank(self, columns, leads=()):  # of X; until its rows span all, a new state adds to them
+        found = dict(leads)
+        for row in self.rows(): self.extend(found, {k: row[k] for k in columns if k in row}, columns)
+        return len(found) if len(found) in (len(leads), len(columns)) else self.rank(columns, found)
     def cosine_sine(self, *powers):  # of the sum of n u over pairs of z = e^(iu) and n
         self.largest_power = max(self.largest_power, sum(abs(n) for _, n in powers))
         a, b = (math.prod(pow(z, sign * n, self.p) for z, n in powers) for sign in (1, -1))
         return self.residue(Fraction(a + b, 2)), self.residue(Fraction(a - b, 2 * pow(self.root, self.order // 4, self.p)))
     def angle(self, name):  # e^(iu) of a symbol u; if its value is stated, powers of a root of 1 and of the finest angle's
-        cover(name != "pi", "cos(pi)")
-        if name not in self.stated: return self.angles[name]
-        text, far = self.stated[name], RANDOM.randrange(2**64)
-        b, one, other = (evaluate(text, lambda x, pi=pi: Fraction(pi) if x == "pi" else cover(False, x)) for pi in (0, 1, far))
-        turn, rest = (one - b) * self.order / 2, b * PARTS_OF_RADIAN
-        cover(turn.denominator == rest.denominator == 1 and other == (one - b) * far + b, f"the angle {text!r}")
+        if name not in self.stated: return self.angles[name] if name != "pi" else cover(False, "cos(pi)")
+        zero, one, other = (evaluate(self.stated[name], {"pi": Fraction(pi)}.__getitem__) for pi in (0, 1, ANY))
+        turn, rest = (one - zero) * self.order / 2, zero * PARTS_OF_RADIAN
+        cover(other == (one - zero) * ANY + zero and turn.denominator == rest.denominator == 1, f"the angle {self.stated[name]!r}")
         return pow(self.root, int(turn), self.p) * pow(self.angles[PARTS_OF_RADIAN], int(rest), self.p)
     def look_up(self, text):  # the value of a symbol, root, sine or cosine
         call = re.fullmatch(CIRCULAR, text)
@@ -114,34 +131,11 @@ class Robot:
             cover(text.isidentifier() and (text != "pi" or not self.stated), f"{text[:60]!r}")
             self.known[text] = self.read(self.stated[text]) if text in self.stated else self.random()
         return Fraction(self.known[text])
-    def coordinates(self):  # free coordinates, what depends on them, and outputs
-        model, gravity = self.model, {"none": "000", "generic": ["gx", "gy", "gz"]}
-        self.gravity = [self.read(g) for g in gravity.get(str(model["gravity"]), model["gravity"])]
-        steps = [step for body in model["bodies"] for step in only(body["joint"], "type kind name steps")["steps"]]
-        motions = unique([(step["name"], step["motion"]) for step in steps if "motion" in step])
-        followers = unique([item for entry in model.get("couplings", []) for item in entry.items()])
-        actuators = self.actuators = model.get("actuators", {})
-        axes = {name: [f"{name}.{c}" for c in "xyz"] if kind == "ball" else [name] for name, kind in motions.items()}
-        self.balls = {axis for name in axes for axis in axes[name] if axis != name}
-        self.free = [axis for name in axes if name not in followers for axis in axes[name]]
-        self.ratios, self.symbolic = {x: {x: Fraction(1)} for x in self.free}, set()
-        for name, entry in [*followers.items(), *actuators.items()]:
-            terms = only(entry, "terms")["terms"]
-            linear = {*terms} <= {*self.free} and {*map(type, terms.values())} <= {str}
-            cover(linear and name not in self.ratios, f"how {name!r} depends on others")
-            self.ratios[name] = {x: evaluate(ratio, self.look_up) for x, ratio in terms.items()}
-            if not re.fullmatch("[-+*/(). 0-9e]*", "".join(terms.values())): self.symbolic.add(name)
-        cover(all(motions[n] == "translation" for n in {*followers} & self.symbolic), "an angle with a ratio that is a symbol")
-        self.part = math.lcm(*(r.denominator for terms in self.ratios.values() for r in terms.values()))  # of an angle
-        self.rates = {name: {x: self.residue(r) for x, r in terms.items()} for name, terms in self.ratios.items()}
-        self.driven = [x for x in self.free if any(x in self.ratios[a] for a in actuators)]
-        self.drives = [*actuators, *(x for x in self.free if x not in self.driven)]
-        self.outputs = unique([self.output(e) for e in model.get("outputs", [{"actuator": n, "name": n} for n in self.drives])])
     def frame(self, data):
         R = [[self.read(x) for x in row] for row in only(data, "xyz rotation").get("rotation", ("100", "010", "001"))]
         x, y, z = zip(*R, strict=True)
         need(self.times([x, y, z, cross(x, y)], R) == [row[:3] for row in (*ONE[:3], ONE[2])], "a matrix that is not a rotation")
-        return [[*row, self.read(t)] for row, t in zip(R, data.get("xyz", "000"), strict=True)] + [ONE[3][:4]]
+        return [[*row, self.read(t)] for row, t in zip(R, data.get("xyz", "000"), strict=True)] + [ONE[3]]
     def output(self, entry):  # the name of an output, and weights of the displacements along which it measures
         only(entry, "name unit sum joint actuator wrench frame fixed_to components")
         if "wrench" not in entry:
@@ -154,69 +148,54 @@ class Robot:
         motion = [*axis, *cross([row[3] for row in frame], axis)] if kind == "t" else [0, 0, 0, *axis]
         self.sensed[place != "base" and place, entry["fixed_to"], len(self.sensed)] = motion
         return f"{entry['name']}.{kind}{letter}", {[*self.sensed][-1]: 1}
-    def displacements(self):  # by drive, sensor and coordinate: how far the displacement of the i-th output moves it
-        moves, leads = defaultdict(dict), {}
-        for i, weights in enumerate(self.outputs.values()):
-            for place, weight in weights.items(): moves[place][i] = weight
-        for a in self.actuators:  # a sum over joints is as far
-            self.extend(leads, self.rates[a] | self.combination([(-1, moves["actuator", a])]), self.driven)
-        cover(len(leads) == len(self.driven) == len(self.actuators), "drives that leave joints open")
-        for x in self.free:
-            row = {x: 1} if x in self.driven else {**moves["actuator", x]}
-            self.extend(leads, row, self.driven)
-            moves[x] = self.combination([(1, row), (1, moves["joint", x])])
-        return {**moves} | {n: self.combination((rate, moves[x]) for x, rate in rates.items()) for n, rates in self.rates.items()}
     def step(self, data):  # the matrix S of a frame or an elementary motion, and by coordinate the twists behind it
         if "motion" not in data: return self.frame(data), {}
         kind, name, letters = only(data, "motion name axis pitch")["motion"], data["name"], data["axis"]
         cover(kind in ("rotation", "translation", "screw", "ball"), f"a {kind!r}")
         axis = [(x == letters[-1]) * (-1 if letters[0] == "-" else 1) for x in "xyz"]
-        turn, slide, at = [0, 0, 0] if kind == "translation" else axis, [0, 0, 0], 0
+        pitch, at = {"screw": data.get("pitch"), "translation": "1"}.get(kind, "0"), self.known.get(f"q[{name}]", 0)
+        turn, slide = [0, 0, 0] if kind == "translation" else axis, [x * self.read(pitch) for x in axis]
         if kind == "ball":  # any rotation is 1 + 2 (K + K²) / (1 + |e|²), where K x = e × x (Cayley)
-            turn, twists = [self.random() for _ in range(3)], {f"{name}.{x}": ONE[k] for k, x in enumerate("xyz")}
+            turn, twists = [self.random() for _ in range(3)], {f"{name}.{x}": [*ONE[k][:3], 0, 0, 0] for k, x in enumerate("xyz")}
             s = self.residue(Fraction(2, 1 + sum(map(mul, turn, turn))))
             c = 1 - s
         else:
-            if kind != "rotation": slide, at = [x * self.read(data.get("pitch", "1")) for x in axis], self.known[f"q[{name}]"]
             terms, twists = self.ratios[name].items() if any(turn) else (), {name: [*turn, *slide]}
             c, s = self.cosine_sine(*((self.angles["joint", x], int(ratio * self.part)) for x, ratio in terms))
-        K = matrix([*turn, 0, 0, 0])
-        return [[o + s * k + (1 - c) * kk + at * t for o, k, kk, t in zip(*rows, strict=True)] for rows in
-                zip([row[:4] for row in ONE[:4]], K, self.times(K, K), matrix([0, 0, 0, *slide]), strict=True)], twists
+        K, T = matrix([*turn, 0, 0, 0]), matrix([0, 0, 0, *slide])
+        return [[a + s * b + (1 - c) * bb + at * d for a, b, bb, d in zip(*rows, strict=True)]
+                for rows in zip(ONE, K, self.times(K, K), T, strict=True)], twists
     def rows(self):  # 2 X at a new state: for each output the entries that are not 0, by parameter
         self.signs, currents = defaultdict(self.random), {f"i[{name}]": self.random() for name in self.ratios}
         self.angles, self.known = self.angles | {("joint", x): self.random() for x in self.free}, self.known | currents
-        for kind in ("q", "qd", "qdd"):  # velocity and acceleration move coordinates as displacements do
-            now = {x: self.random() for x in self.free}
-            for name, rates in self.rates.items():
-                if kind == "q" and self.balls & rates.keys(): continue  # a ball has no position
+        for kind in STATE:  # velocity and acceleration move coordinates as displacements do
+            now = {x: self.random() for x in self.free if kind != "q" or x in self.motions}  # a ball has no position
+            for name, rates in [(name, rates) for name, rates in self.rates.items() if rates.keys() <= now.keys()]:
                 self.known[f"{kind}[{name}]"] = self.moves[name][kind] = sum(rate * now[x] for x, rate in rates.items()) % self.p
-        base = [row[:4] for row in ONE[:4]], {"q": [0] * 6, "qd": [0] * 6, "qdd": [0, 0, 0, *(-g for g in self.gravity)]}
-        rows, placed, fixed = [defaultdict(int) for _ in self.outputs], {(): base}, base[0]
+        rows, placed = [defaultdict(int) for _ in self.outputs], {(): (ONE, {"qd": [0] * 6, "qdd": self.weight})}
         for body in [{"name": False, "parent": (), "joint": {"steps": []}, "massless": True}, *self.model["bodies"]]:
             name = only(body, "name label parent joint massless parameters separate inertial")["name"]
             cover(name not in placed, "bodies of one name")
             H, moved = placed[body.get("parent", False)]  # moved: twists of displacements and others, in the base frame
             ends = [{p: twist for p, twist in self.sensed.items() if p[:2] == (name, side)} for side in ("parent", "body")]
-            for S, twists in [(fixed, ends[0]), *map(self.step, body["joint"]["steps"]), (fixed, ends[1])]:
+            for S, twists in [(ONE, ends[0]), *map(self.step, body["joint"]["steps"]), (ONE, ends[1])]:
                 H, before, moved = self.times(H, S), moved["qd"], {**moved}
                 for place, twist in twists.items():
                     turn, slide = ([sum(map(mul, row, part)) for row in H[:3]] for part in (twist[:3], twist[3:]))
                     there = [*turn, *map(add, slide, cross([row[3] for row in H[:3]], turn))]
                     for i, far in self.moves[place].items(): moved[i] = self.plus(moved.get(i, [0] * 6), far, there)
                 moved["qdd"] = self.plus(moved["qdd"], 1, bracket(before, moved["qd"]))
-            placed[name] = H, moved
-            V, A = matrix(moved["qd"]), matrix(moved["qdd"])  # Ḣ = V H, and Ḧ − G = (A + V V) H
+            placed[name], V, A = (H, moved), matrix(moved["qd"]), matrix(moved["qdd"])  # Ḣ = V H, and Ḧ − G = (A + V V) H
             F = [self.plus(a, 1, v) for a, v in zip(self.times(A, H), self.times(V, self.times(V, H)), strict=True)]
             works = {(i, j): [*cross(h[:3], f[:3]), *(h[3] * x for x in f[:3])]  # tr(ξ h fᵀ) is linear in the twist ξ
                      for i, h in enumerate(zip(*H, strict=True)) for j, f in enumerate(zip(*F, strict=True))}
             for kind, J in kinds(body).items():
                 work = [sum(x * works[place][k] for place, x in J.items()) % self.p for k in range(6)]
-                for i in moved.keys() - {"q", "qd", "qdd"}: rows[i][kind + body["label"]] += sum(map(mul, moved[i], work))
+                for i in moved.keys() - {*STATE}: rows[i][kind + body["label"]] += sum(map(mul, moved[i], work))
         for effect in self.model.get("effects", []):
             for act in only(effect, "parameter unit acts value")["acts"]:
                 force, far = 2 * self.force(**act), self.moves[act["at"] if act["side"] == "joint" else ("actuator", act["at"])]
-                for i in far.keys() - {"q", "qd", "qdd"}: rows[i][effect["parameter"]] += far[i] * force
+                for i in far.keys() - {*STATE}: rows[i][effect["parameter"]] += far[i] * force
         return [self.combination([(1, row)]) for row in rows]
     def force(self, at, side, term):  # of an effect per unit
         cover(at in {"joint": self.ratios, "actuator": self.drives}[side], f"an effect at {at!r}")
@@ -227,60 +206,45 @@ class Robot:
     def of_state(self, text, scale):  # of an effect; signs are scaled, which shows if a term is linear in them
         found = re.fullmatch(r"(sign|abs)\((.*)\)", text := re.sub("""["']""", "", text))
         if not found: return self.look_up(text)
-        value, combination = self.residue(evaluate(found[2], self.look_up)), {}
-        for kind, x in [(kind, x) for kind in ("q", "qd", "qdd") for x in self.free]:  # where only this one is not 0
-            rational = {f"{kind}[{name}]": terms.get(x, 0) for name, terms in self.ratios.items() if name not in self.symbolic}
-            ratio = evaluate(found[2], lambda name, rational=rational: Fraction(rational.get(name, 0)))
-            combination |= {f"{kind}[{x}]": ratio} if ratio else {}
-        value_again = self.residue(sum(ratio * self.known[name] for name, ratio in combination.items()))
-        cover(combination and value == value_again, f"the sign of {found[2][:60]!r}")
-        lead = next(iter(combination.values()))  # proportional ones have one sign, or opposite ones
-        sign = self.signs[*((name, ratio / lead) for name, ratio in combination.items())] * (1 if lead > 0 else -1)
+        value, what = self.residue(evaluate(found[2], self.look_up)), f"the sign of {found[2][:60]!r}"
+        a, b, both = (evaluate(found[2], lambda n, at=at: at[n] if n in at else cover(False, what)) for at in self.points)
+        cover(a and b and a + b == both, what)  # it is linear, and its sign changes with that of proportional ones alone
+        sign = self.signs[a / b] * (1 if a > 0 else -1)
         return Fraction(scale * sign * (value if found[1] == "abs" else 1))
 
-def verify(data):
-    """What was found, in a sentence."""
+def verify(data):  # what was found, in a sentence
     model, base = only(data, KEYS)["model"], data["base"]
-    known = (data["schema"], model["echelon"], type(data["generic"])) == ("echelon.base-model/1", 1, bool)
-    cover(known, "this schema")
+    cover((data["schema"], model["echelon"], type(data["generic"])) == ("echelon.base-model/1", 1, bool), "this schema")
     own, pivots, rounds, log_error = Robot(model, not data["generic"]), [row["name"] for row in base], 0, 0
     need(sorted(data["parameters"]) == sorted(data["order"]) == sorted(own.parameters), "its parameters are not those of its model")
-    counted = data["rank"] == len({*pivots} & {*own.parameters}) == len(pivots)
-    need(data["outputs"] == [*own.outputs] and counted, "its outputs or its rank are others")
+    need((data["outputs"], data["rank"]) == ([*own.outputs], len(pivots)), "its outputs or its rank are others")
     terms = [(row["name"], only(t, "parameter coefficient denominator value")) for row in base for t in row["terms"]]
-    characters = len(json.dumps([model, terms]))
     while log_error > -30 * math.log(10):
-        robot, B = Robot(model, False), {name: [] for name in pivots}
-        for pivot, t in terms:
-            x = robot.read(t["coefficient"]) * pow(robot.read(t.get("denominator", "1")), -1, robot.p)
-            B[pivot].append((x, {t["parameter"]: 1}))
+        robot = Robot(model, False)
+        B = [(pivot, {t["parameter"]: robot.read(t["coefficient"], t.get("denominator", "1"))}) for pivot, t in terms]
         for row in robot.rows():
-            left = robot.combination([(1, row), *((-row[k] * x, term) for k in B.keys() & row.keys() for x, term in B[k])])
+            left = robot.combination([(1, row), *((-row[pivot], term) for pivot, term in B if pivot in row)])
             need(not left, f"it is not complete: it does not reproduce the effect of {[*left][:4]}")
-        size = 128 * robot.largest_power * characters
+        size = 128 * robot.largest_power * len(json.dumps([model, terms]))
         cover(size < 2**60, "such large multiples of an angle")
         rounds, log_error = rounds + 1, log_error + math.log(size / 2**80 + 8 * 16 * size / 80 / 2**70)
-    pivots, whom = [name for name in own.parameters if name in pivots], "at the stated values"
-    rank = own.rank(pivots)
+    rank, whom = own.rank(pivots), "at the stated values"
     need(rank == len(pivots), f"it is not minimal: of its {len(pivots)} rows only {rank} are independent")
     if data["generic"]:
-        stated, claim = Robot(model, True), data["special"] and (data["special"]["rank"], data["special"]["generic_rank"])
-        changed = stated.rank(pivots) < rank
-        there = stated.rank(stated.parameters) if changed else rank
-        need(claim == ((there, rank) if changed else None), f"it does not say that at the stated values {there} of {rank} are independent")
-        whom = "for general values of the symbols" + (f" ({there} at the stated ones)" if changed else "")
-    odd = [name for name in [*own.parameters, *model.get("symbols", {})] if not re.fullmatch("[A-Za-z_][A-Za-z_0-9]*", name)]
+        stated, said = Robot(model, True), data["special"] and (data["special"]["rank"], data["special"]["generic_rank"])
+        truth = (stated.rank(stated.parameters), rank) if stated.rank(pivots) < rank else None
+        need(said == truth, f"it does not say that at the stated values {truth[0] if truth else rank} of {rank} are independent")
+        whom = "for general values of the symbols" + (f" ({truth[0]} at the stated ones)" if truth else "")
+    odd = [name for name in [*own.parameters, *model.get("symbols", {})] if not re.fullmatch("(?!pi$)[A-Za-z_][A-Za-z_0-9]*", name)]
     cover(not odd, f"names that may read as formulas: {', '.join(map(ascii, odd[:4]))}")
     return (f"valid: {rank} base parameters of {len(own.parameters)} {whom}, minimal by a minor, complete modulo {rounds} primes "
             f"of 81 bits, error probability below 1e{math.ceil(log_error / math.log(10))}")
-
 def judge(text: str | bytes) -> tuple[int, str]:  # the exit code and a sentence for the text of a file
     try: return 0, verify(json.loads(text, object_pairs_hook=unique))
     except AssertionError as problem: return 1, f"NOT valid: {problem}"
     except (NotImplementedError, RecursionError, MemoryError) as what: return 3, f"NOT checked: not covered here: {what}"
     except (ArithmeticError, AttributeError, LookupError, SyntaxError, TypeError, ValueError) as error:
         return 2, f"not readable: {type(error).__name__}: {error}"
-
 if __name__ == "__main__":
     code, sentence = judge(open(sys.argv[1], "rb").read())
     sys.exit(print(sentence) or code)
