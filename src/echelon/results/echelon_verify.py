@@ -228,13 +228,13 @@ def verify(data):  # what was found, in a sentence
         size = 128 * robot.largest_power * len(json.dumps([model, terms]))
         cover(size < 2**60, "such large multiples of an angle")
         rounds, log_error = rounds + 1, log_error + math.log(size / 2**80 + 8 * 16 * size / 80 / 2**70)
-    rank, whom = own.rank(pivots), "at the stated values"
+    rank, whom = own.rank(pivots), "at the stated values" if own.stated else "for general values of the symbols"
     need(rank == len(pivots), f"it is not minimal: of its {len(pivots)} rows only {rank} are independent")
     if data["generic"]:
         stated, said = Robot(model, True), data["special"] and (data["special"]["rank"], data["special"]["generic_rank"])
         truth = (stated.rank(stated.parameters), rank) if stated.rank(pivots) < rank else None
         need(said == truth, f"it does not say that at the stated values {truth[0] if truth else rank} of {rank} are independent")
-        whom = "for general values of the symbols" + (f" ({truth[0]} at the stated ones)" if truth else "")
+        whom += f" ({truth[0]} at the stated ones)" if truth else ""
     odd = [name for name in [*own.parameters, *model.get("symbols", {})] if not re.fullmatch("(?!pi$)[A-Za-z_][A-Za-z_0-9]*", name)]
     cover(not odd, f"names that may read as formulas: {', '.join(map(ascii, odd[:4]))}")
     return (f"valid: {rank} base parameters of {len(own.parameters)} {whom}, minimal by a minor, complete modulo {rounds} primes "
