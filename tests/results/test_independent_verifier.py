@@ -150,10 +150,16 @@ def test_setups(case: str, tmp_path: Path) -> None:
 # -- for whom a set holds ---------------------------------------------------------------------------------------------
 
 
-def general(text: str, tmp_path: Path) -> dict[str, Any]:
-    """The saved set of a description for general values of its symbols."""
-    (tmp_path / "robot.yaml").write_text(text, encoding="utf-8")
-    return to_dict(ec.base_parameters(ec.load(tmp_path / "robot.yaml"), generic=True))
+@cache
+def described(text: str, *, generic: bool = False) -> str:
+    """The saved set of a description, for its stated values or for general ones."""
+    return to_json(ec.base_parameters(read_description(text, "described", ReadingOptions()), generic=generic))
+
+
+def general(text: str) -> dict[str, Any]:
+    """The saved set for general values of the symbols."""
+    found: dict[str, Any] = json.loads(described(text, generic=True))
+    return found
 
 
 PARALLEL = """
@@ -196,23 +202,23 @@ SPECIAL = {"a length": (PARALLEL, 9), "all parallel": (TWISTED % "pi", 10), "thr
 
 
 @pytest.mark.parametrize("case", SPECIAL)
-def test_it_says_for_whom_a_set_holds(case: str, tmp_path: Path) -> None:
+def test_it_says_for_whom_a_set_holds(case: str) -> None:
     text, rank = SPECIAL[case]
-    own = json.loads(derived(text, tmp_path))
+    own = json.loads(described(text))
     assert own["rank"] == rank
     assert judge(json.dumps(own))[1].startswith(
         f"valid: {rank} base parameters of {len(own['parameters'])} at the stated"
     )
-    data = general(text, tmp_path)
+    data = general(text)
     code, sentence = judge(json.dumps(data))
     assert code == VALID
     assert f"for general values of the symbols ({rank} at the stated ones)" in sentence
 
 
 @pytest.mark.parametrize("case", SPECIAL)
-def test_a_general_set_says_that_fewer_are_independent_at_the_stated_values(case: str, tmp_path: Path) -> None:
+def test_a_general_set_says_that_fewer_are_independent_at_the_stated_values(case: str) -> None:
     text, rank = SPECIAL[case]
-    data = general(text, tmp_path)
+    data = general(text)
     others = [{"rank": rank + 1}, {"generic_rank": data["rank"] + 1}, {"rank": data["rank"]}]
     for special in (None, *({**data["special"], **other} for other in others)):
         code, sentence = judge(json.dumps({**data, "special": special}))
@@ -221,33 +227,33 @@ def test_a_general_set_says_that_fewer_are_independent_at_the_stated_values(case
 
 
 @pytest.mark.parametrize("case", SPECIAL)
-def test_a_general_set_is_not_minimal_at_special_values(case: str, tmp_path: Path) -> None:
+def test_a_general_set_is_not_minimal_at_special_values(case: str) -> None:
     text, rank = SPECIAL[case]
-    data = general(text, tmp_path)
+    data = general(text)
     code, sentence = judge(json.dumps({**data, "generic": False, "special": None}))
     assert code == REFUTED
     assert f"of its {data['rank']} rows only {rank} are independent" in sentence
 
 
-def test_a_general_set_does_not_make_up_special_values(tmp_path: Path) -> None:
-    data = general(PARALLEL.replace("a2: 0", "a2: 0.3"), tmp_path)
+def test_a_general_set_does_not_make_up_special_values() -> None:
+    data = general(PARALLEL.replace("a2: 0", "a2: 0.3"))
     assert data["special"] is None
     assert judge(json.dumps(data))[0] == VALID
     special = {"rank": 9, "generic_rank": data["rank"], "relations": ["a2 = 0"]}
     assert judge(json.dumps({**data, "special": special}))[0] == REFUTED
 
 
-def test_other_representatives_at_the_stated_values_are_named(tmp_path: Path) -> None:
+def test_other_representatives_at_the_stated_values_are_named() -> None:
     """As many are independent at the stated values, but others."""
-    data = general(OTHERS, tmp_path)
+    data = general(OTHERS)
     assert data["special"]["rank"] == data["rank"]
     assert judge(json.dumps(data))[0] == VALID
     assert judge(json.dumps({**data, "special": None}))[0] == REFUTED
 
 
-def test_five_fifths_of_pi_are_pi(tmp_path: Path) -> None:
+def test_five_fifths_of_pi_are_pi() -> None:
     """No joint is between the two bends, so the axes of the joints are antiparallel: 1 + 3 instead of 1 + 7."""
-    data = general(BENT, tmp_path)
+    data = general(BENT)
     assert (data["rank"], judge(json.dumps({**data, "generic": False}))) == (
         8,
         (REFUTED, "NOT valid: it is not minimal: of its 8 rows only 4 are independent"),
@@ -276,9 +282,8 @@ def test_a_dozen_states_show_the_rank(monkeypatch: pytest.MonkeyPatch) -> None:
     "name",
     ["1 + 2·MX2", "l1·M2", "M1-M2", "M\u200b2", "\u202eM2", "M２", "\u041c2", "\u0391", "μ", "2M", "pi", "M 2", "ﬁ"],
 )
-def test_names_that_may_read_as_formulas_are_not_covered(name: str, tmp_path: Path) -> None:
-    text = derived(ARM % ("0", "0.3") + SETUPS["terms"], tmp_path)
-    assert judge(text)[0] == VALID
+def test_names_that_may_read_as_formulas_are_not_covered(name: str) -> None:
+    text = described(ARM % ("0", "0.3") + SETUPS["terms"])
     data = json.loads(text)
     data["model"]["symbols"][name] = "0.5"
     for renamed in (text.replace('"P"', json.dumps(name)), json.dumps(data)):
