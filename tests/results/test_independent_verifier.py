@@ -292,6 +292,12 @@ def test_names_that_may_read_as_formulas_are_not_covered(name: str) -> None:
         assert f"names that may read as formulas: {name!a}" in sentence
 
 
+def test_a_symbol_that_is_called_like_a_parameter_is_not_covered() -> None:
+    data = json.loads(described(ARM % ("0", "0.3")))
+    data["model"]["symbols"]["M2"] = "0.5"
+    assert judge(json.dumps(data))[0] == NOT_COVERED
+
+
 def test_names_of_bodies_and_joints_may_be_any(tmp_path: Path) -> None:
     text = derived(
         ARM.replace("name: two", 'name: "left arm-2, Größe"').replace("parent: two", 'parent: "left arm-2, Größe"')
@@ -377,7 +383,7 @@ def saved(name: str) -> str:
 def is_its_own(text: str) -> bool:
     """Whether what a document claims is what is set_of from its model."""
     data, model = json.loads(text), from_json(text)
-    again = to_dict(ec.base_parameters(model.mechanism))
+    again = to_dict(ec.base_parameters(model.mechanism, generic=data["generic"]))
     for row in (*data["base"], *again["base"]):
         row["terms"].sort(key=itemgetter("parameter"))  # in any order they are the same sum
     return all(again[key] == data[key] for key in CLAIMS if key != "model")

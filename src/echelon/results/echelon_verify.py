@@ -13,11 +13,11 @@ from operator import add, mul, neg, sub, truediv
 OPERATIONS = {ast.Add: add, ast.Sub: sub, ast.Mult: mul, ast.Div: truediv, ast.USub: neg, ast.Pow: pow}
 KEYS = "schema echelon name seed rank outputs parameters order base classification reading special generic certificate model"
 RANDOM, STATE, ONE = secrets.SystemRandom(), ("q", "qd", "qdd"), [[int(i == j) for j in range(4)] for i in range(4)]
-AXES, ROOT_OF_1, PARTS_OF_RADIAN = ((0, "X"), (1, "Y"), (2, "Z")), 2 * math.lcm(*range(1, 21), 1000), 10**24
+PRIMES, ROOT_OF_1, PARTS_OF_RADIAN = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41), 2 * math.lcm(*range(1, 21), 1000), 10**24
 NUMBER, CIRCULAR, ANY = r"[0-9.]{1,400}(e[-+]?[0-9]{1,2})?", r"(cos|sin)\((?:([0-9]{1,9})\*)?(\w+)\)", RANDOM.randrange(2**64)
-MOMENTS = {a + a: {(k, k): 1 - 2 * (k == i) for k in range(3)} for i, a in AXES}  # 2 J for a unit
-MOMENTS |= {a + b: {(i, j): -2, (j, i): -2} for i, a in AXES for j, b in AXES if i < j}
-MOMENTS |= {"M" + a: {(i, 3): 2, (3, i): 2} for i, a in AXES} | {"M": {(3, 3): 2}}
+MOMENTS = {a + a: {(k, k): 1 - 2 * (k == i) for k in range(3)} for i, a in enumerate("XYZ")}  # 2 J for a unit
+MOMENTS |= {"XY": {(0, 1): -2, (1, 0): -2}, "XZ": {(0, 2): -2, (2, 0): -2}, "YZ": {(1, 2): -2, (2, 1): -2}, "M": {(3, 3): 2}}
+MOMENTS |= {"M" + a: {(i, 3): 2, (3, i): 2} for i, a in enumerate("XYZ")}
 
 def need(condition, problem):
     if not condition: raise AssertionError(problem)  # the set is not valid
@@ -30,9 +30,8 @@ def unique(pairs): return dict(pairs) if len(dict(pairs)) == len(pairs) else nee
 def kinds(body): return unique([(k, MOMENTS[k]) for k in ([] if body.get("massless") else body.get("parameters", MOMENTS))])
 def random_prime(n):  # of 81 bits, 1 modulo an even n; the strong test is a proof below 3.3e24 (Sorenson and Webster, 2015)
     while True:
-        p = 1 + n * RANDOM.randrange(2**80 // n + 1, 2**81 // n)
-        halvings = range(1, (p - 1 & 1 - p).bit_length())  # of p − 1, until it is odd
-        powers = ([pow(a, p >> k, p) for k in halvings] for a in (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41))
+        p = 1 + n * RANDOM.randrange(2**80 // n + 1, 2**81 // n)  # p − 1 is halved until it is odd
+        powers = ([pow(a, p >> k, p) for k in range(1, (p - 1 & 1 - p).bit_length())] for a in PRIMES)
         if all(x[-1] == 1 or p - 1 in x for x in powers): return p
 def cross(a, b): return [a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2] for i in range(3)]
 def bracket(a, b): return [*cross(a[:3], b[:3]), *map(add, cross(a[:3], b[3:]), cross(a[3:], b[:3]))]
@@ -58,7 +57,7 @@ class Robot:
         self.order = n = ROOT_OF_1 if at_values else 24
         self.p, self.largest_power, self.angles, self.sensed = random_prime(n), 1, defaultdict(self.random), {}
         roots = (pow(self.random(), self.p // n, self.p) for _ in iter(int, 1))  # of 1, one of them of order n
-        self.root = w = next(w for w in roots if all(pow(w, n // k, self.p) != 1 for k in range(2, 20) if n % k == 0))
+        self.root = w = next(w for w in roots if all(pow(w, n // k, self.p) != 1 for k in PRIMES if n % k == 0))
         root2, root3 = (pow(w, n // k, self.p) + pow(w, -n // k, self.p) for k in (8, 12))
         self.known, self.read = {"sqrt(2)": root2, "sqrt(3)": root3, "sqrt(6)": root2 * root3}, functools.cache(self.read)
         names = {(k, body["label"]): k + body["label"] for body in model["bodies"] for k in kinds(body)}  # shared with a label
@@ -73,8 +72,8 @@ class Robot:
         self.ratios, self.symbolic = {x: {x: Fraction(1)} for x in self.free}, set()  # what depends on them
         for name, entry in [*followers.items(), *actuators.items()]:
             terms = only(entry, "terms")["terms"]
-            linear = {*terms} <= {*self.free} and {*map(type, [*terms.values(), *self.free])} <= {str}
-            cover(linear and name not in self.ratios, f"how {name!r} depends on others")
+            known = {*terms} <= {*self.free} and name not in self.ratios
+            cover(known and {*map(type, terms.values())} <= {str}, f"how {name!r} depends on others")
             self.ratios[name] = {x: evaluate(ratio, self.look_up) for x, ratio in terms.items()}
             if not re.fullmatch("[-+*/(). 0-9e]*", "".join(terms.values())): self.symbolic.add(name)
         cover(all(motions[n] == "translation" for n in {*followers} & self.symbolic), "an angle with a ratio that is a symbol")
@@ -235,8 +234,9 @@ def verify(data):  # what was found, in a sentence
         truth = (stated.rank(stated.parameters), rank) if stated.rank(pivots) < rank else None
         need(said == truth, f"it does not say that at the stated values {truth[0] if truth else rank} of {rank} are independent")
         whom += f" ({truth[0]} at the stated ones)" if truth else ""
-    odd = [name for name in [*own.parameters, *model.get("symbols", {})] if not re.fullmatch("(?!pi$)[A-Za-z_][A-Za-z_0-9]*", name)]
-    cover(not odd, f"names that may read as formulas: {', '.join(map(ascii, odd[:4]))}")
+    names = [*own.parameters, *model.get("symbols", {})]
+    odd = [n for n in names if not re.fullmatch("(?!pi$)[A-Za-z_][A-Za-z_0-9]*", n) or names.count(n) > 1]
+    cover(not odd and {*map(type, own.free)} <= {str}, f"names that may read as formulas: {', '.join(map(ascii, odd[:4]))}")
     return (f"valid: {rank} base parameters of {len(own.parameters)} {whom}, minimal by a minor, complete modulo {rounds} primes "
             f"of 81 bits, error probability below 1e{math.ceil(log_error / math.log(10))}")
 def judge(text: str | bytes) -> tuple[int, str]:  # the exit code and a sentence for the text of a file
