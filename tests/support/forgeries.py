@@ -10,6 +10,7 @@ from fractions import Fraction
 from math import prod
 from typing import Any
 
+from echelon.conventions import PARAMETERS
 from echelon.exact.rational import RationalFunction
 from echelon.results.saved import from_json, to_dict, verify
 
@@ -229,6 +230,29 @@ def _special(data: Document, rng: random.Random) -> None:
     ranks = ("rank", "generic_rank")[:: -1 if data["generic"] else 1]
     own, other = data["rank"] + change, data["rank"] + rng.choice([0, change])
     data["special"] = {**dict(zip(ranks, (own, other), strict=True)), "relations": ["a = 0"]}
+
+
+def _generic(data: Document, rng: random.Random) -> None:
+    """For general values instead of the stated ones, or the other way round; perhaps nothing about special ones."""
+    data["generic"], data["special"] = not data["generic"], rng.choice([None, data["special"]])
+
+
+LOOK_ALIKES = ("2 + M1", "1·M2", "1-M2", "1\u200b", "\u202e1", "１", "\u0430", "\u0391")
+
+
+def _label(data: Document, rng: random.Random) -> None:
+    """A label that reads as a formula or as another one, everywhere but in the expressions."""
+    old, new = rng.choice(data["model"]["bodies"])["label"], rng.choice(LOOK_ALIKES)
+    changed = {kind + old: kind + new for kind in PARAMETERS}
+    for body in data["model"]["bodies"]:
+        if body["label"] == old:
+            body["label"] = new
+    for key in ("parameters", "order"):
+        data[key] = [changed.get(name, name) for name in data[key]]
+    for row in data["base"]:
+        row["name"] = changed.get(row["name"], row["name"])
+        for term in row["terms"]:
+            term["parameter"] = changed.get(term["parameter"], term["parameter"])
 
 
 CERTIFICATE: dict[str, Any] = {
