@@ -21,7 +21,7 @@ from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle, decimal_text
 from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.polynomial import Polynomial, Surd, format_polynomial
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import StatedValues, all_symbols, angle_generators, stated_values
+from echelon.mechanism.stated import UNITS, StatedValues, angle_generators, stated_values, symbol_roles
 from echelon.mechanism.substitute import substituted
 
 _MOST_TRIALS = 400
@@ -209,9 +209,13 @@ def at_stated_values(mechanism: Mechanism) -> Mechanism:
     values = stated_values(mechanism)
     if not values.names:
         return mechanism
-    put_in = substituted(mechanism, values.put_in(values.names))
-    units = {name: symbol for name, symbol in values.units.items() if name in all_symbols(put_in)}
-    return replace(put_in, symbols={**put_in.symbols, **units})
+    with_units = replace(mechanism, symbols={**mechanism.symbols, **values.units})
+    put_in = substituted(with_units, values.put_in(values.names))
+    terms = " ".join(action.term for effect in put_in.effects for action in effect.actions)
+    in_geometry = symbol_roles(put_in).symbols
+    used = {name for name in values.units if name in in_geometry or (name in UNITS and name in terms)}
+    left = {name: symbol for name, symbol in put_in.symbols.items() if name in used or name not in values.units}
+    return replace(put_in, symbols=left)
 
 
 def stated_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:

@@ -368,8 +368,10 @@ def vanishes(value: Polynomial, symbols: Mapping[str, Symbol]) -> bool:
 
 
 def angle_generators(name: str, angle: Angle) -> dict[str, Polynomial]:
-    """Cosine and sine of an angle symbol that stands for another angle, by generator."""
-    return {cosine(name): angle.cos(), sine(name): angle.sin()}
+    """The angle that a symbol stands for, which effects use, and its cosine and sine, by generator."""
+    terms = {((PI, 1),): angle.half_turns} | {((symbol, 1),): count for symbol, count in angle.parts}
+    itself = Polynomial({monomial: count for monomial, count in terms.items() if count})
+    return {name: itself, cosine(name): angle.cos(), sine(name): angle.sin()}
 
 
 def unit_of(values: Iterable[Fraction]) -> Fraction:
