@@ -6,7 +6,7 @@ import json
 import math
 from dataclasses import replace
 from fractions import Fraction
-from math import cos
+from math import cos, exp, sin
 from pathlib import Path
 
 import numpy as np
@@ -352,3 +352,37 @@ def test_a_length_with_pi_is_written_as_a_symbol() -> None:
     text = SCREWS.format(one="1", two="1").replace("pitch: p}", "pitch: 0.01/(2*pi)}")
     with pytest.raises(ec.InputError, match=r"write a symbol here, and its value in 'symbols'"):
         read_description(text.encode(), "s.yaml", ReadingOptions())
+
+
+PENDULUM = "bodies: [{name: arm, joint: {type: revolute, axis: y, name: j}}]\n"
+
+
+def with_effects(symbols: str, *terms: str) -> Mechanism:
+    effects = [f"{{parameter: P{k}, unit: N·m, acts: [{{at: j, term: '{t}'}}]}}" for k, t in enumerate(terms)]
+    return read(f"symbols: {{{symbols}}}\n{PENDULUM}effects: [{', '.join(effects)}]")
+
+
+@pytest.mark.parametrize(("alpha", "sign"), [("0", "+"), ("pi", "−")])
+def test_angles_in_effects_have_their_stated_values(alpha: str, sign: str) -> None:
+    """sin(alpha) is zero, and cos(q - alpha) is cos(q) or its opposite."""
+    robot = with_effects(f"alpha: {alpha}", "sin(alpha)*qd", "qd*cos(q - alpha)", "qd*cos(q)")
+    base = ec.base_parameters(robot)
+    assert [str(e) for e in base.expressions][-1] == f"P1 {sign} P2"
+    assert base.rank == 4
+    assert ec.verify(from_json(to_json(base))).at_values
+
+
+def test_functions_of_constants_are_numbers_where_these_have_values() -> None:
+    """A saved set has no names for them; it is read back and verified."""
+    base = ec.base_parameters(with_effects("k: 2, alpha: 0.3", "exp(k)*qd", "qd", "sin(alpha)*q", "q"))
+    np.testing.assert_allclose(base.B_float()[-2:, -4:], [[1, exp(-2), 0, 0], [0, 0, 1, 1 / sin(0.3)]])
+    assert ec.verify(from_json(to_json(base))).numbers == 2
+
+
+def test_sums_of_fractions_of_pi_are_not_passed_over() -> None:
+    """Axes 1 and 3 are antiparallel, which no random residue for pi/7 shows: refused with what to write."""
+    arm = "modified_dh: [{joint: revolute}, {joint: prismatic, alpha: a, a: l}, {joint: revolute, alpha: %s, a: l}]"
+    with pytest.raises(ec.CertificateError, match="pi - beta"):
+        ec.base_parameters(read("symbols: {a: 3*pi/7, b: 4*pi/7, l: 0.3}\n" + arm % "b"))
+    assert ec.base_parameters(read("symbols: {a: 3*pi/7, l: 0.3}\n" + arm % "pi - a")).rank == 7
+    assert ec.base_parameters(read("symbols: {a: pi/7, b: 2*pi/7, l: 0.3}\n" + arm % "b")).rank == 11

@@ -50,6 +50,7 @@ from echelon.errors import (
 from echelon.exact.field import DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.interpolation import MOST_PRIMES
 from echelon.exact.polynomial import Polynomial
+from echelon.exact.rational import RationalFunction
 from echelon.exact.unknown_functions import Work
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import (
@@ -202,6 +203,8 @@ def base_matrix(
     zero = [column for column, support in structure.by_robot.items() if not support]
     classical = tuple(range(structure.parameters))
     closed = closed_columns(found, zero, rng, work, report)
+    if has_values(mechanism):  # a saved set has no names for functions of constants, such as exp(k)
+        closed = {c: row for c, row in closed.items() if _symbols_of(row) <= all_symbols(mechanism)}
     open_columns = [c for relation in found for c in relation.targets if c not in closed]
     if not open_columns:
         matrix = assembled(mechanism.parameters, structure.pivots, closed, classical)
@@ -218,6 +221,11 @@ def base_matrix(
         closed, open_columns = {}, [c for c in classical if c not in pivots]
     numbers, meaning = stated.numbers(open_columns)
     return assembled(mechanism.parameters, stated.pivots, closed | numbers, order, meaning)
+
+
+def _symbols_of(row: Mapping[int, RationalFunction]) -> set[str]:
+    """Symbols, and functions of them, that occur in the coefficients of a column."""
+    return {symbol for coefficient in row.values() for symbol in coefficient.symbols()}
 
 
 def _balls(mechanism: Mechanism, structure: Structure, order: tuple[int, ...]) -> BallRelations | None:

@@ -26,7 +26,7 @@ from echelon.exact.polynomial import Number, Polynomial
 from echelon.exact.rational import RationalFunction
 from echelon.exact.unknown_functions import UnknownFunctions, Work, persistent
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import symbol_roles, value_texts
+from echelon.mechanism.stated import all_symbols, symbol_roles, value_texts
 from echelon.program.arithmetics import ball
 
 _BITS, _MOST_BITS = 512, 4096
@@ -67,9 +67,11 @@ class StatedColumns:
         """Some columns as combinations of pivots, and how exact they are."""
         pairs = [(pivot, column) for column in columns for pivot in self._supports.get(column, ())]
         needed = self._needed(columns)
-        at = self._stated({s for relation in needed for s in relation.symbols})
+        names = {s for relation in needed for s in relation.symbols}
+        plain = names <= all_symbols(self.mechanism)  # and not functions of constants, such as exp(k)
+        at = self._stated(names if plain else all_symbols(self.mechanism))
         meaning = StatedNumbers(tuple(sorted(columns)), at, 0.0)
-        values = self._exact(pairs, needed, meaning) if self._may_be_exact else None
+        values = self._exact(pairs, needed, meaning) if self._may_be_exact and plain else None
         if values is None:
             values, radius = self._from_balls(pairs, needed, at)
             meaning = replace(meaning, radius=radius)
