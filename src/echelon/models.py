@@ -23,6 +23,7 @@ from echelon.errors import DegenerateSampleError, InputError
 from echelon.exact.expressions import parse
 from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.polynomial import Polynomial, Rational, Surd
+from echelon.names import check_distinct, check_identifier, check_text, check_title
 from echelon.program.operations import Op
 from echelon.program.rewriting import with_values
 from echelon.program.sampling import FunctionSampler
@@ -41,11 +42,12 @@ def names_of(items: Iterable[Any], kind: str) -> tuple[str, ...]:
 
 
 def _name(item: Any, kind: str) -> str:
-    if isinstance(item, str) and item.strip():
-        return item.strip()
-    if getattr(item, "is_Symbol", False):
-        return str(item.name)
-    raise InputError(f"'{item}' is not the name of a {kind}")
+    symbolic = getattr(item, "is_Symbol", False)
+    if not (symbolic or (isinstance(item, str) and item.strip())):
+        raise InputError(f"'{item}' is not the name of a {kind}")
+    name = str(item.name) if symbolic else item.strip()
+    check_identifier(name, f"{kind} '{name}'", composed=True)
+    return name
 
 
 def constant_values(constants: Mapping[Any, Any] | Sequence[Any] | None) -> dict[str, Rational | None]:
@@ -322,9 +324,12 @@ class LinearModel:
             raise InputError(f"'{twice[0]}' is declared twice among variables, parameters and constants")
         if not self.parameters:
             raise InputError("a model needs at least one parameter")
+        check_distinct(everything, "variables, parameters and constants")
         self.units = tuple(units) if units is not None else ("",) * len(self.parameters)
         if len(self.units) != len(self.parameters):
             raise InputError(f"{len(self.units)} units for {len(self.parameters)} parameters")
+        for parameter, unit in zip(self.parameters, self.units, strict=True):
+            check_text(unit, f"unit of parameter '{parameter}'")
 
     def _inputs(self, states: Sequence[str], constants: Mapping[str, object]) -> tuple[Program, dict[str, Scalar]]:
         program = Program()
@@ -335,6 +340,9 @@ class LinearModel:
         names = tuple(outputs) if outputs is not None else tuple(f"y{i + 1}" for i in range(count))
         if len(names) != count or len(set(names)) != count:
             raise InputError(f"{count} different names of outputs are needed, got {len(set(names))}")
+        for name in names:
+            check_title(name, f"output '{name}'", (*self.parameters, *self.constants))
+        check_distinct(names, "outputs")
         return names
 
     def _keep(self, program: Program, rows: Sequence[Sequence[Scalar]], outputs: Sequence[str] | None) -> None:
