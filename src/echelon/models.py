@@ -23,6 +23,8 @@ from echelon.errors import DegenerateSampleError, InputError
 from echelon.exact.expressions import parse
 from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.polynomial import Polynomial, Rational, Surd
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.sources import Readable, loaded, mechanism_of
 from echelon.names import check_distinct, check_identifier, check_text, check_title
 from echelon.program.operations import Op
 from echelon.program.rewriting import with_values
@@ -379,6 +381,14 @@ class LinearModel:
     def __repr__(self) -> str:
         m, n = self.regressor.shape
         return f"LinearModel({self.name}: {m} output{'s' * (m != 1)}, {n} parameter{'s' * (n != 1)})"
+
+
+def model_of(source: Mechanism | LinearModel | Readable) -> Mechanism | LinearModel:
+    """A robot or linear model, read from its file if it is not there yet; of a saved set, its robot."""
+    if isinstance(source, Mechanism | LinearModel):
+        return source
+    found = loaded(source)
+    return found if isinstance(found, LinearModel) else mechanism_of(getattr(found, "mechanism", found))
 
 
 _NAME = re.compile(r"[^\W\d]\w*")

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cache
 from html.parser import HTMLParser
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +19,7 @@ from echelon.identification.scores import Score, Trace, Validation, fit
 from echelon.logs.finding import Finding, Severity
 from echelon.logs.preparation.prepare import Preparation
 from support.paths import EXAMPLES
+from support.unchecked_names import unchecked_names
 
 Floats = npt.NDArray[np.float64]
 
@@ -215,14 +215,6 @@ class Page(HTMLParser):
         return " ".join(" ".join(self.text).split())
 
 
-def unchecked(mechanism: ec.Mechanism, **changes: Any) -> ec.Mechanism:
-    """A mechanism with names that it would refuse: pages escape what they show all the same."""
-    found = object.__new__(ec.Mechanism)
-    for field in fields(ec.Mechanism):
-        object.__setattr__(found, field.name, changes.get(field.name, getattr(mechanism, field.name)))
-    return found
-
-
 def hostile(run: Identification) -> Identification:
     """The same with names that try to break out, wherever a name can stand."""
     mechanism = run.base.mechanism
@@ -230,7 +222,8 @@ def hostile(run: Identification) -> Identification:
         replace(b, name=f"{HOSTILE}{k}", label=f"<b>{k}", joint=replace(b.joint, name=HOSTILE))
         for k, b in enumerate(mechanism.bodies)
     )
-    other = unchecked(mechanism, name=HOSTILE, bodies=bodies)
+    with unchecked_names():
+        other = replace(mechanism, name=HOSTILE, bodies=bodies)
     matrix = replace(run.base.matrix, parameters=other.parameters)
     base = ec.BaseModel(other, matrix, run.base.certificate, run.base.reading, run.base.seed)
 

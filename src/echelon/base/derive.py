@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 
@@ -49,9 +49,10 @@ from echelon.exact.interpolation import MOST_PRIMES
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.unknown_functions import Work
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.sources import Readable, loaded, mechanism_of
 from echelon.mechanism.stated import StatedValues, has_values, largest_denominator, stated_values, symbol_roles
 from echelon.mechanism.substitute import substituted
-from echelon.models import LinearModel
+from echelon.models import LinearModel, model_of
 from echelon.regressor.linear_forms import LinearForms, rows_of, virtual_power_form
 
 _LONG = 10**12  # denominators of numbers that no coefficient with few digits is made of
@@ -87,8 +88,21 @@ def base_parameters(
 ) -> LinearBase: ...
 
 
+@overload
 def base_parameters(
-    mechanism: Mechanism | LinearModel,
+    mechanism: Readable,
+    *,
+    order: str = ...,
+    prefer: Sequence[str] = ...,
+    generic: bool = ...,
+    seed: int = ...,
+    budget: float = ...,
+    progress: Callable[[str], None] = ...,
+) -> Any: ...
+
+
+def base_parameters(
+    mechanism: Mechanism | LinearModel | Readable,
     *,
     order: str = "base-to-tip",
     prefer: Sequence[str] = (),
@@ -105,7 +119,8 @@ def base_parameters(
 
     Parameters
     ----------
-    mechanism : Mechanism or LinearModel
+    mechanism : Mechanism, LinearModel or path-like
+        A robot, a linear model, or the file of one.
     order : str
         ``"base-to-tip"`` for the classical groupings, or ``"tip-to-base"``; for mechanisms.
     prefer : sequence of str
@@ -142,11 +157,12 @@ def base_parameters(
     """
     if not budget >= 0:
         raise InputError(f"a budget of {budget} is not possible: 0 for numbers only, 1 is the default")
-    if isinstance(mechanism, LinearModel):
+    model = model_of(mechanism)
+    if isinstance(model, LinearModel):
         if order != "base-to-tip":
             raise InputError("a linear model has no base and tip: choose representatives with prefer")
-        return linear_base_parameters(mechanism, prefer, seed, budget, generic=generic)
-    rng = random_generator(seed)
+        return linear_base_parameters(model, prefer, seed, budget, generic=generic)
+    mechanism, rng = model, random_generator(seed)
     columns = column_order(mechanism.columns, order, prefer)
     progress("structure")
     recorded = virtual_power_form(mechanism)
@@ -212,7 +228,17 @@ def _balls(mechanism: Mechanism, structure: Structure, order: tuple[int, ...]) -
     return None
 
 
-def base_structure(mechanism: Mechanism, *, generic: bool = False, seed: int = DEFAULT_SEED) -> Structure:
+def base_of(source: BaseModel | Mechanism | Readable) -> BaseModel:
+    """A set of base parameters: as given, as saved, or derived from a robot or its file."""
+    found = source if isinstance(source, BaseModel | Mechanism) else loaded(source)
+    if isinstance(found, BaseModel):
+        return found
+    if not isinstance(found, Mechanism):
+        raise InputError(f"a robot is needed, not a {type(found).__name__}", source=str(source))
+    return base_parameters(found)
+
+
+def base_structure(mechanism: Mechanism | Readable, *, generic: bool = False, seed: int = DEFAULT_SEED) -> Structure:
     """Rank and representatives only, without closed forms.
 
     Warns with a :class:`~echelon.DoubtWarning` of what speaks against the rank, which :attr:`BaseModel.reading` tells
@@ -220,7 +246,8 @@ def base_structure(mechanism: Mechanism, *, generic: bool = False, seed: int = D
 
     Parameters
     ----------
-    mechanism : Mechanism
+    mechanism : Mechanism or path-like
+        A robot, or the file of one.
     generic : bool
         Answer for general values of the symbols instead of the stated ones.
     seed : int
@@ -229,7 +256,7 @@ def base_structure(mechanism: Mechanism, *, generic: bool = False, seed: int = D
     -------
     Structure
     """
-    answer = specialised(mechanism, random_generator(seed), generic=generic)
+    answer = specialised(mechanism_of(mechanism), random_generator(seed), generic=generic)
     if doubt := answer.doubt or doubt_of_loops(answer.mechanism, answer.structure.rank):
         warnings.warn(doubt, DoubtWarning, stacklevel=2)
     return answer.structure

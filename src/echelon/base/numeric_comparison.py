@@ -9,6 +9,7 @@ from echelon.base.numeric_ranks import TOLERANCES, NumericRanks, numeric_ranks
 from echelon.base.stated_values import stated_structure
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.sources import Readable, mechanism_of
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class NumericComparison:
 
 
 def compare_numeric(
-    mechanism: Mechanism,
+    mechanism: Mechanism | Readable,
     *,
     seed: int = DEFAULT_SEED,
     tolerances: Sequence[float] = TOLERANCES,
@@ -70,7 +71,7 @@ def compare_numeric(
 
     Parameters
     ----------
-    mechanism : Mechanism
+    mechanism : Mechanism or path-like
         Every symbol that the regressor needs has a value.
     seed : int
     tolerances : sequence of float
@@ -87,6 +88,7 @@ def compare_numeric(
     InputError
         As :func:`echelon.base.reading_report.numeric_ranks`.
     """
+    mechanism = mechanism_of(mechanism)
     found = numeric_ranks(mechanism, seed, tolerances, pivoted=True, symbols=symbols)
     rng = random_generator(seed)
     rank = stated_structure(mechanism, rng).rank

@@ -22,6 +22,7 @@ from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_gener
 from echelon.exact.unknown_functions import SOLVING, Work, persistent
 from echelon.mechanism.joint import GROUND, Placement
 from echelon.mechanism.mechanism import Cut, Mechanism, Output, wrench_output
+from echelon.mechanism.sources import Readable, mechanism_of
 from echelon.regressor.linear_forms import LinearForms, virtual_power_form
 
 _FIELDS = 2
@@ -65,7 +66,7 @@ class SensorReport:
 
 
 def sensor_report(
-    mechanism: Mechanism,
+    mechanism: Mechanism | Readable,
     size: int = 1,
     *,
     seed: int = DEFAULT_SEED,
@@ -76,7 +77,7 @@ def sensor_report(
 
     Parameters
     ----------
-    mechanism : Mechanism
+    mechanism : Mechanism or path-like
         Its outputs are the candidates; where none are stated, all actuators and a wrench sensor under the base.  The
         stated values of its symbols decide.
     size : int
@@ -104,7 +105,7 @@ def sensor_report(
     >>> report.rank, report.ranks["base",], report.smallest
     (48, 48, ('base',))
     """
-    mechanism = at_stated_values(mechanism)
+    mechanism = at_stated_values(mechanism_of(mechanism))
     groups = _candidates(mechanism)
     spaces = _spaces(mechanism, groups, random_generator(seed), progress)
     names = tuple(groups)

@@ -189,7 +189,7 @@ def open_robot(robot: Any) -> RobotFile:
     text = os.fspath(robot)
     if isinstance(text, str) and text.lstrip().startswith("<"):
         return RobotFile.of(expanded(text.encode(), "text", None), "text")
-    if isinstance(text, str) and "\n" in text.strip():
+    if isinstance(text, str) and ("\n" in text.strip() or text.lstrip().startswith("{")):
         return RobotFile(text.encode(), "text.yaml", is_description=True)
     file = Path(text)
     if file.suffix.lower() in _DESCRIPTIONS:  # neither a name nor xacro

@@ -92,6 +92,11 @@ class Setup:
         return replace(self, settings=self.settings.model_copy(update=changes))
 
 
+def setup_of(source: Any) -> Setup:
+    """A set-up as given, or what :func:`load_setup` makes of a robot or its file."""
+    return source if isinstance(source, Setup) else load_setup(source)
+
+
 def load_setup(robot: Any, *, prior: Any = None, **reading: Any) -> Setup:
     """Read a robot with its measurement set-up.
 
