@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Floats
+from echelon.doors import public
 from echelon.errors import DegenerateSampleError, InputError
 from echelon.exact.expressions import parse
 from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator
@@ -38,8 +39,6 @@ from echelon.regressor.linear_forms import LinearForms
 
 def names_of(items: Iterable[Any], kind: str) -> tuple[str, ...]:
     """Names of symbols given as texts or sympy symbols."""
-    if isinstance(items, str):
-        raise InputError(f"the {kind}s are a list of names, not one text")
     return tuple(_name(item, kind) for item in items)
 
 
@@ -217,6 +216,7 @@ def _vanishes(value: Scalar) -> bool:
     raise InputError("division by zero at every point")
 
 
+@public
 class LinearModel:
     """A model y = X(x) ζ, with X recorded exactly.
 

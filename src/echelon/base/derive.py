@@ -35,6 +35,7 @@ from echelon.base.structure import (
     find_structure,
     in_balls_instead,
 )
+from echelon.doors import NotNegative, public
 from echelon.errors import (
     BrokenRelationsError,
     DegenerateSampleError,
@@ -67,7 +68,7 @@ def base_parameters(
     mechanism: Mechanism,
     *,
     order: str = ...,
-    prefer: Sequence[str] = ...,
+    prefer: str | Sequence[str] = ...,
     generic: bool = ...,
     seed: int = ...,
     budget: float = ...,
@@ -80,7 +81,7 @@ def base_parameters(
     mechanism: LinearModel,
     *,
     order: str = ...,
-    prefer: Sequence[str] = ...,
+    prefer: str | Sequence[str] = ...,
     generic: bool = ...,
     seed: int = ...,
     budget: float = ...,
@@ -93,7 +94,7 @@ def base_parameters(
     mechanism: Readable,
     *,
     order: str = ...,
-    prefer: Sequence[str] = ...,
+    prefer: str | Sequence[str] = ...,
     generic: bool = ...,
     seed: int = ...,
     budget: float = ...,
@@ -101,14 +102,15 @@ def base_parameters(
 ) -> Any: ...
 
 
+@public
 def base_parameters(
     mechanism: Mechanism | LinearModel | Readable,
     *,
     order: str = "base-to-tip",
-    prefer: Sequence[str] = (),
+    prefer: str | Sequence[str] = (),
     generic: bool = False,
     seed: int = DEFAULT_SEED,
-    budget: float = 1.0,
+    budget: NotNegative = 1.0,
     progress: Callable[[str], None] = silent,
 ) -> BaseModel | LinearBase:
     """Base parameters in closed form, with a certificate.
@@ -123,7 +125,7 @@ def base_parameters(
         A robot, a linear model, or the file of one.
     order : str
         ``"base-to-tip"`` for the classical groupings, or ``"tip-to-base"``; for mechanisms.
-    prefer : sequence of str
+    prefer : str or sequence of str
         Parameters (``"M7"``) or kinds (``"MX"``) that should be representatives, most wanted first.
     generic : bool
         Answer for general values of the symbols instead of the stated ones.
@@ -155,8 +157,6 @@ def base_parameters(
     >>> base.rank, len(base.parameters)
     (43, 70)
     """
-    if not budget >= 0:
-        raise InputError(f"a budget of {budget} is not possible: 0 for numbers only, 1 is the default")
     model = model_of(mechanism)
     if isinstance(model, LinearModel):
         if order != "base-to-tip":
@@ -238,6 +238,7 @@ def base_of(source: BaseModel | Mechanism | Readable) -> BaseModel:
     return base_parameters(found)
 
 
+@public
 def base_structure(mechanism: Mechanism | Readable, *, generic: bool = False, seed: int = DEFAULT_SEED) -> Structure:
     """Rank and representatives only, without closed forms.
 
@@ -258,7 +259,7 @@ def base_structure(mechanism: Mechanism | Readable, *, generic: bool = False, se
     """
     answer = specialised(mechanism_of(mechanism), random_generator(seed), generic=generic)
     if doubt := answer.doubt or doubt_of_loops(answer.mechanism, answer.structure.rank):
-        warnings.warn(doubt, DoubtWarning, stacklevel=2)
+        warnings.warn(doubt, DoubtWarning, stacklevel=3)  # of the caller, behind the door
     return answer.structure
 
 

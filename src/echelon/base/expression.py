@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from echelon.conventions import PARAMETERS
+from echelon.doors import public
 from echelon.errors import one_line
 from echelon.exact.expressions import PI, decimal_text
 from echelon.exact.polynomial import Monomial, Number, Polynomial, Surd, is_negative, is_trigonometric, multiple_of
@@ -26,6 +27,7 @@ class Group:
     decimal: bool = False
 
 
+@public
 @dataclass(frozen=True)
 class Expression:
     """One base parameter, with parameters of equal coefficient collected.

@@ -17,6 +17,8 @@ from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseSet
 from echelon.base.stated_values import RelationSearch, SpecialValues
 from echelon.base.structure import linear_structure
+from echelon.choices import Form
+from echelon.doors import public
 from echelon.errors import ClosedFormError, InputError
 from echelon.exact.field import random_generator
 from echelon.exact.polynomial import Polynomial
@@ -29,10 +31,10 @@ from echelon.program.sympy_bridge import to_sympy
 if TYPE_CHECKING:
     import sympy
 
-    from echelon.base.formulas import Form
     from echelon.base.symbolic import SymbolicRegressor
 
 
+@public
 @dataclass(frozen=True, repr=False)
 class LinearBase(BaseSet):
     """Base parameters ζ̄ = B ζ of a linear model, with their evidence.

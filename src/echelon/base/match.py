@@ -17,6 +17,7 @@ from echelon.arrays import Floats
 from echelon.base.derive import base_of
 from echelon.base.model import BaseModel
 from echelon.conventions import PER_BODY
+from echelon.doors import public
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import InputError
 from echelon.inertia import frame_change
@@ -30,6 +31,7 @@ _PARALLEL = 1e-6
 Wanted = dict[int, tuple[Floats, "_Axis"]]  # by body of the second: the first's frame and axis, in the second's base
 
 
+@public
 @dataclass(frozen=True, repr=False)
 class Match:
     """One robot in two descriptions.
@@ -70,6 +72,7 @@ class Match:
         return f"Match({self.first.mechanism.name} = {self.second.mechanism.name}: {self.first.rank} base parameters)"
 
 
+@public
 def match(
     first: BaseModel | Mechanism | Readable, second: BaseModel | Mechanism | Readable, *, tolerance: float = 1e-6
 ) -> Match:

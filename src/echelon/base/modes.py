@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
+from echelon.doors import public
 from echelon.errors import DegenerateSampleError, EchelonError, InputError, SingularPoseError
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, by_pivots, random_generator
 from echelon.exact.interpolation import rational
@@ -237,6 +238,7 @@ def elsewhere(rows: Rows) -> Rows:
     return Rows(replace(rows.forms, loops=replace(rows.forms.loops, stated=False)), rows.auxiliary)
 
 
+@public
 def assembly_modes(mechanism: Mechanism | Readable, *, seed: int = DEFAULT_SEED) -> tuple[int, ...]:
     """Ranks of all ways to assemble a mechanism with loops that differ in what can be seen, the lowest first.
 

@@ -21,6 +21,7 @@ from echelon.base.linear_base import LinearBase
 from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseModel
 from echelon.base.structure import find_structure
+from echelon.doors import public
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank, reduced_echelon
 from echelon.exact.interpolation import combine, rational
@@ -30,6 +31,7 @@ from echelon.models import LinearModel
 from echelon.regressor.linear_forms import LinearForms, energy_form, power_form, virtual_power_form
 
 
+@public
 @dataclass(frozen=True)
 class RecordedRows:
     """Rows that are linear in named parameters.
@@ -53,6 +55,7 @@ class RecordedRows:
         return f"RecordedRows({self.name}: {self.forms.shape[0]} × {len(self.parameters)})"
 
 
+@public
 def energy_regressor(mechanism: Mechanism | Readable) -> RecordedRows:
     """The total mechanical energy, up to a constant, as a row in the standard parameters.
 
@@ -78,6 +81,7 @@ def energy_regressor(mechanism: Mechanism | Readable) -> RecordedRows:
     return RecordedRows(f"energy of {mechanism.name}", forms, 1, mechanism.parameters)
 
 
+@public
 def power_regressor(mechanism: Mechanism | Readable) -> RecordedRows:
     """The power Σ force · velocity of all independent coordinates, as a row in the standard parameters.
 
@@ -107,6 +111,7 @@ Model = Mechanism | BaseModel | LinearModel | LinearBase | RecordedRows | Linear
 _ATTEMPTS, _AGREEING = 8, 2
 
 
+@public
 @dataclass(frozen=True)
 class RowSpaces:
     """Two row spaces compared; true if they are the same.
@@ -147,6 +152,7 @@ class RowSpaces:
         return f"RowSpaces(different: {'; '.join(parts)})"
 
 
+@public
 def same_row_space(a: Model | Readable, b: Model | Readable, *, seed: int = DEFAULT_SEED) -> RowSpaces:
     """Whether two models see the same combinations of parameters.
 

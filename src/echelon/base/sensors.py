@@ -17,6 +17,7 @@ from echelon.base.derive import silent
 from echelon.base.row_space import row_space
 from echelon.base.stated_values import at_stated_values
 from echelon.base.structure import settled_structure
+from echelon.doors import Count, NotNegative, public
 from echelon.errors import ClosedFormError, DegenerateSampleError, EchelonError, InputError
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank
 from echelon.exact.unknown_functions import SOLVING, Work, persistent
@@ -32,6 +33,7 @@ Progress = Callable[[str], None]
 Geometry = Mapping[str, Residues]
 
 
+@public
 @dataclass(frozen=True)
 class SensorReport:
     """Ranks of sensor subsets.
@@ -65,12 +67,13 @@ class SensorReport:
     seed: int
 
 
+@public
 def sensor_report(
     mechanism: Mechanism | Readable,
-    size: int = 1,
+    size: Count = 1,
     *,
     seed: int = DEFAULT_SEED,
-    budget: float = 1.0,
+    budget: NotNegative = 1.0,
     progress: Progress = silent,
 ) -> SensorReport:
     """Ranks of the subsets of a mechanism's sensors.

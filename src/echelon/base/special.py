@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 from echelon.base.structure import find_structure
+from echelon.doors import public
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.exact.polynomial import Polynomial, cosine, sine
 from echelon.mechanism.joint import Vector
@@ -33,6 +34,7 @@ class SpecialCase:
         return f"{self.condition}: {self.rank}"
 
 
+@public
 @dataclass(frozen=True)
 class SpecialGeometry:
     """Conditions at which the rank of a mechanism changes.
@@ -78,6 +80,7 @@ class _Condition:
         return replace(special, gravity=self.gravity if self.gravity and any(self.gravity) else None)
 
 
+@public
 def special_geometry(mechanism: Mechanism | Readable, *, seed: int = DEFAULT_SEED) -> SpecialGeometry:
     """Try special values of the symbols and special directions of gravity, one at a time and two together.
 

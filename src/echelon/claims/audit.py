@@ -35,6 +35,7 @@ from echelon.claims.reading import (
     unknown_token,
 )
 from echelon.claims.result import Agreement, Audit, Finding, Missing, Witness
+from echelon.doors import public
 from echelon.errors import InputError
 from echelon.exact.expressions import parse
 from echelon.exact.polynomial import Polynomial
@@ -49,6 +50,7 @@ _PROPAGATED = 10.0  # how much larger than a rounded angle its effect on a coeff
 Claims = str | os.PathLike[str] | Sequence[str] | Mapping[str, str]
 
 
+@public
 def audit(
     model: BaseModel | Mechanism | Readable,
     claims: Claims,

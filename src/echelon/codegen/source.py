@@ -23,6 +23,7 @@ from echelon.codegen.language import (
     unit_text,
 )
 from echelon.codegen.views import LANES, FunctionView, view
+from echelon.doors import public
 from echelon.dynamics.functions import ALL_FUNCTIONS
 from echelon.errors import InputError, one_line
 from echelon.exact.polynomial import Number, is_trigonometric
@@ -173,6 +174,7 @@ class Source(dict[str, str]):
         self.functions = functions
 
 
+@public
 def generate(
     base: BaseModel | Mechanism | Readable,
     target: str = "c",

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.base.model import BaseModel
+from echelon.doors import public
 from echelon.errors import InputError
 from echelon.excite.problem.closed_loops import state_regressor
 from echelon.excite.problem.information import condition_number, log_det, sample_times
@@ -85,6 +86,7 @@ class Start:
     history: tuple[float, ...]  # the best value so far, each time it became better
 
 
+@public
 @dataclass(frozen=True)
 class ExcitingTrajectory:
     """A trajectory to be run, with all that is known about it.
@@ -128,6 +130,7 @@ class ExcitingTrajectory:
         return tuple(margin for margin in self.margins if margin.active)
 
 
+@public
 def exciting_trajectory(
     setup: Setup | Readable,
     *,
@@ -188,6 +191,7 @@ def exciting_trajectory(
     return _result(task, design.trajectory(x), margins, prior, starts, centre=centre)
 
 
+@public
 def judged_trajectory(setup: Setup | Readable, trajectory: Trajectory, **changes: Any) -> ExcitingTrajectory:
     """Judge a trajectory made elsewhere by the limits and the criterion of a set-up.
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from echelon.choices import Measured
+from echelon.doors import public
 from echelon.errors import InputError, locating
 from echelon.formats.builder import Built, build_mechanism
 from echelon.formats.literal import LiteralTree
@@ -198,6 +199,7 @@ def open_robot(robot: Any) -> RobotFile:
     return RobotFile.of(expanded(read_content(file), str(file), file.parent), str(file), file.parent)
 
 
+@public
 def load(
     robot: Any,
     *,

@@ -21,6 +21,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.base.derive import base_of, base_parameters
 from echelon.base.model import BaseModel
+from echelon.doors import public
 from echelon.errors import InputError
 from echelon.identification.current_fit import fit_currents, gain_names
 from echelon.identification.estimators.estimate import Estimate
@@ -81,6 +82,7 @@ class GainEstimate:
         return "GainEstimate(" + ", ".join(f"{n} = {g:.4g} ± {s:.2g} {u}" for n, g, s, u in some) + ")"
 
 
+@public
 def drive_gains(
     base: BaseModel | Mechanism | Readable,
     unloaded: Observation | Rows,
@@ -224,6 +226,7 @@ def _sharing(layout: Layout) -> list[tuple[set[int], set[int]]]:
 Paths = Sequence[str | os.PathLike[str]]
 
 
+@public
 def gains_from_logs(
     setup: Setup | Readable,
     unloaded: Paths,

@@ -15,6 +15,7 @@ from functools import cached_property
 from typing import Any, Protocol
 
 from echelon.conventions import LENGTH_DEGREE, PARAMETERS, PER_BODY, UNITS
+from echelon.doors import public
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction, inverse_matrix
@@ -128,6 +129,7 @@ def transmission(stated: Sequence[Actuator], coordinates: Sequence[str]) -> Tran
     return Transmission((*stated, *direct), inverse)
 
 
+@public
 @dataclass(frozen=True, repr=False)
 class Mechanism:
     """A tree of bodies, its drives, and what is measured.

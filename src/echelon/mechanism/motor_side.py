@@ -7,12 +7,14 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
+from echelon.doors import public
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.sources import Readable, mechanism_of
 from echelon.mechanism.stated import symbol_values
 
 
+@public
 def joint_side(
     mechanism: Mechanism | Readable, values: npt.ArrayLike, symbols: Mapping[str, float] | None = None
 ) -> npt.NDArray[np.float64]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from echelon.base.model import BaseModel
+from echelon.doors import public
 from echelon.errors import InputError
 from echelon.formats.robot_file import load_model as read_model
 from echelon.mechanism.mechanism import Mechanism
@@ -15,6 +16,7 @@ from echelon.models import LinearModel
 _HEAD = 4096  # bytes at the beginning of a saved set, among which is the name of its schema
 
 
+@public
 def load_model(source: Any, **reading: Any) -> Mechanism | LinearModel | BaseModel:
     """Read a robot, a linear model or a saved set of base parameters.
 

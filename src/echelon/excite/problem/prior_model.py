@@ -11,6 +11,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.base.derive import base_parameters
+from echelon.doors import public
 from echelon.errors import InputError
 from echelon.excite.problem.state_limits import EffortLimit, EffortModel, effort_output
 from echelon.formats.schema.schema_excite import EVERY, ExcitationEntry
@@ -27,6 +28,7 @@ from echelon.setup.logs import with_logs
 from echelon.setup.setup import Setup, setup_of
 
 
+@public
 def information_of_logs(setup: Setup | Readable, logs: Sequence[str | os.PathLike[str]]) -> Floats:
     """The information matrix Σ Wᵀ diag(1/σ²) W of logs, prepared as for an identification.
 
