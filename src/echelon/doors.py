@@ -195,7 +195,7 @@ def _all_accepted(kinds: Sequence[Kind | None], pairs: Iterable[tuple[Any, Any]]
 def _is_numbers(value: Any) -> bool:
     """Whether NumPy makes an array of numbers of it, or of each number of it, such as fractions."""
     try:
-        found = np.asarray(value)
+        found = value if isinstance(value, np.ndarray) else np.asarray(value)
         return found.dtype.kind in "biuf" or (found.dtype.kind == "O" and all(map(_is_number, found.flat)))
     except (ValueError, TypeError):
         return False
