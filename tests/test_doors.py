@@ -16,7 +16,7 @@ from echelon.doors import kind_of, public
 from echelon.errors import InputError
 from support.paths import EXAMPLES
 
-LATER = {"load_base", "save_base", "verify"}
+LATER = {"load_base", "load_linear_base", "save_base", "verify"}
 """Functions whose module gets its doors together with its other changes."""
 
 

@@ -77,6 +77,14 @@ def test_a_linear_model_is_no_robot(name: str) -> None:
         CALLS[name](EXAMPLES / "linear/arrhenius.yaml")
 
 
+def test_a_saved_set_of_a_linear_model(tmp_path: Path) -> None:
+    base = ec.base_parameters(EXAMPLES / "linear/arrhenius.yaml")
+    ec.save_base(base, tmp_path / "set.json")
+    assert repr(ec.load_model(tmp_path / "set.json")) == repr(base)
+    assert ec.base_parameters(tmp_path / "set.json").rank == base.rank
+    assert ec.same_row_space(base, tmp_path / "set.json")
+
+
 def test_a_saved_set_is_not_read_with_other_options(tmp_path: Path) -> None:
     ec.save_base(ec.base_parameters(ROBOT), tmp_path / "set.json")
     with pytest.raises(InputError, match="saved set"):

@@ -240,7 +240,7 @@ def written(base: BaseModel, file: str) -> dict[str, Any]:
     if file == "json":
         return {"files": {"set.json": to_json(base)}}
     if file == "latex":
-        return {"files": {"set.tex": to_latex(base)}}
+        return {"files": {"set.tex": to_latex(base, full=True)}}
     from echelon.codegen.source import generate
 
     return {"files": generate(base, "c")}

@@ -65,6 +65,7 @@ from echelon.results.identified import load_identified as load_identified
 from echelon.results.identified import save_identification as save_identification
 from echelon.results.model_file import load_model as load_model
 from echelon.results.saved import load_base as load_base
+from echelon.results.saved import load_linear_base as load_linear_base
 from echelon.results.saved import save_base as save_base
 from echelon.results.saved import verify as verify
 from echelon.setup.setup import Setup as Setup

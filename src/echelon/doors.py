@@ -144,7 +144,7 @@ def kind_of(annotation: Any) -> Kind | None:
             f"one of {', '.join(map(repr, parts))}", lambda value: isinstance(value, Hashable) and value in parts
         )
     if isinstance(origin, type):
-        return _container(origin, parts)
+        return _PLAIN.get(origin) or _container(origin, parts)
     return _PLAIN.get(annotation, _instance(annotation)) if isinstance(annotation, type) else None
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -41,6 +43,14 @@ class InputError(EchelonError):
         return InputError(self.problem, source=self.source or source, element=self.element)
 
 
+def warn_caller(text: str, category: type[Warning]) -> None:
+    """Warn at the line outside of this package that led here, however deep the call was."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] == "echelon":
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, category, stacklevel=level)
+
+
 @contextmanager
 def locating(source: str) -> Iterator[None]:
     """Errors of an input in the block name this file, unless they name one already."""
@@ -64,7 +74,11 @@ class AssemblyWarning(UserWarning):
 
 
 class DoubtWarning(UserWarning):
-    """Something speaks against a number of base parameters, such as lengths that are nearly equal in a loop."""
+    """Something speaks against a result.
+
+    Lengths that are nearly equal in a loop speak against a number of base parameters; a negative moment of inertia
+    speaks against the values of base parameters.
+    """
 
 
 class SlowWarning(UserWarning):

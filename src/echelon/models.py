@@ -384,11 +384,12 @@ class LinearModel:
 
 
 def model_of(source: Mechanism | LinearModel | Readable) -> Mechanism | LinearModel:
-    """A robot or linear model, read from its file if it is not there yet; of a saved set, its robot."""
+    """A robot or linear model, read from its file if it is not there yet; of a saved set, what it is of."""
     if isinstance(source, Mechanism | LinearModel):
         return source
     found = loaded(source)
-    return found if isinstance(found, LinearModel) else mechanism_of(getattr(found, "mechanism", found))
+    model = getattr(found, "model", found)  # that of a saved set of a linear model
+    return model if isinstance(model, LinearModel) else mechanism_of(getattr(found, "mechanism", found))
 
 
 _NAME = re.compile(r"[^\W\d]\w*")

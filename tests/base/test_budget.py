@@ -221,7 +221,7 @@ def test_numbers_are_saved_and_verified(name: str, tmp_path: Path) -> None:
     term["coefficient"] = f"{changed.numerator}/{changed.denominator}"
     data["echelon"] = "another version"  # which may word expressions in another way
     file.write_text(json.dumps(data))
-    with pytest.raises(CertificateError, match="wrong at the stated values"):
+    with pytest.raises(CertificateError, match="wrong"):
         verify(file)
 
 

@@ -15,11 +15,13 @@ import sympy
 
 import echelon as ec
 from echelon.base.display import to_html, to_latex, to_markdown, to_text
-from echelon.base.expression import LatexStyle, TextStyle
+from echelon.base.expression import LatexStyle, TextStyle, count_terms
 from echelon.base.reading_report import ReadingReport
 from echelon.cli.terminal import print_model
+from echelon.formats.robot_file import RobotFile
 from echelon.mechanism.joint import Symbol
 from echelon.mechanism.mechanism import Mechanism, Snap
+from echelon.results.saved import from_json, to_json
 from support import textbook_arms as arms
 from support.paths import ROOT, TESTS
 from support.selection import one_in
@@ -204,3 +206,40 @@ def test_multiples_of_angles_are_shown() -> None:
     assert (TextStyle().generator(square, 2), TextStyle().generator(sine, 1)) == ("cos²(40·a)", "sin(40·d4)")
     assert LatexStyle().generator(square, 2) == r"\cos^{2}(40\,a)"
     assert LatexStyle().generator(sine, 1) == r"\sin(40\,d_{4})"
+
+
+OBLIQUE = """echelon: 1
+name: oblique
+symbols: {{l: {l}}}
+bodies:
+  - {{name: a, joint: {{type: revolute, axis: z}}}}
+  - {{name: b, frame: {{xyz: [l, 0.2, 0.3], rpy: [0.1, 0.2, 0.3]}}, joint: {{type: revolute, axis: [0.2, 0.3, 1]}}}}
+"""
+
+
+@pytest.mark.parametrize("writer", [to_text, to_markdown, to_latex])
+def test_a_long_coefficient_is_printed_as_its_value(writer: Callable[..., str]) -> None:
+    base = ec.base_parameters(RobotFile.of(OBLIQUE.format(l="0.3").encode(), "oblique.yaml").mechanism())
+    lengths = [count_terms(c) for row in base.matrix.rows for c in row.values()]
+    assert max(lengths) > 20
+    assert max(e.longest for e in base.readable) <= 12
+    short, whole = writer(base), writer(base, full=True)
+    assert len(whole) > 1.5 * len(short)
+    assert "--full" in short
+    assert "--full" not in whole
+    # where one stood, its value is
+    values = base.B_float()
+    for row, expression in enumerate(base.readable):
+        for group in expression.groups:
+            if group.decimal:
+                column = base.parameters.index(group.parameters[0])
+                assert group.coefficient.evaluate({}, float) == pytest.approx(values[row, column], rel=1e-12)
+    assert all(len(str(e)) < 2000 for e in base.readable)
+
+
+def test_without_values_the_number_of_terms_stands_there() -> None:
+    base = ec.base_parameters(RobotFile.of(OBLIQUE.format(l="null").encode(), "oblique.yaml").mechanism())
+    text = str(base)
+    assert re.search(r"\(\d\d terms\)·M2", text)
+    assert r"\text{" in to_latex(base)
+    assert from_json(to_json(base)).expressions == base.expressions

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from fractions import Fraction
 from math import cos
@@ -16,12 +17,12 @@ from hypothesis import strategies as st
 import echelon as ec
 from echelon.base.reading_report import report_reading
 from echelon.exact.expressions import Angle
-from echelon.exact.field import PrimeField
+from echelon.exact.field import PrimeField, residues_at
 from echelon.exact.polynomial import float_generators
 from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import StatedValues, stated_values, unit_of
-from echelon.results.saved import to_json
+from echelon.results.saved import from_json, to_json
 from support.descriptions import read_description
 from support.paths import ROOT
 
@@ -299,15 +300,55 @@ def test_float_ranks_of_neighbours_stand_for_those_of_a_large_robot(monkeypatch:
     assert "for the parameters" in report_reading(robot, 43, np.random.default_rng(1), matrix=wrong).doubt
 
 
-def test_values_without_residues_are_compared_as_a_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_half_turns_have_residues(monkeypatch: pytest.MonkeyPatch) -> None:
     text = "symbols: {alpha: pi, l: 0.3}\nmodified_dh: [{joint: revolute}, {joint: revolute, alpha: alpha, a: l}]"
     base = ec.base_parameters(read(text), generic=True)
     assert "alpha" in base.matrix.symbols
+    field, rng = PrimeField.of(2**31 - 105), np.random.default_rng(1)
+    drawn = stated_values(read(text)).draw(["alpha"], field, rng)
+    assert residues_at(["cos(alpha)", "sin(alpha)"], drawn, field) == {"cos(alpha)": field.p - 1, "sin(alpha)": 0}
     monkeypatch.setattr("echelon.base.reading_report._MOST_COLUMNS", 12)
     stated = ec.base_parameters(read(text))
-    assert report_reading(read(text), stated.rank, np.random.default_rng(1), matrix=base.matrix).doubt == ""
+    assert report_reading(read(text), stated.rank, np.random.default_rng(1), matrix=stated.matrix).doubt == ""
 
 
 def test_a_count_that_is_not_compared_is_said() -> None:
     robot = ec.load(PANDA)
     assert "not compared" in report_reading(robot, 1001, np.random.default_rng(1)).doubt
+
+
+SCREWS = """echelon: 1
+name: screws
+gravity: [0, 0, 0]
+symbols: {{p: {one}, r: {two}}}
+bodies:
+  - {{name: nut, joint: {{type: helical, axis: z, pitch: p}}}}
+  - {{name: second, parent: nut, joint: {{type: helical, axis: z, pitch: r}}}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("one", "two", "rank"),
+    [
+        ("0.01/(2*pi)", "0.01/(2*pi)", 2),  # two screws that travel equally are one
+        ("0.01/(2*pi)", "0.005/pi", 2),
+        ("0.01/(2*pi)", "-0.01/(2*pi)", 3),
+        ("0.01/(2*pi)", "0.02/(2*pi)", 3),
+        ("0.01/(2*pi)", "0.00159154943", 3),  # a decimal is not the quotient
+        ("0.001*pi", "0.001*pi^2/pi", 2),
+    ],
+)
+def test_lengths_with_pi_have_their_relations(one: str, two: str, rank: int) -> None:
+    base = ec.base_parameters(read_description(SCREWS.format(one=one, two=two).encode(), "s.yaml", ReadingOptions()))
+    assert base.rank == rank
+    pitch = eval(one, {"pi": math.pi})
+    masses = base.parameters.index("M1")
+    assert base.B_float()[0, masses] == pytest.approx(pitch**2, rel=1e-12)
+    assert float(base.B_exact[0, masses]) == pytest.approx(pitch**2, rel=1e-12)
+    assert ec.verify(from_json(to_json(base))).rank == rank
+
+
+def test_a_length_with_pi_is_written_as_a_symbol() -> None:
+    text = SCREWS.format(one="1", two="1").replace("pitch: p}", "pitch: 0.01/(2*pi)}")
+    with pytest.raises(ec.InputError, match=r"write a symbol here, and its value in 'symbols'"):
+        read_description(text.encode(), "s.yaml", ReadingOptions())

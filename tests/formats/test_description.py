@@ -19,7 +19,7 @@ from echelon.formats.schema.robot_schema import json_schema
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
 from echelon.mechanism.mechanism import Mechanism
-from echelon.results.schema import BaseModelRecord, IdentifiedRecord
+from echelon.results.schema import BaseModelRecord, IdentifiedRecord, LinearBaseRecord
 from echelon.results.schema import json_schema as result_schema
 from support import textbook_arms as arms
 from support.descriptions import read_description
@@ -169,11 +169,12 @@ def test_round_trip(robot: Callable[[], Mechanism]) -> None:
     jsonschema.Draft202012Validator(json_schema()).validate(json.loads(text))
 
 
-@pytest.mark.parametrize("file", ["robot", "base_model", "identified", "trajectory"])
+@pytest.mark.parametrize("file", ["robot", "base_model", "linear_base", "identified", "trajectory"])
 def test_published_schemas_are_up_to_date(file: str) -> None:
     expected = {
         "robot": json_schema,
         "base_model": lambda: result_schema(BaseModelRecord),
+        "linear_base": lambda: result_schema(LinearBaseRecord),
         "identified": lambda: result_schema(IdentifiedRecord),
         "trajectory": trajectory_schema,
     }[file]()

@@ -88,11 +88,6 @@ FLOATS = {
     "first part moves": (f"bodies: [{ARM}]", ["base", "arm"], ["0", "1"]),
     "first part is the base": (f"bodies: [{{name: trunk}}, {ARM}]", ["trunk", "arm"], ["0", "1"]),
     "no bodies": ("bodies: []", ["base"], ["0"]),
-    "floats anyway": (
-        f"bodies: [{{name: trunk, joint: {{type: floating, name: base}}}}, {ARM.replace('PARENT', 'parent: trunk,')}]",
-        ["trunk", "arm"],
-        ["0", "1"],
-    ),
 }
 
 
@@ -105,6 +100,14 @@ def test_floating_base(case: str) -> None:
         assert [body.label for body in mechanism.bodies] == labels
         assert mechanism.velocities[:6] == ("base.tx", "base.ty", "base.tz", "base.r.x", "base.r.y", "base.r.z")
         assert [body.parent for body in mechanism.bodies] == [-1, 0][: len(names)]
+
+
+def test_a_base_that_floats_already_is_not_set_free_again() -> None:
+    text = f"bodies: [{{name: trunk, joint: {{type: floating}}}}, {ARM.replace('PARENT', 'parent: trunk,')}]"
+    assert read(text).degrees_of_freedom == 7
+    for stated, options in ((text, {"floating": True}), (f"floating_base: true\n{text}", {})):
+        with pytest.raises(InputError, match="body 'trunk' floats already, by its own joint: leave floating_base"):
+            read(stated, **options)
 
 
 def test_what_hangs_on_a_floating_base_keeps_its_place() -> None:

@@ -13,6 +13,7 @@ import pinocchio
 import pytest
 
 import echelon as ec
+from echelon.errors import InputError
 from echelon.formats.robot_file import open_robot
 from echelon.formats.snapping import ReadingOptions
 from support.float_regressor import float_regressor, random_states, standard_vector
@@ -126,6 +127,27 @@ def test_pinocchio_joints_about_any_axis_are_read() -> None:
         ec.load(text + "</robot>", snap_tolerance=0),
     )
     same_dynamics(*robots)
+
+
+SIBLINGS = {"by package.xml": ("parts_folder", "<package><name>parts</name></package>"), "by folder": ("parts", "")}
+
+
+@pytest.mark.parametrize("case", SIBLINGS)
+def test_packages_beside_that_of_a_xacro_file_are_found(case: str, tmp_path: Path) -> None:
+    """Where the robot's own package has folders within folders, as vendors of many robots have."""
+    folder, package = SIBLINGS[case]
+    (tmp_path / "robots" / "six" / "urdf" / "v2").mkdir(parents=True)
+    (tmp_path / folder / "urdf").mkdir(parents=True)
+    if package:
+        (tmp_path / folder / "package.xml").write_text(package)
+    (tmp_path / folder / "urdf" / "macros.xacro").write_text(MACROS)
+    file = tmp_path / "robots" / "six" / "urdf" / "v2" / "arm.urdf.xacro"
+    include = '<xacro:include filename="$(find parts)/urdf/macros.xacro"/>'
+    file.write_text(ARM[: ARM.index("<xacro:include")] + include + ARM[ARM.index("<xacro:link") :])
+    assert ec.load(file).degrees_of_freedom == 1
+    file.write_text(file.read_text().replace("$(find parts)", "$(find nowhere)"))
+    with pytest.raises(InputError, match="Package not found: nowhere"):
+        ec.load(file)
 
 
 def test_xacro_is_expanded(tmp_path: Path) -> None:

@@ -8,16 +8,20 @@ import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.base.derive import base_structure
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.joint import GROUND
 from echelon.mechanism.mechanism import Mechanism
+from echelon.results.saved import from_json, to_json
 from support.loop_frames import residual
 from support.selection import one_in
 from support.textbook_poses import Array, along, moved, pose_of, turned
 
 LITERAL = ReadingOptions(snap_tolerance=0)
+ARM_MODEL = """<model name="arm"><link name="a"/>
+  <joint name="j" type="revolute"><parent>world</parent><child>a</child><axis><xyz>0 1 0</xyz></axis></joint></model>"""
 
 
 def read(text: str, options: ReadingOptions = LITERAL) -> Mechanism:
@@ -153,6 +157,170 @@ def test_it_is_the_robot_that_a_urdf_says() -> None:
     assert ec.base_parameters(read(degrees, ReadingOptions())).expressions == two.expressions
     assert "nothing holds link 'a' in the world; it is read as fixed" in notes(read(sdf))
     assert read(sdf, ReadingOptions(floating=True)).bodies[0].name == "a"
+
+
+# -- axes in other frames ----------------------------------------------------------------------------------------------
+
+AXES = ((1, 0, 0), (0, 0, -1), (0, 0.6, 0.8), (0, 1, 0), (0.5, 0, -0.5), (0, 1, 0))
+
+
+def oblique_chain(digits: int, how: str, kinds: tuple[str, ...]) -> str:
+    """Links at general poses, with axes in their own frames, or rounded in the frame of the model."""
+    rng = np.random.default_rng(digits)
+    content, previous = "", "world"
+    for k, (kind, axis) in enumerate(zip(kinds, AXES, strict=False)):
+        x, y, z, *angles = (round(float(v), 1) for v in rng.uniform(-1, 1, 6))
+        if how.startswith("in the model"):
+            turn = euler(0, 0, 0, *angles)[:3, :3]
+            direction = " ".join(f"{v:.{digits}f}" for v in turn @ axis)
+        else:
+            direction = " ".join(map(str, axis))
+        attribute = ' expressed_in="__model__"' if how == "in the model's frame" else f' expressed_in="l{k}"'
+        old = "in the model, the old way"
+        xyz = f"<xyz{'' if how == old else attribute}>{direction}</xyz>"
+        flag = "<use_parent_model_frame>true</use_parent_model_frame>" if how == old else ""
+        content += (
+            f'<link name="l{k}"><pose>{x} {y} {z} {" ".join(map(str, angles))}</pose></link>'
+            f'<joint name="j{k}" type="{kind}"><pose>0 0 0 0.2 0 0.4</pose><parent>{previous}</parent>'
+            f"<child>l{k}</child><axis>{xyz}{flag}</axis></joint>"
+        )
+        previous = f"l{k}"
+    return model(content)
+
+
+@pytest.mark.parametrize(
+    ("digits", "kinds"),
+    [
+        (5, ("revolute", "revolute")),
+        (6, ("revolute", "prismatic", "revolute")),
+        (7, ("prismatic", "prismatic", "revolute")),
+        (9, ("revolute",) * 6),
+    ],
+)
+def test_axes_that_are_rounded_in_the_frame_of_the_model_are_those_of_the_links(
+    digits: int, kinds: tuple[str, ...]
+) -> None:
+    ways = ("in the link's frame", "in the model's frame", "in the model, the old way")
+    own, *others = (read(oblique_chain(digits, how, kinds), ReadingOptions()) for how in ways)
+    wanted = base_structure(own)
+    for other in others:
+        assert base_structure(other).pivots == wanted.pivots
+        assert other.reading is not None
+        assert other.reading.snaps
+        q = dict.fromkeys(own.positions, 0.7)
+        for k in range(len(own.bodies)):
+            np.testing.assert_allclose(pose_of(own, k, q), pose_of(other, k, q), atol=1e-4)
+
+
+def test_an_axis_along_the_model_stays_as_it_is_stated() -> None:
+    text = model(
+        """<link name="a"><pose>0 0 0 0.3 0.5 0.7</pose></link><link name="b"><pose>0.3 0 0 0.2 0.9 0.4</pose></link>
+      <joint name="p" type="revolute"><parent>world</parent><child>a</child>
+        <axis><xyz expressed_in="__model__">0 0 1</xyz></axis></joint>
+      <joint name="q" type="revolute"><parent>a</parent><child>b</child>
+        <axis><xyz expressed_in="__model__">0 0 1</xyz></axis></joint>"""
+    )
+    for options in (LITERAL, ReadingOptions()):  # both along gravity, so that no sum of angles is seen apart
+        assert base_structure(read(text, options)).rank == 4
+
+
+def oblique_bar(axis: str) -> str:
+    """A planar four-bar in an oblique plane."""
+    turn = euler(0, 0, 0, 0.3, 0.5, 0.7)[:3, :3]
+    joint = f"<axis><xyz{axis}</xyz></axis>"
+    places = {name: " ".join(f"{v:.6f}" for v in turn @ p) for name, p in BAR_POINTS.items()}
+    links = "".join(
+        f'<link name="{n}"><pose>{places[p]} 0.3 0.5 0.7</pose></link>' for n, p in ("ga", "aa", "bb", "cc")
+    )
+    joints = "".join(
+        f'<joint name="{p}{c}" type="revolute"><parent>{p}</parent><child>{c}</child>{joint}</joint>'
+        for p, c in ("ga", "ab", "bc")
+    )
+    return model(
+        f"""{links}{joints}<joint name="w" type="fixed"><parent>world</parent><child>g</child></joint>
+      <joint name="close" type="revolute"><pose relative_to="__model__">{places["d"]} 0.3 0.5 0.7</pose>
+        <parent>g</parent><child>c</child>{joint}</joint>"""
+    )
+
+
+BAR_POINTS = {"a": (0, 0, 0), "b": (0.1, 0.3, 0), "c": (0.5, 0.35, 0), "d": (0.4, 0, 0)}
+
+
+def test_a_loop_with_axes_in_the_frame_of_the_model_is_that_with_axes_of_links() -> None:
+    normal = " ".join(f"{v:.6f}" for v in euler(0, 0, 0, 0.3, 0.5, 0.7)[:3, 2])
+    one, two = (
+        ec.base_parameters(read(oblique_bar(axis), ReadingOptions()))
+        for axis in (">0 0 1", f' expressed_in="__model__">{normal}')
+    )
+    assert (two.pivots, two.rank) == (one.pivots, 8)
+    np.testing.assert_allclose(two.B_float(), one.B_float(), atol=1e-4)
+
+
+# -- screws and models -------------------------------------------------------------------------------------------------
+
+SCREW = model(
+    """<link name="base"/><link name="nut"><pose>0.1 0.2 0.3 0.4 0 0</pose></link>
+  <joint name="w" type="fixed"><parent>world</parent><child>base</child></joint>
+  <joint name="s" type="screw"><parent>base</parent><child>nut</child>PITCH<axis><xyz>0 0.6 0.8</xyz></axis></joint>"""
+)
+PITCHES = {
+    "metres per turn": ("<screw_thread_pitch>0.01</screw_thread_pitch>", 0.01 / (2 * np.pi)),
+    "a left-handed thread": ("<screw_thread_pitch>-0.01</screw_thread_pitch>", -0.01 / (2 * np.pi)),
+    "the old word, radians per metre": ("<thread_pitch>-600</thread_pitch>", 1 / 600),
+    "both": ("<thread_pitch>1</thread_pitch><screw_thread_pitch>0.02</screw_thread_pitch>", 0.01 / np.pi),
+    "none": ("", 1 / (2 * np.pi)),
+}
+
+
+@pytest.mark.parametrize("case", PITCHES)
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_screw_travels_by_its_pitch(case: str, backwards: bool) -> None:
+    stated, pitch = PITCHES[case]
+    text = SCREW.replace("PITCH", stated)
+    if backwards:
+        text = text.replace("<parent>base</parent><child>nut</child>PITCH", "<parent>nut</parent><child>base</child>")
+    robot = read(text, ReadingOptions())
+    q, axis = 0.7, np.array([0, 0.6, 0.8])
+    placed = euler(0.1, 0.2, 0.3, 0.4, 0, 0)
+    expected = placed @ along(axis, pitch * q) @ turned(axis, q)
+    np.testing.assert_allclose(pose_of(robot, 0, {"s": q}), expected, atol=1e-12)
+    assert ("1 m per turn" in notes(robot)) == (case == "none")
+
+
+def test_a_screw_shows_what_that_of_a_description_does() -> None:
+    described = "echelon: 1\nname: m\nsymbols: {p: 0.01/(2*pi)}\nbodies: [{name: nut, JOINT}]\n"
+    described = described.replace("JOINT", "joint: {type: helical, axis: z, pitch: p}")
+    text = (
+        SCREW.replace("PITCH", PITCHES["metres per turn"][0]).replace("0 0.6 0.8", "0 0 1").replace("0.4 0 0", "0 0 0")
+    )
+    one = ec.base_parameters(read(text, ReadingOptions()))
+    two = ec.base_parameters(RobotFile.of(described.encode(), "m.yaml").mechanism())
+    assert one.pivots == two.pivots == ("ZZ1", "M1")
+    saved = from_json(to_json(one))
+    assert ec.verify(saved).rank == 2
+    np.testing.assert_allclose(pose_of(saved.mechanism, 0, {"s": 2.0})[2, 3], 0.3 + 0.02 / (2 * np.pi))
+
+
+WORLD = """<sdf version="1.9"><world name="w">{arm}{lift}
+  <model name="floor"><static>1</static><link name="g"/>
+  <joint name="j" type="fixed"><parent>world</parent><child>g</child></joint></model></world></sdf>""".format(
+    arm=ARM_MODEL,
+    lift=SCREW.replace("PITCH", "").split('<sdf version="1.9">')[1].replace('name="m"', 'name="lift"')[:-6],
+)
+
+
+def test_one_of_several_models_is_chosen_by_its_name() -> None:
+    assert ec.load(WORLD, model="arm").positions == ("j",)
+    assert ec.load(WORLD, model="lift").positions == ("s",)
+    reading = ec.load(WORLD, model="lift", independent_mimics=True).reading
+    assert reading is not None
+    assert reading.literal().positions == ("s",)  # it remembers which
+    with pytest.raises(ec.InputError, match=r"several models have joints, 'arm', 'lift': .*--model arm"):
+        ec.load(WORLD)
+    with pytest.raises(ec.InputError, match=r"there is no model 'lfit' with joints; did you mean 'lift'"):
+        ec.load(WORLD, model="lfit")
+    with pytest.raises(ec.InputError, match="only SDF files hold several models"):
+        ec.load("echelon: 1\nname: m\nbodies: [{name: a}]\n", model="m")
 
 
 # -- loops -------------------------------------------------------------------------------------------------------------

@@ -51,6 +51,33 @@ def test_faults_of_a_log_that_only_validates_are_named(tmp_path: Path) -> None:
     assert str(bad) in fault.where
 
 
+@pytest.mark.parametrize("flicker", [0.0, 1e-4])
+def test_a_validation_at_rest_says_that_it_cannot_judge(flicker: float, tmp_path: Path) -> None:
+    """What holds a robot at rest, dry friction, a brake or a hand, is in no model."""
+    setup, motion = ARM.load(tmp_path), motion_of(ARM)
+    held = np.round(np.random.default_rng(3).uniform(0.45, 0.5001, motion.q.shape)) * flicker + motion.q[700]
+    pushed = motion.y[700] + 5 * np.sin(motion.time)[:, None]
+    still = replace(motion, q=held, qd=0 * motion.qd, qdd=0 * motion.qdd, y=pushed)
+    good = ARM.log(motion, tmp_path / "good", setup.mechanism)
+    result = identify(setup, [good], [ARM.log(still, tmp_path / "still", setup.mechanism, seed=1)])
+    assert result.verdict.startswith("Nothing can be said on data that the fit did not see")
+    assert "its joint rests" in result.verdict
+    assert not of_kind(result, "culprit")
+    assert result.reasons
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e-9])
+def test_torques_of_a_robot_lighter_than_any_are_not_predicted_well(scale: float, tmp_path: Path) -> None:
+    """All inertias are scaled alike, so that the prediction is as good as with the right unit."""
+    setup, motion = ARM.load(tmp_path), motion_of(ARM)
+    noisy = motion.y + np.array(ARM.noise) * np.random.default_rng(2).standard_normal(motion.y.shape)
+    log = ARM.log(replace(motion, y=scale * noisy), tmp_path / "weak", setup.mechanism, seed=None)
+    result = identify(setup, [log])
+    assert min(score.r2 for score in result.validations[-1].scores) > 0.98
+    assert result.verdict.startswith("The model should not be used")
+    assert any("kg at a length of" in reason for reason in result.reasons)
+
+
 def test_a_sign_that_is_wrong_in_a_log_that_only_validates_is_named(tmp_path: Path) -> None:
     setup, motion = ARM.load(tmp_path), motion_of(ARM)
     good = ARM.log(motion, tmp_path / "good", setup.mechanism)

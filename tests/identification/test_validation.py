@@ -18,6 +18,7 @@ from echelon.identification.result import fitted_ranges
 from echelon.identification.rows.plan import split
 from echelon.identification.rows.rows import ModelRows
 from echelon.identification.scores import (
+    EMPTY,
     Fit,
     Grade,
     Score,
@@ -370,6 +371,19 @@ def test_an_output_below_the_noise_of_its_sensor_is_not_judged() -> None:
     assert found.text.startswith("The model predicts every output well")
     assert "Of j2 nothing can be said: it varies less than the noise of the sensor." in found.text
     assert overall_verdict(judged(silent)).text.startswith("Nothing can be said: no output varied by more than")
+
+
+def test_an_output_at_rest_is_judged_only_by_what_is_predicted_well() -> None:
+    rest = replace(score("j2", r2=-3.0), moving=EMPTY)
+    assert grade(rest) is None
+    assert grade(replace(score("j2", r2=0.99), moving=EMPTY)) is Grade.GOOD
+    found = overall_verdict(judged(score("j1"), rest))
+    assert found.text.startswith("The model predicts every output well")
+    assert "Of j2 nothing can be said: its joint rests" in found.text
+    alone = overall_verdict(judged(rest))
+    assert alone.text.startswith("Nothing can be said on data that the fit did not see (run2): j2: its joint rests")
+    assert alone.reasons
+    assert "overfitted" not in verdict(judged(rest), judged(score("j2", rms=0.1), role="identification"))
 
 
 def test_the_verdict_of_an_overfitted_model() -> None:

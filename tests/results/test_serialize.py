@@ -16,9 +16,9 @@ import pytest
 
 import echelon as ec
 from echelon.base.certificate import Certificate, certify
+from echelon.base.derive import model_at_stated_values
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import stated_values
 from echelon.regressor.linear_forms import virtual_power_form
 from echelon.results.saved import from_json, to_json
 from echelon.results.schema import BaseModelRecord, json_schema
@@ -200,7 +200,7 @@ def test_knowing_the_recorded_primes_does_not_help(base: ec.BaseModel, tmp_path:
     forged = replace(base, matrix=replace(base.matrix, rows=tuple(rows)))
     forms = virtual_power_form(forged.mechanism)
     # the repetition with the recorded seed cannot notice it: all its primes are known
-    repeated = certify(forms, forged.matrix, certificate.seed, stated_values(forged.mechanism))
+    repeated = certify(forms, forged.matrix, certificate.seed, model_at_stated_values(forged.mechanism))
     assert repeated.identity_primes == certificate.identity_primes
     ec.save_base(replace(forged, certificate=repeated), tmp_path / "f")
     with pytest.raises(ec.CertificateError, match="effect of M3"):
@@ -221,6 +221,9 @@ EVIDENCE: dict[str, Any] = {
     "modes": [36, 40],
     "numbers": 1,
     "log10_residual": -40.0,
+    "ball_states": 20,
+    "columns": {"minor": 60},
+    "unchecked": ["everything"],
 }
 
 

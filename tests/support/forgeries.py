@@ -10,6 +10,7 @@ from fractions import Fraction
 from math import prod
 from typing import Any
 
+from echelon.conventions import PARAMETERS
 from echelon.exact.rational import RationalFunction
 from echelon.results.saved import from_json, to_dict, verify
 
@@ -231,6 +232,29 @@ def _special(data: Document, rng: random.Random) -> None:
     data["special"] = {**dict(zip(ranks, (own, other), strict=True)), "relations": ["a = 0"]}
 
 
+def _generic(data: Document, rng: random.Random) -> None:
+    """For general values instead of the stated ones, or the other way round; perhaps nothing about special ones."""
+    data["generic"], data["special"] = not data["generic"], rng.choice([None, data["special"]])
+
+
+LOOK_ALIKES = ("2 + M1", "1·M2", "1-M2", "1\u200b", "\u202e1", "１", "\u0430", "\u0391")
+
+
+def _label(data: Document, rng: random.Random) -> None:
+    """A label that reads as a formula or as another one, everywhere but in the expressions."""
+    old, new = rng.choice(data["model"]["bodies"])["label"], rng.choice(LOOK_ALIKES)
+    changed = {kind + old: kind + new for kind in PARAMETERS}
+    for body in data["model"]["bodies"]:
+        if body["label"] == old:
+            body["label"] = new
+    for key in ("parameters", "order"):
+        data[key] = [changed.get(name, name) for name in data[key]]
+    for row in data["base"]:
+        row["name"] = changed.get(row["name"], row["name"])
+        for term in row["terms"]:
+            term["parameter"] = changed.get(term["parameter"], term["parameter"])
+
+
 CERTIFICATE: dict[str, Any] = {
     "minor_prime": [4, 2147483647, -1],
     "minor_states": [0, -5],
@@ -242,6 +266,9 @@ CERTIFICATE: dict[str, Any] = {
     "regions_note": ["all regions, proved"],
     "numbers": [3],
     "log10_residual": [-99.0],
+    "ball_states": [9],
+    "columns": [{}, {"minor": 10**6}],
+    "unchecked": [["nothing else"]],
     "modes": [[1, 2, 3]],
     "seed": [1, 7],
     "identity_primes": [[], ["4"], ["170141183460469231731687303715884105727"]],

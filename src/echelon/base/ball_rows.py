@@ -34,7 +34,7 @@ def ball_rows(
     *,
     at_rest: bool = False,
 ) -> Balls:
-    """Entries of forms at random states; with loops there are some motions at each pose, perhaps from rest."""
+    """Entries of forms at random states, in all regions of signs; with loops some motions at each pose, from rest."""
     schedule = Schedule(forms.program, list(forms.entries.values()))
     if forms.loops is None:
         leaves = _free_states(forms, schedule, at, states, rng)
@@ -53,18 +53,32 @@ def _free_states(
     forms: LinearForms, schedule: Schedule, at: Mapping[str, str], states: int, rng: np.random.Generator
 ) -> dict[int, Balls]:
     program = forms.program
+    reals = forms.sampler().real_states(rng, states)
     leaves: dict[int, Balls] = {}
     for node in schedule.leaves:
         given = program.inputs[node]
-        if given.role == "symbol":
-            text = at[given.name] if given.name in at else str(int(rng.integers(2, 1000)))
-            leaves[node] = np.array([stated_ball(text)] * states, dtype=object)
+        if given.role == "symbol" and given.name in at:
+            leaves[node] = np.array([stated_ball(at[given.name])] * states, dtype=object)
+        elif given.name in reals:
+            leaves[node] = np.array([ball(float(x)) for x in reals[given.name]], dtype=object)
+        elif given.role == "symbol":
+            leaves[node] = np.array([ball(int(rng.integers(2, 1000)))] * states, dtype=object)
         else:
             leaves[node] = random_balls(rng, (states,))
     for group in program.unit_groups:
+        if not reals.keys().isdisjoint(program.inputs[node].name for node in group):
+            leaves |= _unit_length({node: leaves[node] for node in group if node in leaves})
+            continue
         points = np.array([_sphere(rng, len(group)) for _ in range(states)], dtype=object).T
         leaves |= {node: point for node, point in zip(group, points, strict=True) if node in leaves}
     return leaves
+
+
+def _unit_length(parts: Mapping[int, Balls]) -> dict[int, Balls]:
+    """Components of quaternions, nearly of unit length, made exactly so."""
+    squares = np.sum([part * part for part in parts.values()], axis=0)
+    lengths = np.array([square.sqrt() for square in squares], dtype=object)
+    return {node: part / lengths for node, part in parts.items()}
 
 
 def _sphere(rng: np.random.Generator, size: int) -> list[Any]:

@@ -39,6 +39,10 @@ def combinations_of(
     if not pivots:
         return table[:0, others], table[:most, others]
     square, further = independent_rows(table[:, pivots])
+    if not others and _matrix(table[np.ix_(square, pivots)]).det().contains(
+        0
+    ):  # FLINT solves for nothing without a look
+        return None
     try:
         solution = _array(_matrix(table[np.ix_(square, pivots)]).solve(_matrix(table[np.ix_(square, others)])))
     except ZeroDivisionError:

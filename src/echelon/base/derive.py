@@ -17,13 +17,15 @@ from typing import Any, overload
 import numpy as np
 
 from echelon.base.ball_relations import BallRelations, ball_relations
-from echelon.base.certificate import certify, find_minor
+from echelon.base.certificate import AtStatedValues, certify
 from echelon.base.closed_form import assembled, closed_columns, relations
+from echelon.base.firm_pivots import doubt_of_coefficients, exchange_note, firm_order
 from echelon.base.linear_base import LinearBase, linear_base_parameters
 from echelon.base.matrix import BaseMatrix, column_order, reordered
 from echelon.base.model import BaseModel
 from echelon.base.modes import alike
 from echelon.base.numeric_ranks import firm_first
+from echelon.base.prime_checks import find_minor
 from echelon.base.reading_report import doubt_of_loops, report_reading
 from echelon.base.stated_columns import StatedColumns
 from echelon.base.stated_values import RelationSearch, SpecialValues, at_stated_values
@@ -44,6 +46,7 @@ from echelon.errors import (
     InputError,
     OtherModeError,
     SingularPoseError,
+    UnknownRelationsError,
 )
 from echelon.exact.field import DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.interpolation import MOST_PRIMES
@@ -51,7 +54,14 @@ from echelon.exact.polynomial import Polynomial
 from echelon.exact.unknown_functions import Work
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.sources import Readable, loaded, mechanism_of
-from echelon.mechanism.stated import StatedValues, has_values, largest_denominator, stated_values, symbol_roles
+from echelon.mechanism.stated import (
+    all_symbols,
+    has_values,
+    largest_denominator,
+    stated_values,
+    symbol_roles,
+    value_texts,
+)
 from echelon.mechanism.substitute import substituted
 from echelon.models import LinearModel, model_of
 from echelon.regressor.linear_forms import LinearForms, rows_of, virtual_power_form
@@ -166,15 +176,25 @@ def base_parameters(
     columns = column_order(mechanism.columns, order, prefer)
     progress("structure")
     recorded = virtual_power_form(mechanism)
-    found = specialised(mechanism, rng, recorded, generic=generic)
+    stated = model_at_stated_values(mechanism, recorded)
+    found = specialised(mechanism, rng, stated, generic=generic)
     own, structure = found.mechanism, found.structure
     matrix = base_matrix(own, structure, columns, rng, budget, progress)
+    classical = matrix
+    if not generic and (firm := firm_order(own, matrix)) is not None:
+        progress("other representatives")
+        matrix = base_matrix(own, structure, firm, rng, budget, progress)
     progress("certificate")
-    forms = structure.on_curves(recorded if own is mechanism else virtual_power_form(own))
-    certificate = certify(forms, matrix, seed, None if generic else stated_values(own), structure.modes)
+    if own is not mechanism:
+        recorded = virtual_power_form(own)
+        stated = model_at_stated_values(own, recorded)
+    forms = structure.on_curves(recorded)
+    certificate = certify(forms, matrix, seed, None if generic else stated, structure.modes)
     stated_rank = structure.rank if found.special is None else found.special.rank
     reading = report_reading(mechanism, stated_rank, rng, recorded, None if generic else matrix)
-    if doubt := found.doubt:
+    if matrix is not classical:
+        reading = replace(reading, notes=(*reading.notes, exchange_note(own, classical, matrix)))
+    if doubt := found.doubt or reading.doubt or ("" if generic else doubt_of_coefficients(own, matrix, forms)):
         reading = replace(reading, doubt=doubt)
     return BaseModel(own, matrix, certificate, reading, seed, found.special, generic)
 
@@ -282,11 +302,11 @@ class SpecialisedMechanism:
 
 
 def specialised(
-    mechanism: Mechanism, rng: np.random.Generator, recorded: LinearForms | None = None, *, generic: bool = False
+    mechanism: Mechanism, rng: np.random.Generator, stated: AtStatedValues | None = None, *, generic: bool = False
 ) -> SpecialisedMechanism:
-    """A mechanism for its stated values, and its structure there."""
+    """A mechanism for its stated values, and its structure there; ``stated`` spares recording the model again."""
     try:
-        found = _specialised(mechanism, rng, recorded, generic)
+        found = _specialised(mechanism, rng, stated or model_at_stated_values(mechanism), generic)
         if found.structure.tells_mode or found.structure.singular or not has_values(mechanism):
             return found
         raise OtherModeError(alike(mechanism))
@@ -297,7 +317,7 @@ def specialised(
 
 
 def _specialised(
-    mechanism: Mechanism, rng: np.random.Generator, recorded: LinearForms | None, generic: bool
+    mechanism: Mechanism, rng: np.random.Generator, stated: AtStatedValues, generic: bool
 ) -> SpecialisedMechanism:
     values = stated_values(mechanism)
     if mechanism.closed_in_balls:
@@ -311,7 +331,7 @@ def _specialised(
         structure = find_structure(mechanism, rng)
     else:
         structure = find_structure(mechanism, rng)
-        if _is_general(mechanism, structure, values, recorded, rng):
+        if _is_general(structure, stated, rng):
             return SpecialisedMechanism(mechanism, structure)
         at_values, undecided = _at_values(mechanism, rng)
     if at_values is None:
@@ -355,16 +375,30 @@ def _is_general_with_loops(mechanism: Mechanism, structure: Structure, rng: np.r
     return supports == structure.by_robot
 
 
-def _is_general(
-    mechanism: Mechanism,
-    structure: Structure,
-    values: StatedValues,
-    recorded: LinearForms | None,
-    rng: np.random.Generator,
-) -> bool:
+def _is_general(structure: Structure, stated: AtStatedValues, rng: np.random.Generator) -> bool:
     """Whether the general representatives are proved independent at the stated values."""
-    terms = " ".join(action.term for effect in mechanism.effects for action in effect.actions)
-    if not values.can_be_drawn or any(name in terms for name in values.numbers):
+    try:
+        return find_minor(stated.forms, structure.pivots, rng).rank == structure.rank
+    except (InputError, UnknownRelationsError):  # what that means is found with the structure there
         return False
-    forms = virtual_power_form(mechanism) if recorded is None else recorded
-    return find_minor(forms, structure.pivots, values, rng).rank == structure.rank
+
+
+def model_at_stated_values(mechanism: Mechanism, recorded: LinearForms | None = None) -> AtStatedValues:
+    """Rows of a mechanism with values put in for its symbols, for certificates.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    recorded : LinearForms, optional
+        Its rows for general values, if they are known.
+    """
+
+    def record() -> LinearForms:
+        put_in = at_stated_values(mechanism)
+        if put_in is mechanism and recorded is not None:
+            return recorded
+        return virtual_power_form(put_in)
+
+    values, texts = stated_values(mechanism), value_texts(mechanism, all_symbols(mechanism))
+    fractions_of_pi = any(turns for _, _, turns in values.multiples.values())
+    return AtStatedValues(record, texts, bool(values.names), has_values(mechanism), fractions_of_pi)

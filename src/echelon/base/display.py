@@ -8,7 +8,15 @@ from html import escape
 from typing import TYPE_CHECKING, Protocol
 
 from echelon.base.certificate import Certificate
-from echelon.base.expression import Expression, LatexStyle, latex_polynomial, latex_symbol, render
+from echelon.base.expression import (
+    MOST_TERMS,
+    Expression,
+    LatexStyle,
+    count_terms,
+    latex_polynomial,
+    latex_symbol,
+    render,
+)
 from echelon.base.matrix import BaseMatrix, Identifiability, StatedNumbers
 from echelon.base.reading_report import ROUNDING, ReadingReport
 from echelon.base.stated_values import SpecialValues
@@ -36,11 +44,15 @@ class _Set(Protocol):
     @property
     def expressions(self) -> tuple[Expression, ...]: ...
     @property
+    def readable(self) -> tuple[Expression, ...]: ...
+    @property
     def classification(self) -> dict[str, Identifiability]: ...
     @property
     def special(self) -> SpecialValues | None: ...
     @property
     def certificate(self) -> Certificate: ...
+    @property
+    def largest_coefficient(self) -> float | None: ...
 
 
 class _RobotSet(_Set, Protocol):
@@ -85,13 +97,19 @@ def headline(model: _RobotSet | _LinearSet) -> str:
     return f"{one_line(source.name)}: {count}, {outputs} output{'s' * (outputs != 1)}"
 
 
-def to_text(model: _RobotSet | _LinearSet) -> str:
+def shown_expressions(model: _RobotSet | _LinearSet, *, full: bool) -> tuple[Expression, ...]:
+    """The expressions to print: with all formulas, or with values in the place of those that nobody can read."""
+    return model.expressions if full else model.readable
+
+
+def to_text(model: _RobotSet | _LinearSet, *, full: bool = False) -> str:
     """Plain text: count, expressions, classification, reading, symbols, certificate."""
     width = max((len(str(i + 1)) for i in range(model.rank)), default=1)
     lines = [headline(model), ""]
-    lines += [f"{i + 1:>{width}}  {expression}" for i, expression in enumerate(model.expressions)]
+    shown = shown_expressions(model, full=full)
+    lines += [f"{i + 1:>{width}}  {expression}" for i, expression in enumerate(shown)]
     lines += ["", *classification_lines(model)]
-    lines += [f"{label}: {text}" for label, text in facts(model)]
+    lines += [f"{label}: {text}" for label, text in facts(model, full=full)]
     return "\n".join(lines)
 
 
@@ -140,9 +158,10 @@ def _classes(base: _LinearSet) -> list[tuple[str, str]]:
     return [(kind, ", ".join(names)) for kind, names in grouped.items()]
 
 
-def facts(model: _RobotSet | _LinearSet) -> list[tuple[str, str]]:
-    """Further facts by label: symbols, snapping, notes, certificate."""
+def facts(model: _RobotSet | _LinearSet, *, full: bool = False) -> list[tuple[str, str]]:
+    """Further facts by label: symbols, snapping, notes, certificate; ``full`` where all formulas are shown."""
     found = _linear_facts(model) if _is_linear(model) else _robot_facts(model)
+    found = [*([] if full else [("long formulas", _long_text(model))]), *found]
     return [(label, one_line(text)) for label, text in found if text]
 
 
@@ -152,6 +171,7 @@ def _linear_facts(base: _LinearSet) -> list[tuple[str, str]]:
         ("constants", ", ".join(f"{n} = {v}" for n, v in values.items())),
         ("functions of constants", ", ".join(f"{n} = {d}" for n, d in base.definitions.items())),
         ("stated values", base.special.text("model") if base.special else ""),
+        ("largest coefficient", _size_text(base)),
         ("certificate", str(base.certificate)),
     ]
 
@@ -164,6 +184,7 @@ def _robot_facts(model: _RobotSet) -> list[tuple[str, str]]:
         ("symbols", ", ".join(f"{s.name} = {value_text(s.exact, s.value)}" for s in used)),
         ("stated values", model.special.text("robot") if model.special else ""),
         ("numbers", numbers_text(model, numbers) if numbers else ""),
+        ("largest coefficient", _size_text(model)),
         ("not shown", f"{model.hidden} {rounding}" if model.hidden else ""),
         ("read as exact", snap_summary(model) if reading.snaps else ""),
         ("mimic joints", str(reading.mimics or "")),
@@ -173,6 +194,24 @@ def _robot_facts(model: _RobotSet) -> list[tuple[str, str]]:
         ("certificate", str(model.certificate)),
         ("assumes", f"{'; '.join(model.certificate.assumptions)} (docs/assumptions.md)"),
     ]
+
+
+def _long_text(model: _RobotSet | _LinearSet) -> str:
+    """How many formulas are not shown, and where they are; empty if none."""
+    coefficients = [group.coefficient for expression in model.expressions for group in expression.groups]
+    lengths = [terms for terms in map(count_terms, coefficients) if terms > MOST_TERMS]
+    if not lengths:
+        return ""
+    span = f"{min(lengths)}" if len(set(lengths)) == 1 else f"{min(lengths)} to {max(lengths)}"
+    return (
+        f"{len(lengths)} coefficient{'s' * (len(lengths) != 1)} of {span} terms shown by value, or by the number of "
+        "terms where symbols have no values; --full and saved sets have the formulas"
+    )
+
+
+def _size_text(model: _RobotSet | _LinearSet) -> str:
+    largest = model.largest_coefficient
+    return "" if largest is None else f"{largest:.3g}"
 
 
 def numbers_text(model: _RobotSet, numbers: StatedNumbers) -> str:
@@ -209,13 +248,14 @@ def snap_summary(model: _RobotSet) -> str:
     )
 
 
-def to_markdown(model: _RobotSet | _LinearSet) -> str:
+def to_markdown(model: _RobotSet | _LinearSet, *, full: bool = False) -> str:
     """A Markdown table with closed forms and classification."""
     name = one_line(model.model.name if _is_linear(model) else model.mechanism.name)
     lines = [f"# Base parameters of {_cell(name)}", "", _cell(headline(model)) + ".", ""]
     lines += ["| # | base parameter | unit |", "|--:|---|---|"]
-    lines += [f"| {i + 1} | {_cell(str(e))} | {_cell(e.unit)} |" for i, e in enumerate(model.expressions)]
-    noted = facts(model)
+    shown = shown_expressions(model, full=full)
+    lines += [f"| {i + 1} | {_cell(str(e))} | {_cell(e.unit)} |" for i, e in enumerate(shown)]
+    noted = facts(model, full=full)
     if _is_linear(model):
         noted = [*_classes(model), *noted]
     else:
@@ -231,10 +271,10 @@ def _cell(text: str) -> str:
     return re.sub(r"([\\|<`*\[$])", r"\\\1", text)
 
 
-def to_latex(model: _RobotSet | _LinearSet) -> str:
+def to_latex(model: _RobotSet | _LinearSet, *, full: bool = False) -> str:
     """A longtable-free LaTeX fragment: aligned equations that need only amsmath, and a comment with the facts."""
-    comments = [f"% {line}" for line in (headline(model), *(f"{a}: {b}" for a, b in facts(model)))]
-    rows = _latex_rows(model)
+    comments = [f"% {line}" for line in (headline(model), *(f"{a}: {b}" for a, b in facts(model, full=full)))]
+    rows = _latex_rows(model, full=full)
     pages = [rows[k : k + _LATEX_ROWS_PER_PAGE] for k in range(0, len(rows), _LATEX_ROWS_PER_PAGE)]
     blocks = ["\\begin{align*}\n" + " \\\\\n".join(page) + "\n\\end{align*}" for page in pages]
     symbols = {} if _is_linear(model) else model.mechanism.symbols
@@ -253,19 +293,19 @@ def _latex_value(symbol: Symbol) -> str:
 
 def aligned_latex(model: _RobotSet | _LinearSet) -> str:
     """All equations in one ``aligned`` block, for notebooks."""
-    return "\\begin{aligned}" + " \\\\ ".join(_latex_rows(model)) + "\\end{aligned}"
+    return "\\begin{aligned}" + " \\\\ ".join(_latex_rows(model, full=False)) + "\\end{aligned}"
 
 
-def _latex_rows(model: _RobotSet | _LinearSet) -> list[str]:
+def _latex_rows(model: _RobotSet | _LinearSet, *, full: bool) -> list[str]:
     style = _PlainLatex() if _is_linear(model) else LatexStyle()
-    return [f"\\bar\\zeta_{{{i + 1}}} &= {render(e, style)}" for i, e in enumerate(model.expressions)]
+    return [f"\\bar\\zeta_{{{i + 1}}} &= {render(e, style)}" for i, e in enumerate(shown_expressions(model, full=full))]
 
 
 def to_html(model: _RobotSet) -> str:
     """A small HTML table for notebooks."""
     rows = "".join(
         f"<tr><td>{i + 1}</td><td style='text-align:left'>{escape(str(e))}</td><td>{escape(e.unit)}</td></tr>"
-        for i, e in enumerate(model.expressions)
+        for i, e in enumerate(model.readable)
     )
     classes = "".join(
         f"<tr><td style='text-align:left'>{escape(title)}</td>{''.join(f'<td>{mark}</td>' for mark, _ in marks)}</tr>"

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from echelon.conventions import PARAMETERS
 from echelon.doors import public
 from echelon.errors import one_line
-from echelon.exact.expressions import PI, decimal_text
+from echelon.exact.expressions import PER_PI, PI, decimal_text
 from echelon.exact.polynomial import Monomial, Number, Polynomial, Surd, is_negative, is_trigonometric, multiple_of
 from echelon.exact.rational import RationalFunction
 
 _DECIMAL_DIGITS = 9
+MOST_TERMS = 12
+"""Of a coefficient that people read: a longer one, of joints in general frames, says no more than its value does."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +27,7 @@ class Group:
     parameters: tuple[str, ...]
     # whether the coefficient is a number in place of a closed form, to be shown with a few digits
     decimal: bool = False
+    terms: int = 0  # of the coefficient, where only their number is to be shown; 0 where all are
 
 
 @public
@@ -53,8 +56,33 @@ class Expression:
         """LaTeX, without dollar signs."""
         return render(self, LatexStyle())
 
+    @property
+    def longest(self) -> int:
+        """Terms of the longest coefficient."""
+        return max(count_terms(group.coefficient) for group in self.groups)
+
+    def readable(self, value: Callable[[RationalFunction], float | None]) -> Expression:
+        """An expression for people: long coefficients are their value, or the count of their terms where it is None."""
+        return replace(self, groups=tuple(_readable(group, value) for group in self.groups))
+
     def _repr_latex_(self) -> str:
         return f"${self.latex}$"
+
+
+def count_terms(coefficient: RationalFunction) -> int:
+    """Terms of numerator and denominator."""
+    denominator = 0 if coefficient.is_polynomial else len(coefficient.denominator.terms)
+    return len(coefficient.numerator.terms) + denominator
+
+
+def _readable(group: Group, value: Callable[[RationalFunction], float | None]) -> Group:
+    terms = count_terms(group.coefficient)
+    if terms <= MOST_TERMS:
+        return group
+    number = value(group.coefficient)
+    if number is None:
+        return replace(group, terms=terms)
+    return Group(RationalFunction(Fraction(number)), group.parameters, decimal=True)
 
 
 def collect(
@@ -108,6 +136,10 @@ class TextStyle:
         """A non-negative decimal number, perhaps with an exponent after ``e``, as it is."""
         return text
 
+    def count(self, terms: int) -> str:
+        """A sum of which only the number of terms is shown."""
+        return f"({terms} terms)"
+
     def fraction(self, top: str, bottom: str) -> str:
         """A quotient with a slash, in parentheses because it is followed by a product."""
         return f"({top}/({bottom}))" if self.times in bottom and not bottom.startswith("(") else f"({top}/{bottom})"
@@ -130,6 +162,8 @@ class LatexStyle(TextStyle):
         power = f"^{{{exponent}}}" if exponent > 1 else ""
         if is_trigonometric(name):
             return f"\\{name[:3]}{power}({angle_text(name, self, latex_symbol)})"
+        if name == PER_PI:
+            return rf"\pi^{{-{exponent}}}"
         return (r"\pi" if name == PI else latex_symbol(name)) + power
 
     def number(self, value: Number) -> str:
@@ -145,6 +179,10 @@ class LatexStyle(TextStyle):
         """With a power of ten."""
         mantissa, _, exponent = text.partition("e")
         return rf"{mantissa}\cdot 10^{{{int(exponent)}}}" if exponent else text
+
+    def count(self, terms: int) -> str:
+        """As text."""
+        return rf"(\text{{{terms} terms}})"
 
     def fraction(self, top: str, bottom: str) -> str:
         """With a fraction bar."""
@@ -201,7 +239,12 @@ def _sum(terms: Sequence[tuple[int, str]], style: TextStyle) -> str:
 def _group(group: Group, style: TextStyle) -> tuple[int, str]:
     """Sign and absolute value of a group."""
     names = [style.parameter(name) for name in group.parameters]
-    sign, factor = _decimal_text(group, style) if group.decimal else coefficient_text(group.coefficient, style)
+    if group.terms:
+        sign, factor = 1, style.count(group.terms)
+    elif group.decimal:
+        sign, factor = _decimal_text(group, style)
+    else:
+        sign, factor = coefficient_text(group.coefficient, style)
     if not factor:
         joiner = f" {style.minus if sign < 0 else '+'} "
         return sign, joiner.join(names)

@@ -11,22 +11,24 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Floats
-from echelon.base.certificate import Certificate, certify
+from echelon.base.certificate import AtStatedValues, Certificate, certify
 from echelon.base.closed_form import assembled, closed_columns, linear_relations
 from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseSet
+from echelon.base.prime_checks import Identity
 from echelon.base.stated_values import RelationSearch, SpecialValues
 from echelon.base.structure import linear_structure
 from echelon.choices import Form
 from echelon.doors import public
 from echelon.errors import ClosedFormError, InputError
-from echelon.exact.field import random_generator
+from echelon.exact.field import ARRAY_BITS, DEFAULT_SEED, random_generator
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.unknown_functions import Work
 from echelon.extras import extra
 from echelon.mechanism.stated import StatedValues
 from echelon.models import LinearModel, definition_values, evaluate_model, recorded_definitions
 from echelon.program.sympy_bridge import to_sympy
+from echelon.regressor.linear_forms import LinearForms
 
 if TYPE_CHECKING:
     import sympy
@@ -52,6 +54,8 @@ class LinearBase(BaseSet):
     seed : int
     special : SpecialValues, optional
         What the stated values of constants change against general ones; None where they change nothing.
+    generic : bool
+        Whether the answer is for general values of the constants and not for the stated ones.
     """
 
     model: LinearModel
@@ -60,6 +64,7 @@ class LinearBase(BaseSet):
     certificate: Certificate
     seed: int
     special: SpecialValues | None = None
+    generic: bool = False
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -169,6 +174,12 @@ class LinearBase(BaseSet):
         forms = self.model.regressor.columns(self.matrix.pivots)
         return symbolic_regressor(self.model.name, forms, self.model.outputs, self.pivots, form)
 
+    @property
+    def _known(self) -> Mapping[str, float]:
+        known = self.model.values
+        complete = known.keys() >= set(self._constants_used())
+        return {**known, **definition_values(self.definitions, known)} if complete else known
+
     def _constants_used(self) -> list[str]:
         plain = {s for s in self.matrix.symbols if s not in self.definitions}
         program, _ = recorded_definitions({n: d for n, d in self.definitions.items() if n in self.matrix.symbols})
@@ -211,9 +222,17 @@ def linear_base_parameters(
     own, special = _own_model(model, order, rng)
     own = model if generic else own
     matrix = _matrix(own, order, rng, Work.of(budget))
-    certificate = certify(own.regressor, matrix, seed)  # its evaluations find the functions of constants
-    definitions = {n: d for n, d in own.regressor.sampler().definitions.items() if n in matrix.symbols}
-    return LinearBase(own, matrix, definitions, certificate, seed, special)
+    stated = None if generic else model_at_stated_values(own)
+    certificate = certify(own.regressor, matrix, seed, stated)
+    return LinearBase(own, matrix, definitions_in(own, matrix), certificate, seed, special, generic)
+
+
+def definitions_in(model: LinearModel, matrix: BaseMatrix) -> dict[str, str]:
+    """Functions of a model's constants that occur in B, as expressions in these."""
+    # an evaluation finds the functions of constants
+    Identity(model.regressor, matrix, (), random_generator(DEFAULT_SEED)).point(ARRAY_BITS)
+    found = model.regressor.sampler().definitions
+    return {name: text for name, text in found.items() if name in matrix.symbols}
 
 
 def _matrix(model: LinearModel, order: tuple[int, ...], rng: np.random.Generator, work: Work) -> BaseMatrix:
@@ -232,11 +251,24 @@ def _matrix(model: LinearModel, order: tuple[int, ...], rng: np.random.Generator
     return assembled(model.parameters, tuple(order[p] for p in structure.pivots), found, order)
 
 
+def linear_special(model: LinearModel, order: tuple[int, ...], rng: np.random.Generator) -> SpecialValues | None:
+    """The change of the rank by the stated constants, against general ones; None where they change nothing.
+
+    Parameters
+    ----------
+    model : LinearModel
+    order : tuple of int
+        Columns from most to least preferred as representative.
+    rng : numpy.random.Generator
+    """
+    return _own_model(model, order, rng)[1]
+
+
 def _own_model(
     model: LinearModel, order: tuple[int, ...], rng: np.random.Generator
 ) -> tuple[LinearModel, SpecialValues | None]:
     """The model with the relations among its stated constants put in that change its structure."""
-    values = StatedValues({name: value for name, value in model.constants.items() if value is not None}, {}, {})
+    values = _stated_values(model)
 
     def pivots_of(put_in: Mapping[str, Polynomial]) -> tuple[int, ...]:
         forms = model.with_constants(put_in).regressor if put_in else model.regressor
@@ -249,3 +281,19 @@ def _own_model(
     relations = RelationSearch(values, stated, pivots_of).find()
     own = model.with_constants(relations.put_in(values))
     return own, SpecialValues(len(general), len(stated), relations.texts(values))
+
+
+def model_at_stated_values(model: LinearModel) -> AtStatedValues:
+    """Rows of a linear model with values put in for its constants, for certificates."""
+    values = _stated_values(model)
+
+    def record() -> LinearForms:
+        return model.with_constants(values.put_in(values.names)).regressor if values.names else model.regressor
+
+    texts = {name: str(value) for name, value in values.numbers.items()}
+    return AtStatedValues(record, texts, bool(texts), len(texts) == len(model.constants))
+
+
+def _stated_values(model: LinearModel) -> StatedValues:
+    """Exact values of the constants that have one."""
+    return StatedValues({name: value for name, value in model.constants.items() if value is not None}, {}, {})

@@ -15,17 +15,17 @@ from echelon.base.certificate import Certificate
 from echelon.base.evaluation import Evaluation
 from echelon.base.expression import Expression, collect
 from echelon.base.lift import Metric, lift, metric_matrix, pseudo_inverse_floats
-from echelon.base.matrix import BaseMatrix, Identifiability, Row, classify
+from echelon.base.matrix import BaseMatrix, Identifiability, Row, classify, coefficient_value
 from echelon.base.reading_report import ReadingReport
 from echelon.base.stated_values import SpecialValues, at_values
 from echelon.choices import Form
 from echelon.doors import public
 from echelon.errors import InputError
-from echelon.exact.expressions import PI
+from echelon.exact.expressions import pi_generators
 from echelon.exact.rational import RationalFunction
 from echelon.extras import extra
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import characteristic_length, stated_values, symbol_values
+from echelon.mechanism.stated import characteristic_length, known_values, stated_values, symbol_values
 from echelon.program.sympy_bridge import sympy_number
 from echelon.regressor.linear_forms import LinearForms, inverse_dynamics_regressor, virtual_power_form
 
@@ -62,6 +62,18 @@ class BaseSet(ABC):
     def units(self) -> tuple[str, ...]:
         """Unit of every base parameter."""
 
+    @abstractmethod
+    def B_float(self) -> Floats:
+        """B in double precision, shape (base parameters, standard parameters), at the stated values."""
+
+    @cached_property
+    def largest_coefficient(self) -> float | None:
+        """The largest absolute value in B at the stated values; None where these are missing or give it no double."""
+        try:
+            return float(np.abs(self.B_float()).max(initial=0.0))
+        except InputError:
+            return None
+
     @cached_property
     def expressions(self) -> tuple[Expression, ...]:
         """Every base parameter in closed form, terms with equal coefficients collected."""
@@ -70,6 +82,29 @@ class BaseSet(ABC):
             collect(name, unit, [(self.parameters[c], value) for c, value in sorted(row.items())], decimals)
             for name, unit, row in zip(self.pivots, self.units, self._shown_rows, strict=True)
         )
+
+    @cached_property
+    def readable(self) -> tuple[Expression, ...]:
+        """The expressions with coefficients of more than a dozen terms as their values at the stated numbers.
+
+        Where symbols have no values, the number of terms stands in their place.
+        """
+        return tuple(expression.readable(self._value) for expression in self.expressions)
+
+    def _value(self, coefficient: RationalFunction) -> float | None:
+        """A coefficient at the stated values; None where these are missing or give it no double."""
+        known = self._known
+        if not set(coefficient.symbols()) <= known.keys():
+            return None
+        try:
+            return coefficient_value(coefficient, known)
+        except InputError:
+            return None
+
+    @property
+    @abstractmethod
+    def _known(self) -> Mapping[str, float]:
+        """Stated values of symbols of B."""
 
     @cached_property
     def classification(self) -> dict[str, Identifiability]:
@@ -172,6 +207,10 @@ class BaseModel(BaseSet, Evaluation):
         """Number of coefficients below 1e-11, from rounding where loops close, that no expression shows."""
         return sum(self._is_rounding(c) for row in self.matrix.rows for c in row.values())
 
+    @property
+    def _known(self) -> Mapping[str, float]:
+        return known_values(self.mechanism)
+
     # -- B in other forms --------------------------------------------------------------------------------------
 
     @cached_property
@@ -193,7 +232,7 @@ class BaseModel(BaseSet, Evaluation):
                 raise InputError(f"symbol '{name}' has no value")
             stated = symbol.expression
             values[name] = (
-                sympy.Float(symbol.value) if stated is None else stated.evaluate({PI: sympy.pi}, sympy_number)
+                sympy.Float(symbol.value) if stated is None else stated.evaluate(pi_generators(sympy.pi), sympy_number)
             )
         return self.matrix.sympy(values)
 

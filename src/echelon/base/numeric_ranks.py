@@ -158,6 +158,17 @@ def firm_first(
     return (*firm, *(column for column in order if column not in set(firm)))
 
 
+def reconstruction_error(
+    mechanism: Mechanism, forms: LinearForms, pivots: Sequence[int], matrix: Floats, rng: np.random.Generator
+) -> float:
+    """What X̄ B misses of X at random states of a mechanism without loops: the most of any column, relative to it."""
+    stacked, rounding = _at_states(mechanism, forms, rng, _FEWEST_ROWS, None)
+    missed = np.linalg.norm(stacked - stacked[:, list(pivots)] @ matrix, axis=0)
+    sizes = np.linalg.norm(stacked, axis=0)
+    seen = sizes > _NOISE * rounding
+    return float((missed[seen] / sizes[seen]).max(initial=0.0))
+
+
 def _sampled(
     mechanism: Mechanism,
     columns: Sequence[int],

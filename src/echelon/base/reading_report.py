@@ -18,16 +18,19 @@ from echelon.base.stated_values import stated_structure
 from echelon.errors import DegenerateSampleError, InputError, SingularPoseError
 from echelon.exact.field import ARRAY_BITS, DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.field import rank as rank_modulo
+from echelon.hints import in_quotes
+from echelon.mechanism.closed_pose import shown_loops
 from echelon.mechanism.mechanism import RESTORED, Mechanism, Reading, Snap
 from echelon.mechanism.stated import StatedValues, inexact_symbols, stated_values, symbol_roles
 from echelon.regressor.linear_forms import LinearForms
 from echelon.regressor.loops.assembly import Assembled
-from echelon.regressor.loops.closing import assembled, nearly_free
+from echelon.regressor.loops.closing import assembled, locked_joints, nearly_free
 from echelon.regressor.loops.coordinates import split_balls
 
 ROUNDING = 1e-9
 """Snaps up to this size are what decimals of a file cannot help, and part of the literal reading too."""
 
+_MOST_NAMED = 12  # joints in a message
 _MOST_COLUMNS = 300
 """Of more, float ranks would take too much of the time: so many neighbours are compared instead of all."""
 _CLEAR_GAP = 1e3
@@ -74,6 +77,17 @@ def report_reading(
     matrix: BaseMatrix | None = None,
 ) -> ReadingReport:
     """The numbers that were snapped, and the rank of the literal reading of the mechanism's file."""
+    report = _compared(mechanism, rank, rng, recorded, matrix)
+    return replace(report, doubt=_together(report.doubt, _locked_drives(mechanism)))
+
+
+def _compared(
+    mechanism: Mechanism,
+    rank: int,
+    rng: np.random.Generator,
+    recorded: LinearForms | None,
+    matrix: BaseMatrix | None,
+) -> ReadingReport:
     reading = mechanism.reading
     snaps, notes = ((), ()) if reading is None else (reading.snaps, reading.notes)
     notes = (*notes, *mechanism_notes(mechanism))
@@ -106,6 +120,8 @@ def mechanism_notes(mechanism: Mechanism) -> list[str]:
     ]
     if not mechanism.closures:
         return notes
+    if locked := locked_joints(mechanism):
+        notes.append(f"cannot move, because of {shown_loops(mechanism, locked[0])}: {in_quotes(locked, _MOST_NAMED)}")
     split = ", ".join(f"'{name}'" for name in split_balls(mechanism))
     what = "the loops leave part of a free rotation undetermined, such as the spin of a rod between two ball joints"
     return [*nearly_free(mechanism), *notes, *([f"{what}: {split} is independent"] if split else [])]
@@ -119,6 +135,10 @@ def doubt_of_loops(mechanism: Mechanism, rank: int) -> str:
     """
     if not mechanism.closures:
         return ""
+    return _together(_doubt_of_numbers(mechanism, rank), _locked_drives(mechanism))
+
+
+def _doubt_of_numbers(mechanism: Mechanism, rank: int) -> str:
     snaps = () if mechanism.reading is None else mechanism.reading.snaps
     coarse = [snap.difference for snap in snaps if snap.difference > ROUNDING]
     if coarse:
@@ -128,6 +148,23 @@ def doubt_of_loops(mechanism: Mechanism, rank: int) -> str:
     # rounding may have locked what is meant to move, but not where lengths have names and frames are as they are stated
     named = symbol_roles(mechanism).lengths
     return doubt or "".join(() if named else nearly_free(mechanism))
+
+
+def _locked_drives(mechanism: Mechanism) -> str:
+    """That joints with drives cannot move, if there are such; else empty."""
+    stated = () if mechanism.reading is None else mechanism.reading.driven
+    driven = {*stated, *(name for actuator in mechanism.actuators for name, _ in actuator.terms)}
+    locked = [name for name in locked_joints(mechanism) if name in driven] if driven else []
+    if not locked:
+        return ""
+    return (
+        f"the loops hold what drives are to move: {in_quotes(locked, _MOST_NAMED)}.  If that is not meant, give a "
+        "closure a kind that holds less, such as  joint: spherical  (in MJCF connect instead of weld)"
+    )
+
+
+def _together(*doubts: str) -> str:
+    return "; ".join(doubt for doubt in doubts if doubt)
 
 
 def _doubt(
@@ -208,7 +245,7 @@ def _neighbours(count: int) -> range:
 def _rank_of_columns(matrix: BaseMatrix, columns: Sequence[int], values: StatedValues) -> int | None:
     """Rank of some columns of B at the stated values, which is that of X, modulo a random prime.
 
-    None where the values have no residues (the tangent of half of a half turn) or make a denominator zero.
+    None where the values make a denominator zero.
     """
     rng = random_generator(DEFAULT_SEED)
     field = PrimeField.random(rng, ARRAY_BITS)

@@ -69,7 +69,7 @@ class Relations:
         """Expressions for the generators of these symbols."""
         found = values.put_in(sorted(self.fixed))
         for name, terms in self.combined:
-            if name in values.numbers:
+            if name in values.numbers or name in values.of_pi:
                 found[name] = Polynomial({((symbol, 1),): factor for symbol, factor in terms})
             else:
                 found |= angle_generators(name, Angle(_grid_part(name, terms, values), terms))
@@ -80,15 +80,15 @@ class Relations:
         equations = [f"{name} = {_value_text(name, values)}" for name in sorted(self.fixed)]
         for name, terms in sorted(self.combined):
             right = format_polynomial(Polynomial({((symbol, 1),): factor for symbol, factor in terms}))
-            steps = 0 if name in values.numbers else int(_grid_part(name, terms, values) * STEPS_PER_HALF_TURN)
+            steps = 0 if name not in values.angles else int(_grid_part(name, terms, values) * STEPS_PER_HALF_TURN)
             grid = f" {'+' if steps > 0 else '-'} {abs(steps) * 15}°" if steps else ""
             equations.append(f"{name} = {right}{grid}".replace("-", "−").replace("*", "·"))
         return tuple(equations)
 
 
 def _value_text(name: str, values: StatedValues) -> str:
-    if name in values.sums:
-        return format_polynomial(values.sums[name])
+    if name in values.sums or name in values.of_pi:
+        return format_polynomial(values.sums.get(name) or values.of_pi[name])
     if name in values.numbers:
         number = values.numbers[name]
         return str(number) if isinstance(number, int) else decimal_text(number)
@@ -160,7 +160,8 @@ class RelationSearch:
 
 def _combinations(name: str, others: Sequence[str], values: StatedValues) -> Iterator[Terms]:
     """Combinations of others that have the value of a symbol: equal, a ratio, sums; the simplest first."""
-    same = values.numbers if name in values.numbers else values.angles
+    kinds = (values.numbers, values.of_pi, values.angles)
+    same: Mapping[str, object] = next((kind for kind in kinds if name in kind), values.angles)
     others = [o for o in others if o in same and name in same]
     for other in others:
         ratio = _ratio(name, other, values)
@@ -181,6 +182,10 @@ def _ratio(name: str, other: str, values: StatedValues) -> Fraction | None:
         a, b = values.numbers[name], values.numbers[other]
         if not isinstance(a, Surd) and not isinstance(b, Surd) and b:
             factors.append(Fraction(a) / b)
+    elif name in values.of_pi:
+        (a, *_), (b, *_) = (values.of_pi[n].terms.values() for n in (name, other))
+        if not isinstance(a, Surd) and not isinstance(b, Surd):
+            factors.append(Fraction(a) / b)
     elif values.angles[other].radians:
         factors.append(values.angles[name].radians / values.angles[other].radians)
         factors = [f for f in factors if f.denominator == 1]
@@ -192,6 +197,8 @@ def _holds(name: str, terms: Terms, values: StatedValues) -> bool:
     if name in values.numbers:
         total: object = sum((values.numbers[s] * f for s, f in terms), Fraction(0))
         return bool(values.numbers[name] == total) and any(values.numbers[s] for s, _ in terms)
+    if name in values.of_pi:
+        return Polynomial.sum(values.of_pi[s] * f for s, f in terms) == values.of_pi[name]
     radians = sum((f * values.angles[s].radians for s, f in terms), Fraction(0))
     grid = _grid_part(name, terms, values) * STEPS_PER_HALF_TURN
     return values.angles[name].radians == radians and grid.denominator == 1

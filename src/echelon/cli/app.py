@@ -120,12 +120,22 @@ SnapTolerance = Annotated[
 KeepFixedLinks = Annotated[bool, typer.Option("--keep-fixed-links", help="Keep links fixed to others as bodies.")]
 Massless = Annotated[list[str] | None, typer.Option(help="A link that carries no parameters; may be repeated.")]
 
+Ignore = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME",
+        help="An element (loop, gazebo/joint) or attribute (@quat, origin@quat) of a robot file that counts as if it "
+        "were not there, though it may change how the robot moves; may be repeated.",
+    ),
+]
+
 _READING: dict[str, tuple[Any, Any]] = {
     "floating": (Floating, False),
     "gravity": (Gravity, "file"),
     "snap_tolerance": (SnapTolerance, None),
     "keep_fixed_links": (KeepFixedLinks, False),
     "massless": (Massless, None),
+    "ignore": (Ignore, None),
     "mimic": (
         Annotated[
             Literal["coupled", "independent"], typer.Option(help="Respect mimic joints, or treat them as independent.")
@@ -141,6 +151,10 @@ _READING: dict[str, tuple[Any, Any]] = {
             Literal["shared", "separate"], typer.Option(help="Whether equal magnitudes of a robot file share a symbol.")
         ],
         "shared",
+    ),
+    "model": (
+        Annotated[str, typer.Option("--model", help="Name of the model, if several of an SDF file have joints.")],
+        "",
     ),
     "measured": (
         Annotated[Measured, typer.Option(help="Forces of all drives, or the sensors of an MJCF file.")],
@@ -185,10 +199,11 @@ def reading(**given: Any) -> dict[str, Any]:
     chosen = {name: default for name, (_, default) in _READING.items()} | given
     tolerance = chosen["snap_tolerance"]
     return {
-        **{name: chosen[name] for name in ("floating", "gravity", "keep_fixed_links", "measured")},
+        **{name: chosen[name] for name in ("floating", "gravity", "keep_fixed_links", "measured", "model")},
         "symbolic": not chosen["numeric"],
         "independent_mimics": chosen["mimic"] == "independent",
         "massless": tuple(chosen["massless"] or ()),
+        "ignore": tuple(chosen["ignore"] or ()),
         "separate_symbols": chosen["symbols"] == "separate",
         **({} if tolerance is None else {"snap_tolerance": tolerance}),
     }

@@ -17,7 +17,7 @@ import typer
 from echelon.choices import Estimator, Values
 from echelon.cli.app import AsJson, Budget, Force, Ordering, Output, Prefer, Robot, Seed, app, reads_robot
 from echelon.cli.screen import json_text, show
-from echelon.errors import CertificateError, InputError, one_line
+from echelon.errors import InputError, one_line
 from echelon.machine.target import VARIABLES
 
 __all__ = ["app", "run"]
@@ -30,7 +30,17 @@ Formulas = Literal["latex", "sympy"]
 
 @app.command(epilog="Example: echelon derive panda.urdf --format json -o panda.json")
 @reads_robot(
-    "floating", "gravity", "snap_tolerance", "numeric", "mimic", "keep_fixed_links", "massless", "symbols", "measured"
+    "floating",
+    "gravity",
+    "snap_tolerance",
+    "numeric",
+    "mimic",
+    "keep_fixed_links",
+    "massless",
+    "symbols",
+    "measured",
+    "ignore",
+    "model",
 )
 def derive(
     robot: Robot,
@@ -54,6 +64,9 @@ def derive(
     regressor: Annotated[
         Formulas | None, typer.Option("--regressor", help="Instead: the base regressor as formulas.")
     ] = None,
+    full: Annotated[
+        bool, typer.Option("--full", help="Print every formula; those of more than 12 terms are numbers otherwise.")
+    ] = False,
     seed: Seed = None,
     budget: Budget = 1.0,
 ) -> None:
@@ -82,11 +95,11 @@ def derive(
     elif rank_only:
         derive.run_rank_only(robot, read, target, seed, generic=generic, as_json=chosen == "json")
     else:
-        derive.run_derive(robot, chosen, regressor, read, derivation, target, seed, budget)
+        derive.run_derive(robot, chosen, regressor, read, derivation, target, seed, budget, full=full)
 
 
 @app.command(epilog="Example: echelon sensors arm.yaml --size 2")
-@reads_robot("floating", "gravity")
+@reads_robot("floating", "gravity", "ignore", "model")
 def sensors(
     robot: Robot,
     read: dict[str, Any],
@@ -124,7 +137,7 @@ def setup(
 
 
 @app.command(epilog="Example: echelon identify tx40.yaml run1.parquet --validate run2.parquet -o result/")
-@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless")
+@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless", "ignore", "model")
 def identify(
     setup: Annotated[Path, typer.Argument(help="Robot description with its measurement set-up; or URDF, MJCF.")],
     logs: Annotated[
@@ -171,7 +184,6 @@ def identify(
     """
     from echelon.cli.destination import output_folder
     from echelon.cli.identify import run_identify
-    from echelon.errors import one_line
 
     changed = {"estimator": estimator, "predict": predict_with, "holdout": holdout, "physical": physical, "seed": seed}
     stated = {name: value for name, value in changed.items() if value is not None}
@@ -184,7 +196,7 @@ def identify(
 
 
 @app.command(epilog="Example: echelon check tx40.yaml run1.parquet run2.parquet")
-@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless")
+@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless", "ignore", "model")
 def check(
     setup: Annotated[Path, typer.Argument(help="Robot description with its measurement set-up; or URDF, MJCF.")],
     logs: Annotated[list[Path], typer.Argument(help="Logs; a directory stands for all logs in it.")],
@@ -214,9 +226,10 @@ def predict(
     run_predict(model, log, output_file(output, force), as_json=as_json)
 
 
-VALID, REFUTED = 0, 1
+VALID, REFUTED, NOT_COVERED = 0, 1, 3
 
-Schema = Literal["description", "base-model", "identified", "trajectory"]
+
+Schema = Literal["description", "base-model", "linear-base", "identified", "trajectory"]
 
 
 @app.command(epilog="Example: echelon verify panda.json")
@@ -225,34 +238,17 @@ def verify(
     as_json: AsJson = False,
     seed: Seed = None,
 ) -> None:
-    """Check a saved set of base parameters again, without trusting what it says about itself."""
-    from dataclasses import asdict
+    """Check a saved set of base parameters again, without trusting what it says about itself.
 
-    from echelon.results.echelon_verify import judge
-    from echelon.results.saved import load_base, verify
+    Exit codes: 0 valid, 1 not valid, 2 not readable, 3 checked in part only.
+    """
+    from echelon.cli.verify import run_verify
 
-    try:
-        model = load_base(file)
-        certificate = verify(model, seed)
-        code, sentence = judge(file.read_bytes())
-        if code == REFUTED:
-            raise CertificateError(f"the independent verifier says: {sentence}")
-    except CertificateError as error:
-        refusal = json_text({"valid": False, "reason": str(error)})
-        show(refusal if as_json else f"{file}: NOT valid: {one_line(str(error))}")
-        raise typer.Exit(REFUTED) from None
-    if as_json:
-        evidence: dict[str, Any] = asdict(certificate)
-        evidence["identity_primes"] = [str(p) for p in certificate.identity_primes]
-        independent = {"checked": code == VALID, "says": sentence}
-        show(json_text({"valid": True, "rank": certificate.rank, "certificate": evidence, "independent": independent}))
-    else:
-        show(f"{file}: valid, {model.rank} base parameters of {len(model.parameters)}\n{certificate}")
-        show(f"independent verifier: {one_line(sentence)}")
+    raise typer.Exit(run_verify(file, seed, as_json=as_json))
 
 
 @app.command(epilog="Example: echelon audit tx40.urdf TX40_bp_5.csv --ignore 'fv*'")
-@reads_robot("floating", "gravity", "snap_tolerance", "mimic", "keep_fixed_links")
+@reads_robot("floating", "gravity", "snap_tolerance", "mimic", "keep_fixed_links", "model")
 def audit(
     robot: Robot,
     claimed: Annotated[Path, typer.Argument(help="Base parameters to check: CSV, JSON, or one expression per line.")],
@@ -293,7 +289,7 @@ def _definitions(texts: Sequence[str]) -> dict[str, str]:
 @app.command(epilog="Example: echelon schema description > robot.schema.json")
 def schema(which: Annotated[Schema, typer.Argument(help="Which schema to print.")]) -> None:
     """Print the JSON schema of a file format."""
-    from echelon.results.schema import BaseModelRecord, IdentifiedRecord, json_schema
+    from echelon.results.schema import BaseModelRecord, IdentifiedRecord, LinearBaseRecord, json_schema
 
     if which == "description":
         from echelon.formats.schema.robot_schema import json_schema as description_schema
@@ -304,7 +300,12 @@ def schema(which: Annotated[Schema, typer.Argument(help="Which schema to print."
 
         found = trajectory_schema()
     else:
-        found = json_schema(IdentifiedRecord if which == "identified" else BaseModelRecord)
+        records: dict[str, Any] = {
+            "base-model": BaseModelRecord,
+            "linear-base": LinearBaseRecord,
+            "identified": IdentifiedRecord,
+        }
+        found = json_schema(records[which])
     show(json.dumps(found, indent=2))
 
 
@@ -326,7 +327,7 @@ def _report(error: Exception) -> int:
     """One line for what a user can mend, a traceback for our own mistakes or on request; returns the exit code."""
     from traceback import print_exception
 
-    from echelon.errors import EchelonError, one_line
+    from echelon.errors import EchelonError
 
     expected = isinstance(error, EchelonError | OSError)
     if expected and not os.environ.get("ECHELON_TRACEBACK"):

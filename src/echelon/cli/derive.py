@@ -39,18 +39,20 @@ def run_derive(
     output: Destination | None,
     seed: int,
     budget: float,
+    *,
+    full: bool,
 ) -> None:
     """Derive, then print or write; of a regressor, which is ``latex`` or ``sympy``, its formulas instead."""
     started = perf_counter()
     title = f"deriving {file.name}"
     with steps(title) as step:
         base = _base(file, read, {**derivation, "seed": seed}, budget, lambda phase: step(f"{title}: {phase}"))
-        text = _rendered(base, output_format if regressor is None else f"regressor as {regressor}")
+        text = _rendered(base, output_format if regressor is None else f"regressor as {regressor}", full=full)
     on_terminal = output is None and output_format == "text" and regressor is None
     if on_terminal and isinstance(base, BaseModel) and sys.stdout.isatty():
         from echelon.cli.terminal import print_model
 
-        print_model(base)
+        print_model(base, full=full)
     else:
         deliver(text, output)
     if on_terminal:
@@ -76,15 +78,15 @@ def _numbers_in_balls(robot: Mechanism, *, symbolic: bool, generic: bool) -> boo
     return bool(left) and stated and not generic and not symbolic
 
 
-def _rendered(base: BaseModel | LinearBase, output_format: str) -> str:
+def _rendered(base: BaseModel | LinearBase, output_format: str, *, full: bool) -> str:
     if output_format == "json":
         return to_json(base)
     if output_format == "text":
-        return to_text(base) + "\n"
+        return to_text(base, full=full) + "\n"
     if output_format.startswith("regressor"):
         formulas = base.symbolic_regressor()
         return formulas.latex() if output_format.endswith("latex") else formulas.python()
-    return to_latex(base) if output_format == "latex" else to_markdown(base)
+    return to_latex(base, full=full) if output_format == "latex" else to_markdown(base, full=full)
 
 
 Read = Mapping[str, Any]  # keyword arguments of ``echelon.load``

@@ -42,7 +42,7 @@ Model = Annotated[
 
 
 @app.command(epilog="Example: echelon excite ur10.yaml -o motion/ --duration 10 --criterion condition")
-@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless")
+@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless", "ignore")
 def excite(
     setup: SetupFile,
     read: dict[str, Any],
@@ -117,7 +117,7 @@ def excite(
 
 
 @app.command(epilog="Example: echelon check-trajectory ur10.yaml motion.csv -o preview.html")
-@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless")
+@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless", "ignore")
 def check_trajectory(
     setup: SetupFile,
     trajectory: Annotated[Path, typer.Argument(help="JSON, CSV, Parquet, or a ROS 2 JointTrajectory (YAML).")],

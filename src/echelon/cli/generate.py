@@ -30,7 +30,9 @@ LOOP_FUNCTIONS = "closed_positions, closed_velocities, closed_accelerations, clo
 
 
 @app.command(epilog="Example: echelon generate panda.urdf --target c -o generated/")
-@reads_robot("floating", "gravity", "snap_tolerance", "numeric", "mimic", "keep_fixed_links", "massless")
+@reads_robot(
+    "floating", "gravity", "snap_tolerance", "numeric", "mimic", "keep_fixed_links", "massless", "ignore", "model"
+)
 def generate(
     robot: Annotated[Path, typer.Argument(help="URDF, MJCF, Echelon description, or base parameters saved as JSON.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Directory for the files, or one file.")],

@@ -266,4 +266,7 @@ def run_setup(robot: Path, logs: Sequence[Path], output: Destination | None) -> 
         show(line)
     for question in found.undecided:
         show(f"not decided: {question}")
+    if not found.is_complete:
+        show(f"wrote {output.path}; mend it before logs are identified with it")
+        return
     show(f"wrote {output.path}; next:  echelon identify {output.path} {' '.join(map(str, logs))} -o result/")

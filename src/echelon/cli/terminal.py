@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from echelon.base.display import classification_rows, facts, headline, legend
+from echelon.base.display import classification_rows, facts, headline, legend, shown_expressions
 from echelon.base.matrix import Identifiability
 from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS
@@ -32,7 +32,7 @@ _COLOURS = {
 _PARAMETERS = 24  # parameters that are listed; the rest is in the report and in model.json
 
 
-def print_model(model: BaseModel) -> None:
+def print_model(model: BaseModel, *, full: bool = False) -> None:
     """Print count, closed forms, classification and facts."""
     console = Console()
     console.print(Text(headline(model), style="bold"))
@@ -40,13 +40,13 @@ def print_model(model: BaseModel) -> None:
     table.add_column("#", justify="right", style="dim")
     table.add_column("base parameter", overflow="fold")
     table.add_column("unit", style="dim")
-    for i, expression in enumerate(model.expressions):
+    for i, expression in enumerate(shown_expressions(model, full=full)):
         table.add_row(str(i + 1), Text(str(expression)), expression.unit)
     console.print(table)
     if model.parameters:
         console.print(_classification(model))
         console.print(Text(legend(model)))
-    for label_text, text in facts(model):
+    for label_text, text in facts(model, full=full):
         console.print(Text.assemble((f"{label_text}: ", "cyan"), text))
 
 
@@ -136,7 +136,7 @@ def _number(value: float, digits: int) -> Text:
 def _parameters(base: BaseModel, estimate: Estimate, level: float) -> Table:
     interval = f"{level:.0%} interval"
     table = plain_table("base parameter", "value", interval, "unit", left=("base parameter", interval, "unit"))
-    rows = zip(base.expressions, estimate.values, estimate.interval(level), estimate.units, strict=True)
+    rows = zip(base.readable, estimate.values, estimate.interval(level), estimate.units, strict=True)
     for expression, value, (low, high), unit in list(rows)[:_PARAMETERS]:
         table.add_row(Text(str(expression)), f"{value:.5g}", f"{low:.4g} … {high:.4g}", unit)
     if base.rank > _PARAMETERS:

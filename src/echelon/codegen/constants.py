@@ -84,20 +84,21 @@ def parameter_constants(
     """Values of the base parameters."""
     if given is None:
         return Constants()
-    standard: Sequence[float | None] = ()
+    standard: Sequence[float] = ()
     if isinstance(given, str):
         if given != FROM_FILE:
             raise InputError(f"parameters are 'file' or values by name, not '{one_line(given)}'")
-        values, standard = base.values(symbols=symbols), base.mechanism.standard_values()
+        standard = base.standard_values().tolist()
+        values = base.values(standard, symbols)
     elif len(given) == len(base.pivots) and set(given) == set(base.pivots):
         values = np.array([given[name] for name in base.pivots], dtype=float)
     else:
         _check_names(base, given)
-        standard = complete = [given[name] for name in base.parameters]
-        values = base.values(complete, symbols)
+        standard = [given[name] for name in base.parameters]
+        values = base.values(standard, symbols)
     numbers = {parameter_input(name): exact(float(v)) for name, v in zip(base.pivots, values, strict=True)}
     pairs = zip(base.parameters, standard, strict=True) if standard else ()
-    numbers |= {parameter_input(n, standard=True): exact(float(v)) for n, v in pairs if v is not None}
+    numbers |= {parameter_input(n, standard=True): exact(float(v)) for n, v in pairs}
     return Constants(numbers, values=tuple(map(float, values)))
 
 

@@ -18,6 +18,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from fractions import Fraction
 from math import comb, isfinite, pi
+from typing import Any
 
 from echelon.errors import shortened
 from echelon.exact.polynomial import (
@@ -121,7 +122,8 @@ def _multiple(symbol: str, count: int) -> Point:
     return Polynomial.generator(cosine(argument)), Polynomial.generator(sine(argument)) * (1 if count > 0 else -1)
 
 
-PI = "pi"
+PI, PER_PI = "pi", "1/pi"
+"""Generators for π and its inverse.  π is transcendental: no other numbers here are related to it."""
 RESERVED = frozenset({PI, "sin", "cos", "sqrt"})  # names with a fixed meaning, which no symbol may take
 
 _PIECE, _LONGEST_TERM, _LONGEST = 500, 2000, 1_000_000
@@ -185,7 +187,7 @@ def as_angle(polynomial: Polynomial) -> Angle:
         name = monomial[0][0] if monomial else ""
         if name == PI:
             turns = coefficient
-        elif name.endswith(")"):
+        elif name == PER_PI or name.endswith(")"):
             raise ValueError(f"'{polynomial}' is not an angle: it holds {name}")
         elif name:
             parts.append((name, coefficient))
@@ -238,12 +240,10 @@ class _Reader:
         if isinstance(operator, ast.Mult):
             if len(left.terms) * len(right.terms) > _MOST_TERMS:
                 raise ValueError(f"'{self.text}' expands to more than {_MOST_TERMS} terms")
-            return left * right
+            return _without_quotients(left * right)
         value = right.number
         if isinstance(operator, ast.Div):
-            if value is None or not value:
-                raise ValueError(f"in '{self.text}' only division by a non-zero number is possible")
-            return left * inverse(value)
+            return _without_quotients(left * self._inverse(right))
         exponent = int(value) if isinstance(value, int | Fraction) and value.denominator == 1 else -1
         if isinstance(operator, ast.Pow) and 0 <= exponent <= _LARGEST_EXPONENT:
             if exponent * _bits(left) > _MOST_BITS:
@@ -253,6 +253,17 @@ class _Reader:
             return left**exponent
         raise ValueError(f"in '{self.text}' only + - * / and powers 0 to {_LARGEST_EXPONENT} are possible")
 
+    def _inverse(self, divisor: Polynomial) -> Polynomial:
+        """1 by a number, or by a number times a power of pi."""
+        problem = f"in '{self.text}' only division by a non-zero number, perhaps times pi, is possible"
+        if len(divisor.terms) != 1:
+            raise ValueError(problem)
+        ((monomial, factor),) = divisor.terms.items()
+        inverted = {PI: PER_PI, PER_PI: PI}
+        if not inverted.keys() >= {generator for generator, _ in monomial}:
+            raise ValueError(problem)
+        return Polynomial({tuple((inverted[generator], e) for generator, e in monomial): inverse(factor)})
+
     def _call(self, name: str, argument: Polynomial) -> Polynomial:
         if name == "sqrt" and argument.number is not None:
             return Polynomial.constant(square_root(argument.number))
@@ -260,6 +271,24 @@ class _Reader:
             angle = as_angle(argument)
             return angle.cos() if name == "cos" else angle.sin()
         raise ValueError(f"'{name}' is not a known function (known: sqrt of a number, sin, cos)")
+
+
+def _without_quotients(value: Polynomial) -> Polynomial:
+    """An expression with π·(1/π) = 1 put in."""
+    if not {PI, PER_PI} <= set(value.generators()):
+        return value
+    total = Polynomial({})
+    for monomial, coefficient in value.terms.items():
+        powers = dict(monomial)
+        common = min(powers.get(PI, 0), powers.get(PER_PI, 0))
+        left = tuple((g, e - common if g in (PI, PER_PI) else e) for g, e in monomial)
+        total = total + Polynomial({tuple((g, e) for g, e in left if e): coefficient})
+    return total
+
+
+def pi_generators(pi: Any) -> dict[str, Any]:
+    """Values of the generators π and 1/π in any arithmetic."""
+    return {PI: pi, PER_PI: 1 / pi}
 
 
 def _bits(polynomial: Polynomial) -> int:

@@ -31,6 +31,7 @@ from echelon.exact.polynomial import Number, Surd, generator_values, repeated
 Residues = npt.NDArray[Any]  # array of residues in [0, p): int64 for primes below 2^31, Python integers above
 
 ARRAY_BITS, CERTIFICATE_BITS = 31, 81
+_WORD_BITS = 63  # of the largest modulus of FLINT's matrices of machine words
 _SMALL_PRIMES = int(flint.fmpz.primorial_ui(flint.fmpz(400)))  # their product
 _FEW = 16  # below this many elements, inverting one by one is faster than a tree of products
 
@@ -134,11 +135,18 @@ class PrimeField:
         return flat.reshape(shape)
 
     def circle(self, t: Residues) -> tuple[Residues, Residues]:
-        """Cosine and sine with half-angle tangent t, elementwise."""
+        """Cosine and sine with half-angle tangent t, elementwise; t = p stands for infinity, of a half turn."""
         p = self.p
         square = t * t % p
         scale = self.invert_array((1 + square) % p)
-        return (1 - square) * scale % p, 2 * t * scale % p
+        cosine, sine = (1 - square) * scale % p, 2 * t * scale % p
+        return np.where(t == p, p - 1, cosine), sine
+
+    def half_tangent(self, cosine: int, sine: int) -> int:
+        """The tangent t that :meth:`circle` takes for a point; p for that of a half turn."""
+        if (1 + cosine) % self.p == 0:
+            return self.p
+        return sine * self.invert(1 + cosine) % self.p
 
     def sphere(self, t: Residues) -> Residues:
         """Points of the unit sphere by stereographic projection: t of shape (k, ...) gives (k + 1, ...)."""
@@ -160,8 +168,10 @@ class PrimeField:
 
 
 def as_flint(matrix: Residues, field: PrimeField) -> Any:
-    """A matrix over GF(p) with p below 2^63 in FLINT."""
+    """A matrix over GF(p) in FLINT."""
     rows, columns = matrix.shape
+    if field.p.bit_length() > _WORD_BITS:
+        return flint.fmpz_mod_mat(rows, columns, matrix.ravel().tolist(), flint.fmpz_mod_ctx(field.p))
     return flint.nmod_mat(rows, columns, matrix.ravel().tolist(), field.p)
 
 

@@ -25,7 +25,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.polynomial import Polynomial, cosine_of_turn
-from echelon.formats.snapping import LENGTH_TOLERANCE, PRECISION, Snapping
+from echelon.formats.snapping import LENGTH_TOLERANCE, PRECISION, TO_AXIS, Snapping
 from echelon.mechanism.closed_pose import parted
 from echelon.mechanism.joint import (
     ALL,
@@ -135,9 +135,6 @@ _STEP = pi / STEPS_PER_HALF_TURN
 _NOISE = 1e-14
 _NEAR = 1e-9  # nearer than this, exact values are looked at whatever the tolerance is
 _TURNS = (MotionKind.ROTATION, MotionKind.SCREW)
-_QUARTER = Fraction(1, 2)
-TO_AXIS = (turn(1, Angle(_QUARTER)), turn(0, Angle(-_QUARTER)), Placement())
-"""Rotations that bring z to the x, y and z axis."""
 
 
 def with_relations(

@@ -36,6 +36,7 @@ from echelon.formats.literal import (
 from echelon.formats.snapping import ReadingOptions, Snapping, gravity_vector
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.effect import Side
+from echelon.mechanism.impossible import stated_impossibilities
 from echelon.mechanism.joint import ALL, GROUND, Motion, MotionKind, Placement, Step, merge
 from echelon.mechanism.mechanism import Force, Mechanism, Output, Snap, setup_placements, wrench_output
 from echelon.names import symbol_stem
@@ -53,6 +54,7 @@ class Built:
     notes: tuple[str, ...]
     # links, frames and joints that are fixed to bodies, by name
     rides: Mapping[str, Ride] = field(default_factory=dict)
+    driven: tuple[str, ...] = ()  # coordinates, or joints, that have drives, as far as that is said
 
     @property
     def snaps(self) -> tuple[Snap, ...]:
@@ -111,9 +113,33 @@ class _Builder:
         symbols = {name: symbol for name, symbol in self.snapping.symbols.items() if name in used}
         mechanism = replace(mechanism, symbols=symbols)
         if closures:
-            driven = [name for name in self.tree.driven if name in mechanism.velocities]
-            mechanism = closed(mechanism, self.snapping, prefer=driven)
-        return Built(mechanism, self.snapping, tuple(self.notes), self._rides())
+            mechanism = closed(mechanism, self.snapping, prefer=self._preferred(mechanism))
+        self._check_independent(mechanism)
+        return Built(mechanism, self.snapping, tuple(self.notes), self._rides(), self.tree.driven)
+
+    def _preferred(self, mechanism: Mechanism) -> list[str]:
+        """Coordinates that shall be independent where loops leave a choice: first those of drives."""
+        first = [name for name in self.tree.driven if name in mechanism.velocities]
+        if not self.tree.independent:
+            return first
+        others = [name for name in mechanism.velocities if self.tree.independent.get(name, True)]
+        return list(dict.fromkeys([*first, *others]))
+
+    def _check_independent(self, mechanism: Mechanism) -> None:
+        """Refuse joints of which the file says that they depend on others, or do not, if that is not so."""
+        if self.options.looped or (self.options.independent_mimics and self.tree.has_mimics):
+            return  # loops stand in a file beside this one, or couplings are ignored on request
+        for name, stated in self.tree.independent.items():
+            if not stated and name in mechanism.independent_velocities:
+                problem = (
+                    "the file says that it depends on others (independent='false'), but no loop or coupling says how: "
+                    "state one, or leave the attribute out (--ignore @independent)"
+                )
+                raise self._error(f"joint '{name}'", problem)
+            if stated and name in mechanism.velocities and name not in mechanism.independent_velocities:
+                chosen = ", ".join(mechanism.independent_velocities)
+                problem = f"the file says that it is independent, but it follows from others through loops: {chosen}"
+                raise self._error(f"joint '{name}'", problem)
 
     def _rides(self) -> dict[str, Ride]:
         """What is fixed to bodies, by name: links, frames, and joints, which mark the link that they fix."""
@@ -156,8 +182,9 @@ class _Builder:
     def _closure(self, stated: LiteralClosure) -> Closure:
         (first, offset), (second, other) = self._ride(stated.first), self._ride(stated.second)
         read, stem = self.snapping.placements, symbol_stem(stated.name)
-        frame = read(stated.first_frame, stem)
-        met = self._met(stated, frame) if stated.second_frame is None else read(stated.second_frame, stem)
+        aim = Placement() if stated.axis is None else self.snapping.aim(stated.axis, stem)
+        frame = read(stated.first_frame, stem) @ aim
+        met = self._met(stated, frame) if stated.second_frame is None else read(stated.second_frame, stem) @ aim
         frame, met = read(offset, stem) @ frame, read(other, stem) @ met
         closure = Closure(stated.name, stated.kind, first, second, frame, met)
         return with_parallelogram(closure, stated.element, self.bodies, self.snapping)
@@ -204,6 +231,7 @@ class _Builder:
 
     def _floating_link(self) -> int:
         """The link that floats: the root, or what hangs on the world where the world is the root."""
+        self._check_fixed_base()
         if not self.tree.root_is_world:
             return 0
         hanging = [k for k, link in enumerate(self.tree.links) if link.parent == 0]
@@ -214,6 +242,21 @@ class _Builder:
             f"floating needs exactly one body that is fixed to the world; the world carries {names}",
             source=self.tree.source,
         )
+
+    def _check_fixed_base(self) -> None:
+        """Refuse a base that floats already by a joint of the file."""
+        root, *others = self.tree.links
+        carried = [link for link in others if link.parent == 0]
+        while len(carried) == 1 and _is_fixed(carried[0]) and root.inertial is None:  # such as a frame of the world
+            place = self.tree.links.index(carried[0])
+            root, carried = carried[0], [link for link in others if link.parent == place]
+        floats = [link for link in carried if any(_floats(step) for step in link.steps)]
+        if len(floats) == len(carried) == 1 and root.inertial is None:
+            problem = (
+                f"its joint '{floats[0].joint}' lets it float already, so the base need not float as well: leave out "
+                "--floating (floating=True, floating_base: true)"
+            )
+            raise self._error(f"body '{floats[0].name}'", problem)
 
     def _add(self, index: int, link: LiteralLink) -> None:
         parent = None if link.parent == GROUND else self.tree.links[link.parent].name
@@ -281,6 +324,8 @@ class _Builder:
                 continue
             moved = move_inertial(np.array(link.inertial), numeric_placements(placements))
             totals[body] = totals[body] + moved if body in totals else moved
+            faults = stated_impossibilities(link.name, link.inertial)
+            self.bodies[body] = replace(self.bodies[body], impossible=(*self.bodies[body].impossible, *faults))
         for body, total in totals.items():
             values = tuple(float(v) for v in total)
             self.bodies[body] = replace(self.bodies[body], inertial=values)
@@ -298,6 +343,14 @@ class _Builder:
 
     def _error(self, element: str, problem: str) -> InputError:
         return InputError(problem, source=self.tree.source, element=element)
+
+
+def _is_fixed(link: LiteralLink) -> bool:
+    return all(isinstance(step, LiteralPlacement) for step in link.steps)
+
+
+def _floats(step: LiteralStep) -> bool:
+    return not isinstance(step, LiteralPlacement) and step.kind == "floating"
 
 
 _CLOSED = 1e-9  # of the characteristic length, or rad: rounding of doubles, and nobody wants to know

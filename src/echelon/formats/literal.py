@@ -50,6 +50,9 @@ class LiteralMotion:
     name: str  # name of the coordinate, or the stem of several
     kind: MotionKind | str
     axis: Triple = (0, 0, 1)  # any non-zero length
+    # turns from the joint's frame to the one in which the axis is stated, where that is another one
+    turns: tuple[LiteralPlacement, ...] = ()
+    pitch: Polynomial = Polynomial({})
 
 
 LiteralStep = LiteralPlacement | LiteralMotion
@@ -91,6 +94,7 @@ class LiteralClosure:
     first_frame: tuple[LiteralPlacement, ...]  # the frame that it holds, in the first link's frame
     # the same in the second link's frame; None for where the first one is at the reference pose
     second_frame: tuple[LiteralPlacement, ...] | None
+    axis: LiteralMotion | None = None  # along whose axis, stated in these frames, z is instead
 
 
 @dataclass(frozen=True)
@@ -142,6 +146,8 @@ class LiteralTree:
     # positions at which the loops may close, zero where absent, by what states them: the reference pose first
     poses: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     driven: tuple[str, ...] = ()  # coordinates with actuators
+    # joints that are said to be independent of others, or to depend on them
+    independent: Mapping[str, bool] = field(default_factory=dict)
     # what is stated of the drives of coordinates, by kind of effect, nan where only the kind is known
     drives: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     has_mimics: bool = False  # whether the file couples joints, whatever is made of it

@@ -7,20 +7,23 @@ or with the joints that it couples independent.
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from echelon.choices import Measured
 from echelon.doors import public
-from echelon.errors import InputError, locating
+from echelon.errors import DoubtWarning, InputError, locating
 from echelon.formats.builder import Built, build_mechanism
 from echelon.formats.literal import LiteralTree
 from echelon.formats.robot_sources import described_path, expanded, text_of
 from echelon.formats.snapping import ANGLE_TOLERANCE, Gravity, ReadingOptions
+from echelon.formats.unit_questions import unit_questions
 from echelon.formats.usual_effects import with_usual_effects
+from echelon.formats.vocabulary import without
 from echelon.inputs import parse_xml, read_content
 from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism, Reading
@@ -46,6 +49,8 @@ class RobotFile:
     source: str  # name of the file, for messages
     is_description: bool  # whether it is YAML or JSON, rather than XML
     directory: Path | None = None  # where files that it includes are looked for
+    ignored: tuple[str, ...] = ()  # elements and attributes of XML that count as if they were not there
+    model: str = ""  # which of several models of an SDF file it is about; empty for the only one
 
     @classmethod
     def of(cls, data: bytes, source: str, directory: Path | None = None) -> RobotFile:
@@ -100,7 +105,8 @@ class RobotFile:
         if self.directory is None:
             problem = "a description given as text cannot refer to another file"
             raise self.document.error("robot", problem)
-        file = open_robot(self.directory / self.description.robot.file)
+        ignored = (*self.ignored, *self.description.robot.ignore)
+        file = replace(open_robot(self.directory / self.description.robot.file, self.model), ignored=ignored)
         if file.is_description:
             problem = "only URDF, SDF and MJCF files can be added to; include the description"
             raise InputError(problem, source=file.source)
@@ -115,14 +121,14 @@ class RobotFile:
         if root.tag not in ("robot", "sdf", "mujoco"):
             problem = f"the root element is <{root.tag}>; expected <robot> (URDF), <sdf> (SDF) or <mujoco> (MJCF)"
             raise InputError(problem, source=self.source)
-        return root
+        return without(root, self.ignored, self.source) if self.ignored else root
 
     @cached_property
     def mjcf(self) -> MjcfDocument:
         """The text of an MJCF file with the files that it includes."""
         from echelon.formats.mjcf.mjcf_model import checked_mjcf
 
-        return checked_mjcf(self.data, self.source, self.directory)
+        return checked_mjcf(self.data, self.source, self.directory, self.ignored)
 
     def tree(self, *, mimics: bool = True) -> LiteralTree:
         """The links and joints of an XML file as they stand there."""
@@ -142,7 +148,7 @@ class RobotFile:
         if self.root.tag == "sdf":
             from echelon.formats.urdf.sdf_reader import read_sdf
 
-            return read_sdf(self.root, self.source, mimics=mimics)
+            return read_sdf(self.root, self.source, mimics=mimics, model=self.model)
         from echelon.formats.urdf.urdf_reader import UrdfReader
 
         return UrdfReader(self.root, self.source).read(mimics)
@@ -152,6 +158,8 @@ class RobotFile:
     def mechanism(self, options: ReadingOptions | None = None, literal: Collection[str] = ()) -> Mechanism:
         """The robot; the numbers of the literal elements are taken as they stand."""
         options = ReadingOptions() if options is None else options
+        if new := [name for name in options.ignore if name not in self.ignored]:
+            return replace(self, ignored=(*self.ignored, *new)).mechanism(options, literal)
         built = self.built(options, literal)
         mechanism = built.mechanism if options.symbolic else in_numbers(built.mechanism)
         locked = {**(self.description.locked if self.is_description else {}), **options.locked}
@@ -163,7 +171,19 @@ class RobotFile:
         if options.usual_effects if stated is None else "usual" in stated:
             mechanism = with_usual_effects(mechanism, {} if tree is None else tree.drives)
         couples = tree is not None and tree.has_mimics
-        return mechanism.as_read(Reading(built.snaps, built.notes, self, options, couples))
+        in_world = self.robot is not None and self.robot.root.tag != "robot"
+        questions = tuple(unit_questions(mechanism, built.snapping.radians, in_world=in_world))
+        for question in questions if not literal else ():
+            warnings.warn(f"{self.source}: {question}", DoubtWarning, stacklevel=3)
+        notes = (*built.notes, *self._asked(), *questions)
+        return mechanism.as_read(Reading(built.snaps, notes, self, options, couples, built.driven))
+
+    def _asked(self) -> list[str]:
+        """A note on what is ignored on request."""
+        ignored = () if self.robot is None else self.robot.ignored
+        if self.ignored and self.robot is None:
+            raise InputError(f"it has no '{self.ignored[0]}' that could be ignored", source=self.source)
+        return [f"ignored, as asked: {', '.join(dict.fromkeys(ignored))}"] if ignored else []
 
     def built(self, options: ReadingOptions, literal: Collection[str] = ()) -> Built:
         """The robot with symbols, and what was read as exact."""
@@ -181,8 +201,22 @@ class RobotFile:
             raise error.located(self.source) from None
 
 
-def open_robot(robot: Any) -> RobotFile:
-    """A robot file of any supported format; or a text, a model or a name that stands for one."""
+def open_robot(robot: Any, model: str = "") -> RobotFile:
+    """A robot file of any supported format; or a text, a model or a name that stands for one.
+
+    Of an SDF file with several models that move, the one with a name.
+    """
+    file = _opened(robot)
+    if not model:
+        return file
+    file = replace(file, model=model)
+    stated = None if file.is_linear_model else file.robot
+    if stated is None or stated.root.tag != "sdf":
+        raise InputError(f"only SDF files hold several models: leave out model '{model}'", source=file.source)
+    return file
+
+
+def _opened(robot: Any) -> RobotFile:
     if isinstance(robot, RobotFile):
         return robot
     if not isinstance(robot, str | os.PathLike):
@@ -213,6 +247,8 @@ def load(
     separate_symbols: bool = False,
     measured: Measured = "drives",
     locked: Mapping[str, float] | None = None,
+    ignore: Sequence[str] = (),
+    model: str = "",
 ) -> Mechanism:
     """Read a robot description.
 
@@ -246,6 +282,12 @@ def load(
         ``docs/formats/mjcf.md``).  Descriptions state their outputs themselves.
     locked : mapping of str to float, optional
         Coordinates, or joints, that do not move, and where they stand, rad or m.
+    ignore : sequence of str
+        Elements (``"loop"``, ``"gazebo/joint"``) and attributes (``"@quat"``, ``"origin@quat"``) of a robot file that
+        count as if they were not there.  What Echelon does not read is refused where it could change how the robot
+        moves, unless it is listed here.
+    model : str
+        Name of the model to read from an SDF file in which several have joints.
 
     Returns
     -------
@@ -255,6 +297,11 @@ def load(
     ------
     InputError
         If the file cannot be read or is not a valid robot; the message names file and element.
+
+    Warns
+    -----
+    DoubtWarning
+        If angles look like degrees, or offsets like millimetres.
 
     Examples
     --------
@@ -273,13 +320,14 @@ def load(
         separate_symbols=separate_symbols,
         measured=measured,
         locked=locked or {},
+        ignore=tuple(ignore),
     )
-    return open_robot(robot).mechanism(options)
+    return open_robot(robot, model).mechanism(options)
 
 
-def load_model(robot: Any, **reading: Any) -> Mechanism | LinearModel:
+def load_model(robot: Any, model: str = "", **reading: Any) -> Mechanism | LinearModel:
     """Read a robot, with the keyword arguments of :func:`load`, or a linear model."""
-    file = open_robot(robot)
+    file = open_robot(robot, model)
     if not file.is_linear_model:
         return file.mechanism(ReadingOptions(**reading))
     from echelon.formats.linear_document import read_linear

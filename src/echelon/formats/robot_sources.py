@@ -19,11 +19,12 @@ from echelon.errors import InputError
 from echelon.extras import extra
 from echelon.formats.literal import roll_pitch_yaw
 from echelon.hints import nearest
-from echelon.inputs import parse_xml
+from echelon.inputs import parse_xml, read_content
 
 _DESCRIPTION = re.compile(r"\w+_description")
 _XACRO = re.compile(rb"""xmlns:xacro\s*=\s*["']https?://[^"']*xacro/?["']""")
 _MACROS = re.compile(rb"<xacro:|\$[{(]")
+_LEVELS = 6  # of folders above a xacro file around which packages are looked for; deeper ones are not seen
 _EQUALITIES = ("connect", "weld", "joint", "tendon")
 _JOINTS = ("free", "ball", "slide", "hinge")
 _CONSTRAINT_OFF, _EQUALITY_OFF, _GRAVITY_OFF = 1 << 0, 1 << 1, 1 << 7  # of mjtDisableBit
@@ -84,14 +85,45 @@ def expanded(content: bytes, source: str, directory: Path | None) -> bytes:
             document = xacro.parse(content.decode())
             xacro.process_doc(document)
         else:
+            packages.reset()  # it remembers where packages of other robots were
             packages.look_in([str(folder) for folder in Path(source).absolute().parents[:3]])
-            packages.walk_up_from(source)
+            packages.update_package_cache(_packages_around(Path(source)))
             document = xacro.process_file(source)
         return bytes(document.toxml().encode())
     except (Exception, SystemExit) as error:  # whatever the expressions of a file stumble over
         reason = str(error) or type(error).__name__
         problem = f"xacro cannot expand it: {reason}; expand it where its packages are: xacro robot.xacro > robot.urdf"
         raise InputError(problem, source=source) from None
+
+
+def _packages_around(file: Path) -> dict[str, Path]:
+    """The folders above a file and beside these, by the names of their package.xml and by their own.
+
+    The nearest folder of a name counts, and a name that a package.xml states before that of a folder.
+    """
+    stated: dict[str, Path] = {}
+    by_folder: dict[str, Path] = {}
+    for folder in file.resolve().parents[:_LEVELS]:
+        try:
+            beside = sorted(child for child in folder.iterdir() if child.is_dir())
+        except OSError:  # a folder that nobody may list holds no packages for us
+            beside = []
+        for package in (folder, *beside):
+            by_folder.setdefault(package.name, package)
+            if name := _package_name(package / "package.xml"):
+                stated.setdefault(name, package)
+    return by_folder | stated
+
+
+def _package_name(file: Path) -> str:
+    """The name that a package.xml states; empty if there is none."""
+    if not file.is_file():
+        return ""
+    try:
+        root = parse_xml(read_content(file), str(file))
+    except InputError:
+        return ""
+    return str(root.findtext("name", "")).strip()
 
 
 # -- MuJoCo ------------------------------------------------------------------------------------------------------------

@@ -23,7 +23,7 @@ from typing import TypeVar
 
 from echelon.choices import Measured
 from echelon.errors import InputError
-from echelon.exact.expressions import PI, STEPS_PER_HALF_TURN, Angle, decimal_text, parse
+from echelon.exact.expressions import PI, STEPS_PER_HALF_TURN, Angle, decimal_text, parse, pi_generators
 from echelon.exact.polynomial import (
     Number,
     Polynomial,
@@ -34,7 +34,7 @@ from echelon.exact.polynomial import (
     parts_of,
     square_root,
 )
-from echelon.formats.literal import LiteralMotion, LiteralPlacement, StatedJoint, Triple
+from echelon.formats.literal import LiteralMotion, LiteralPlacement, StatedJoint, Triple, numeric_placements
 from echelon.mechanism.joint import (
     Motion,
     MotionKind,
@@ -89,6 +89,8 @@ class ReadingOptions:
     usual_effects: bool = False
     # coordinates, or joints, that do not move, and where they stand (rad or m), beside those that the file names
     locked: Mapping[str, float] = field(default_factory=dict)
+    # elements and attributes of a robot file that are ignored, though they may change how it moves
+    ignore: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not 0 <= self.snap_tolerance <= 0.1:
@@ -146,10 +148,15 @@ def checked_size(value: AnyNumber, shown: str) -> AnyNumber:
     return value
 
 
+_QUARTER = Fraction(1, 2)
+TO_AXIS = (turn(1, Angle(_QUARTER)), turn(0, Angle(-_QUARTER)), Placement())
+"""Rotations that bring z to the x, y and z axis."""
+
 _STEP = pi / STEPS_PER_HALF_TURN
 _SAME = 1e-12
 _EXACT = 1e-15
 _FEW = 6  # digits of quaternions and angles in many files, of which other angles are computed
+_ROUNDED_TWICE = 2  # components of a direction, which its angles have the rounding of
 _WRITTEN = 15  # decimals that a number has at most which nobody computed
 _DIGITS, _DOUBLE = 12, 1e-15  # digits of a short decimal, and how far a double is from it, of the largest length
 
@@ -168,6 +175,8 @@ class Snapping:
     def __post_init__(self) -> None:
         self._angles: list[tuple[float, str]] = []
         self._lengths: dict[Polynomial, str] = {}
+        self.radians: dict[str, Rational] = {}
+        """Numbers that were read as angles, by element, rad."""
         self.exact: set[str] = set()
         """Symbols of angles that are stated exactly."""
 
@@ -257,6 +266,17 @@ class Snapping:
                 return symbol
         return None
 
+    def _pitch(self, value: Polynomial, name: str, element: str) -> Polynomial:
+        """The pitch of a screw: a symbol where lengths have names, or where it has π in it."""
+        if value.number is not None and (not value or not self.options.symbolic or self.options.looped):
+            return value
+        size = value.evaluate(pi_generators(pi), float)
+        sign = 1 if size > 0 else -1
+        if (sign * value) not in self._lengths or self.options.separate_symbols:
+            symbol = Symbol(name, abs(size), format_polynomial(sign * value), element)
+            self._lengths[sign * value] = self._new_symbol(name, symbol)
+        return sign * Polynomial.generator(self._lengths[sign * value])
+
     def length(self, value: float, name: str, element: str) -> Polynomial:
         """A measured length: a symbol, or the decimal that it is to twelve digits."""
         return self._length(as_polynomial(Fraction(f"{value:.12g}")), name, element)
@@ -309,6 +329,8 @@ class Snapping:
     def angle_value(self, value: Rational | float, element: str) -> float:
         """An angle in floats, if these still tell angles apart."""
         number = float(value)
+        if not isinstance(value, float):
+            self.radians[element] = value
         if abs(number) > LARGEST_ANGLE:
             problem = f"{number:.3g} rad is too large for an angle: robots have angles up to {LARGEST_ANGLE:.0e}"
             raise InputError(problem, source=self.source, element=element)
@@ -337,14 +359,58 @@ class Snapping:
             return (Motion(MotionKind.BALL, literal.name),)
         if literal.kind == "floating":
             return floating_motions(literal.name)
-        mounting, axis, sign = self.direction(literal.axis, f"{literal.element} axis", label)
+        mounting, axis, sign = self._axis(literal, label)
         if literal.kind == "planar":
             flip = turn((axis + 1) % 3, Angle(Fraction(1))) if sign < 0 else Placement()
             mounting, motions = mounting @ flip, planar_motions(literal.name, axis)
         else:
             assert isinstance(literal.kind, MotionKind)
-            motions = (Motion(literal.kind, literal.name, axis, sign),)
+            pitch = self._pitch(literal.pitch, f"pitch{label}", f"{literal.element} pitch")
+            motions = (Motion(literal.kind, literal.name, axis, sign, pitch),)
         return (mounting, *motions, mounting.inverse())
+
+    def aim(self, literal: LiteralMotion, label: str) -> Placement:
+        """A frame whose z axis lies along the axis of a motion."""
+        return _aimed(*self._axis(literal, label))
+
+    def aim_at(self, direction: Triple, element: str, label: str) -> Placement:
+        """A frame whose z axis lies along a direction of any length."""
+        return _aimed(*self.direction(direction, element, label))
+
+    def _axis(self, literal: LiteralMotion, label: str) -> tuple[Placement, int, int]:
+        """A placement, a coordinate axis of it, and a sign, that together give the axis of a motion."""
+        element = f"{literal.element} axis"
+        turns, direction = self._axis_frame(literal, element)
+        mounting, axis, sign = self.direction(direction, element, label)
+        return self.placements(turns, label) @ mounting, axis, sign
+
+    def _axis_frame(self, literal: LiteralMotion, element: str) -> tuple[tuple[LiteralPlacement, ...], Triple]:
+        """Turns to the frame in which an axis is simplest, and the axis there.
+
+        What is along a coordinate axis of the joint's frame is not seen to be so in another frame, where all of its
+        components are rounded.
+        """
+        turns, axis = literal.turns, literal.axis
+        frames = [(turns, axis)]
+        for count in range(len(turns)):
+            x, y, z = numeric_placements(turns[count:])[:3, :3] @ [float(v) for v in axis]
+            frames.append((turns[:count], (_shortened(x), _shortened(y), _shortened(z))))
+        rounding = _ROUNDED_TWICE * max(map(_written, axis)) / hypot(*axis)
+        return max(frames, key=lambda frame: self._simplicity(frame[1], element, rounding))  # the first of equals
+
+    def _simplicity(self, direction: Triple, element: str, rounding: float) -> int:
+        """3 for a coordinate axis, 2 for azimuth and inclination at multiples of 15°, 1 for one of them, 0 for none.
+
+        One of them may be there by chance, so it has to be within the rounding error of the axis, rad.
+        """
+        x, y, z = (float(v) for v in direction)
+        tolerance = max(self.angle_tolerance(element), _EXACT)
+        if min(hypot(y, z), hypot(x, z), hypot(x, y)) <= tolerance * hypot(x, y, z):
+            return 3
+        off = [abs(angle - nearest_step(angle)) for angle in (atan2(y, x), atan2(hypot(x, y), z))]
+        if max(off) <= tolerance:
+            return 2
+        return 1 if min(off) <= min(tolerance, rounding) else 0
 
     def direction(self, direction: Triple, element: str, label: str) -> tuple[Placement, int, int]:
         """A placement, a coordinate axis of it, and a sign, that together give a direction of any length."""
@@ -394,6 +460,11 @@ class Snapping:
         return unique
 
 
+def _aimed(mounting: Placement, axis: int, sign: int) -> Placement:
+    """A frame whose z axis lies along a coordinate axis of a placement, or against it."""
+    return mounting @ TO_AXIS[axis] @ (turn(0, Angle(Fraction(1))) if sign < 0 else Placement())
+
+
 def _translated(placement: Placement, read: Callable[[Polynomial, str], Polynomial]) -> Placement:
     """A placement with other components of its translation."""
     x, y, z = (read(value, axis) for axis, value in zip("xyz", placement.translation, strict=True))
@@ -407,6 +478,11 @@ def _ratio(top: Fraction, bottom: Fraction) -> Fraction | None:
 def nearest_step(angle: float) -> float:
     """The multiple of 15° next to an angle."""
     return round(angle / _STEP) * _STEP
+
+
+def _shortened(component: float) -> Fraction:
+    """A component of a computed direction without the noise of computing it."""
+    return round(Fraction(component), _WRITTEN)
 
 
 def _written(value: Rational | float) -> float:

@@ -103,6 +103,8 @@ def culprit(
     prediction.  Of changes that do alike the ``prior`` decides.  ``only_rate`` tries nothing but the clock.
     """
     search = _Search(base, states_of(samples, band), columns[0] if columns else ColumnMap(), velocities, values, prior)
+    if not any(some.spread > 0 for some in search.marks.normals(search.read)):
+        return None  # no row moves, or no output varies: all changes do alike
     return search.found(list(search.of_rate() if only_rate else search.changes()))
 
 
@@ -124,6 +126,11 @@ def common_unit(base: BaseModel, observation: Observation, prior: Floats) -> Cul
             said = " or ".join(f"{prefix}{unit}" for unit in dict.fromkeys(units[name] for name in off))
             text = f"{which} in {said} (unit: {said.split(' or ')[0]}), {ratio:.3g} times what the prior model predicts"
             return Culprit(text, exp(abs(log(ratio))), exp(abs(log(ratio / factor))))
+    foreign = [ratio for ratio in ratios.values() if abs(log(ratio)) > log(_FOREIGN)]
+    if 2 * len(foreign) > len(ratios):
+        ratio = float(np.median(foreign))
+        text = f"the outputs are in another unit: they are {ratio:.3g} times what the prior model predicts"
+        return Culprit(text, exp(abs(log(ratio))), 1.0)
     return None
 
 
@@ -141,13 +148,13 @@ class _Search:
         self.values, self.prior = values, prior
         self.outputs = [output.name for output in base.mechanism.outputs]
         self.marks = Marks(base, rows.y.shape[1])
-        self._read = self.marks.products(rows)
+        self.read = self.marks.products(rows)
 
     def found(self, changes: Sequence[_Change]) -> Culprit | None:
         """The best change, if it is far better than none and than all others."""
         if not changes:
             return None
-        before = best = self._mark(self.marks.normals(self._read), physical=True)
+        before = best = self._mark(self.marks.normals(self.read), physical=True)
         # of changes that physics alone tells apart, those that happen more often come first
         free = sorted(((round(self._free(change), 2), change) for change in changes), key=lambda entry: entry[0])
         marks: list[tuple[float, _Change]] = []
@@ -183,7 +190,7 @@ class _Search:
 
     def _normals(self, change: _Change) -> list[Normal]:
         same = change.positions is None and change.velocities is None and change.shift is None and change.rate == 1.0
-        products = self._read if same else self.marks.products(self._changed(change))
+        products = self.read if same else self.marks.products(self._changed(change))
         return self.marks.normals(products, change.outputs)
 
     # -- changes -------------------------------------------------------------------------------------------------
@@ -283,7 +290,7 @@ class _Search:
         if self.prior is None:
             return [np.nan] * len(self.outputs)
         found = []
-        for i, (columns, product) in enumerate(zip(self.marks.columns, self._read, strict=True)):
+        for i, (columns, product) in enumerate(zip(self.marks.columns, self.read, strict=True)):
             values, place = self.prior[columns], len(columns) + i
             guess = float(values @ product[: len(columns), : len(columns)] @ values)
             found.append(float(np.sqrt(product[place, place] / guess)) if guess > 0 < product[place, place] else np.nan)

@@ -33,6 +33,7 @@ from echelon.identification.physics.bounds import Bounds
 from echelon.identification.physics.feasibility import Feasibility, feasibility
 from echelon.identification.physics.fit import PhysicalFit, departures, physical_fit
 from echelon.identification.physics.prior_information import Prior, known_before
+from echelon.identification.plausible_mass import mass_findings
 from echelon.identification.result import (
     FAR,
     Identification,
@@ -43,7 +44,7 @@ from echelon.identification.result import (
     predicting,
 )
 from echelon.identification.rows.plan import Plan
-from echelon.identification.scores import GOOD, USABLE, Validation, by_role, overall_verdict
+from echelon.identification.scores import Grade, Validation, by_role, grade, overall_verdict
 from echelon.identification.survey import survey
 from echelon.identification.validation import Models
 from echelon.logs.finding import Finding, counted, enumerated, note, warning
@@ -216,6 +217,7 @@ def _fitted(
     findings += elsewhere
     if physical is not None and prior is not None:
         findings += departures(base.mechanism, physical.standard, prior.values, physical.prior_weight)
+    findings += mass_findings(base, estimate.values) if comparable else []
     facts = contradictions(feasible, culprit, apart, findings)
     findings += fit_findings(estimate, conditions, feasible, physical, validations, culprit, apart)
     judgement = overall_verdict(by_role(validations)[-1], facts)
@@ -358,8 +360,8 @@ def _without_friction(base: BaseModel, observation: Observation, noise: Floats) 
 
 def _is_doubtful(validations: Sequence[Validation], feasible: Feasibility | None) -> bool:
     """Whether physics or predictions contradict the set-up, so that a mistake in it is looked for."""
-    scores = [score for v in validations for score in v.scores if not score.is_below_noise]
-    poor = any(score.r2 < GOOD for score in scores)
+    grades = [grade(score) for v in validations for score in v.scores]
+    poor = any(found is not None and found < Grade.GOOD for found in grades)
     return poor or (feasible is not None and feasible.feasible is False and feasible.distance > FAR)
 
 
@@ -389,8 +391,9 @@ def _culprits_of_unseen(
     fitted = by_role(validations)[0].scores
     found = []
     for log, validation in zip(unseen_logs, [v for v in validations if v.role == "validation"], strict=False):
-        pairs = zip(fitted, validation.scores, strict=True)
-        if any(seen.r2 >= USABLE > unseen.r2 for seen, unseen in pairs):
+        grades = [(grade(seen), grade(unseen)) for seen, unseen in zip(fitted, validation.scores, strict=True)]
+        told = [(seen, unseen) for seen, unseen in grades if seen is not None and unseen is not None]
+        if any(seen >= Grade.USABLE > unseen for seen, unseen in told):
             mistake = seek(data.samples(log, "all"), values=values)
             if mistake is not None:
                 text = f"in this log, other than in those that were fitted, {mistake.text}"

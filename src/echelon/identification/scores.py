@@ -9,7 +9,7 @@ Every sentence of a verdict comes from a number and a threshold below, so that t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import reduce
@@ -149,6 +149,22 @@ class Score:
         return self.whole.deviation < self.noise
 
     @property
+    def is_at_rest(self) -> bool:
+        """Whether its joint never moves, so that dry friction or a brake holds whatever force there is."""
+        return self.rows > 0 and self.moving.rows == 0
+
+    @property
+    def silence(self) -> str:
+        """Why nothing can be said of the prediction; empty where something can."""
+        if not np.isfinite(self.r2):
+            return "it did not vary"
+        if self.is_below_noise:
+            return "it varies less than the noise of the sensor"
+        if self.is_at_rest and self.r2 < USABLE:
+            return "its joint rests, where dry friction holds any force"
+        return ""
+
+    @property
     def is_computed(self) -> bool:
         """Whether the output is too good to be measured: without noise, and predicted before any filter."""
         # noise of exactly zero is that of steps, which a coarse sensor has
@@ -229,8 +245,8 @@ class Grade(IntEnum):
 
 
 def grade(score: Score) -> Grade | None:
-    """Grade of one output; None where nothing was measured or it did not vary."""
-    if not np.isfinite(score.r2):
+    """Grade of one output; None where nothing can be said of it."""
+    if score.silence:
         return None
     if score.r2 <= 0:
         return Grade.USELESS
@@ -240,6 +256,8 @@ def grade(score: Score) -> Grade | None:
 def verdict(validation: Validation, identification: Validation | None = None) -> str:
     """What the scores of one log say."""
     sentences = [_fit(validation.scores, _data(validation))]
+    if all(score.is_at_rest for score in validation.scores):
+        return sentences[0]  # of a robot at rest no residual says anything
     if identification is not None and validation.role == "validation":
         sentences += _carries_over(validation.scores, identification.scores)
     sentences += _against_prior(validation)
@@ -258,20 +276,20 @@ class Judgement:
 def overall_verdict(judged: Validation, facts: Sequence[str] = ()) -> Judgement:
     """What a model's scores on all logs together say, and facts that contradict it.
 
-    All outputs are graded alike, by R² over all rows; only an output that varies less than its sensor's noise is not
-    graded, because no model could explain it.
+    All outputs are graded alike, by R² over all rows; only those of which nothing can be said are not graded, because
+    no model could explain them.
     """
-    graded = [(score, found) for score in judged.scores if (found := grade(score)) is not None]
-    told = [(score, found) for score, found in graded if not score.is_below_noise]
+    told = [(score, found) for score in judged.scores if (found := grade(score)) is not None]
+    silent = _silent(judged.scores)
     if not told:
-        silent = "Nothing can be said: no output varied" + " by more than its sensor's noise" * bool(graded)
-        return Judgement(f"{silent}.", (silent, *facts))
+        text = f"Nothing can be said on {_data(judged)} ({judged.source}): {_listed(silent)}"
+        if not any(score.is_at_rest for score in judged.scores):
+            noisy = any(score.is_below_noise for score in judged.scores)
+            text = "Nothing can be said: no output varied" + " by more than its sensor's noise" * noisy
+        return Judgement(f"{text}.", (text, *facts))
     worst, lowest = min(told, key=lambda entry: (entry[1], entry[0].r2))
     sentences = [_headline(lowest, worst, judged, facts)]
-    quiet = [score.output for score, _ in graded if score.is_below_noise]
-    if quiet:
-        vary = "it varies" if len(quiet) == 1 else "they vary"
-        sentences.append(f"Of {enumerated(quiet)} nothing can be said: {vary} less than the noise of the sensor.")
+    sentences += [f"Of {outputs} nothing can be said: {reason}." for reason, outputs in silent.items()]
     if all(score.is_computed for score, _ in told):
         sentences.append("The outputs have no noise: they look computed, not measured.")
     if judged.role != "validation":
@@ -320,9 +338,24 @@ def _fit(scores: Sequence[Score], data: str) -> str:
     useless = [s for s, found in graded if found is Grade.USELESS]
     if useless:
         parts.append(f"{_outputs(useless)} worse than a constant would")
-    text = f"On {data} the model predicts {'; '.join(parts)}." if parts else f"On {data} no output varies."
-    silent = [s.output for s, found in graded if found is None]
-    return text + (f" Nothing can be said of {enumerated(silent)}: it did not vary." if silent and parts else "")
+    silent = _silent(scores)
+    if not parts:
+        return f"On {data} nothing can be said of {_listed(silent)}."
+    text = f"On {data} the model predicts {'; '.join(parts)}."
+    return f"{text} Nothing can be said of {_listed(silent)}." if silent else text
+
+
+def _silent(scores: Sequence[Score]) -> dict[str, str]:
+    """Outputs of which nothing can be said, in words, by the reason."""
+    found: dict[str, list[str]] = {}
+    for score in scores:
+        if score.silence:
+            found.setdefault(score.silence, []).append(score.output)
+    return {reason: enumerated(outputs) for reason, outputs in found.items()}
+
+
+def _listed(silent: Mapping[str, str]) -> str:
+    return "; ".join(f"{outputs}: {reason}" for reason, outputs in silent.items())
 
 
 def _carries_over(scores: Sequence[Score], fitted: Sequence[Score]) -> list[str]:

@@ -33,6 +33,7 @@ from echelon.identification.estimators.least_squares import noise_estimate
 from echelon.identification.physics.prior_information import known_before
 from echelon.identification.rows.plan import SAMPLED, Plan
 from echelon.identification.rows.rows import ModelRows, rows_taken
+from echelon.logs.columns.by_values import fitting_units
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.finding import Finding, counted, note, warning
 from echelon.logs.preparation.choices import Signals, chosen
@@ -292,7 +293,7 @@ def explained_rate(setup: Setup, logs: Sequence[Path]) -> float | None:
     """The samples per second of a log without a clock with which a robot that can exist explains its outputs.
 
     The set-up states another rate.  Gravity has no time in it and inertia its square, so that they tell the rate where
-    they share parameters; None if nothing does.
+    they share parameters; None if nothing does, or if it is none at which robots are logged.
     """
     columns, base = setup.columns[0], base_parameters(setup.mechanism, seed=setup.seed)
     preparation = survey(setup, base, logs).preparation
@@ -310,4 +311,5 @@ def explained_rate(setup: Setup, logs: Sequence[Path]) -> float | None:
     rate = columns.rate * found.rate
     ten = 10 ** np.floor(np.log10(rate))
     near = min((ten * n for n in _NICE), key=lambda nice: abs(np.log(nice / rate)))
-    return float(near if abs(near / rate - 1) < _NEAR else f"{rate:.3g}")
+    is_usual = abs(near / rate - 1) < _NEAR and fitting_units(1 / near)[:1] == ["s"]
+    return float(near) if is_usual else None

@@ -23,7 +23,7 @@ from echelon.errors import InputError, locating
 from echelon.logs.columns.by_values import clock, clock_unit
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.columns.column_names import meaning
-from echelon.logs.columns.conversion import needed_columns, recording
+from echelon.logs.columns.conversion import LARGEST, needed_columns, recording
 from echelon.logs.faults.examine import examine
 from echelon.logs.faults.plausibility import check_plausible, surplus_columns
 from echelon.logs.files.log_file import CHUNK, LogFile, Table, selected
@@ -96,12 +96,18 @@ def _chosen(log: LogFile, columns: Sequence[ColumnMap]) -> ColumnMap:
     return best
 
 
+def measured(table: Table) -> Table:
+    """A table with NaN for what no sensor measures, so that it is no number to reckon with."""
+    columns = {name: np.where(np.abs(values) <= LARGEST, values, np.nan) for name, values in table.columns.items()}
+    return replace(table, columns=columns)
+
+
 def first_table(log: LogFile) -> Table:
-    """The first piece of a log, with all columns of numbers."""
+    """The first piece of a log, with all columns of numbers, and NaN for what no sensor measures."""
     names = list(log.names)
     while True:
         try:
-            return next(log.tables(names), Table(log.source, {}))
+            return measured(next(log.tables(names), Table(log.source, {})))
         except InputError as error:  # a column of words, such as AUTO
             column = re.search("column '(.*)'$", error.element or "")
             if column is None or column[1] not in names or len(names) == 1:

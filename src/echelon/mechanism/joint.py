@@ -7,7 +7,7 @@ that is not a coordinate axis is a placement that turns it into one.  So the dyn
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from fractions import Fraction
 from functools import cached_property
@@ -245,6 +245,8 @@ class Body:
     carried: tuple[int, ...] = ALL
     # standard parameters stated by the file, about the body's frame; None where the file is silent
     inertial: tuple[float, ...] | None = None
+    # links that it is made of and whose stated inertias no body can have, with the reasons in words
+    impossible: tuple[str, ...] = field(default=(), compare=False)
 
     @property
     def massless(self) -> bool:

@@ -22,6 +22,7 @@ from echelon.exact.rational import RationalFunction, inverse_matrix
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.coupling import Coupling
 from echelon.mechanism.effect import Effect, Side
+from echelon.mechanism.impossible import warn_of_impossible
 from echelon.mechanism.joint import GROUND, Body, Motion, MotionKind, Placement, Symbol, Vector
 from echelon.names import check_distinct, check_identifier, check_text, check_title, symbol_stem
 
@@ -303,7 +304,11 @@ class Mechanism:
         return self.measured is None
 
     def standard_values(self) -> tuple[float | None, ...]:
-        """Standard parameters stated by the file, None where it is silent."""
+        """Standard parameters stated by the file, None where it is silent.
+
+        Warns with a :class:`~echelon.DoubtWarning` of every link whose inertia no body can have.
+        """
+        warn_of_impossible([self.bodies[k] for index in self.carriers for k in self.sharing[index]])
         values: list[float | None] = []
         for index in self.carriers:
             stated = (self.bodies[k].inertial for k in self.sharing[index])
@@ -352,6 +357,7 @@ class Reading:
     file: ReadableFile
     options: Any  # how the file was read
     couples: bool = False  # whether the file couples joints, whatever was made of it
+    driven: tuple[str, ...] = ()  # coordinates, or joints, of which the file says that they have drives
 
     def literal(self, elements: Collection[str] | None = None) -> Mechanism:
         """The mechanism with these snapped elements (all, if omitted) taken literally."""

@@ -5,13 +5,14 @@ the largest that all decimal angles of a robot are multiples of.  For algebraic 
 transcendental (Lindemann), so its circle point satisfies no algebraic relation: it is a generic point of the circle,
 and multiples of it have all true relations between the decimals, such as 0.3 + 0.4 − 0.7 = 0, and no others.  Fractions
 of π that are not on the grid are multiples of a second unit; that their multiples come back to the grid is not known
-here.
+here.  Lengths with π in them, such as the pitch of a screw per radian, are numbers times a generic residue for π, which
+is transcendental, too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
 from math import gcd, lcm, pi
@@ -21,7 +22,16 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
-from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle, decimal_text, parse, parse_angle
+from echelon.exact.expressions import (
+    PER_PI,
+    PI,
+    STEPS_PER_HALF_TURN,
+    Angle,
+    decimal_text,
+    parse,
+    parse_angle,
+    pi_generators,
+)
 from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, Residues, random_generator
 from echelon.exact.polynomial import (
     Number,
@@ -190,23 +200,32 @@ UNITS = _RADIANS, _TURNS = "unit_of_decimals", "unit_of_pi"  # names of the two 
 
 
 @dataclass(frozen=True)
+class Units:
+    """Random residues for what is transcendental: the circle points of both units of angles, and π."""
+
+    circles: tuple[Point, Point]
+    pi: int
+
+
+def _drawn_units(field: PrimeField, rng: np.random.Generator) -> Units:
+    first, second = (field.circle(field.draw(rng, (1,))) for _ in range(2))
+    return Units((first, second), int(field.draw(rng, (1,))[0]))
+
+
+@dataclass(frozen=True)
 class StatedValues:
     """Exact values of a mechanism's symbols."""
 
     numbers: Mapping[str, Number]  # lengths, ratios and other constants, SI units
     angles: Mapping[str, Angle]  # without symbolic parts
     sums: Mapping[str, Polynomial]  # lengths that stand for sums with sines and cosines of the angles
+    # lengths and the like with π or 1/π in their value
+    of_pi: Mapping[str, Polynomial] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Symbols with a value, sorted."""
-        return tuple(sorted({*self.numbers, *self.angles, *self.sums}))
-
-    @property
-    def can_be_drawn(self) -> bool:
-        """Whether no angle is a half turn, whose half has no tangent."""
-        half = 2 * STEPS_PER_HALF_TURN
-        return not any((steps % half, *rest) == (STEPS_PER_HALF_TURN, 0, 0) for steps, *rest in self.multiples.values())
+        return tuple(sorted({*self.numbers, *self.angles, *self.sums, *self.of_pi}))
 
     @cached_property
     def multiples(self) -> dict[str, tuple[int, int, int]]:
@@ -226,11 +245,13 @@ class StatedValues:
         turns = unit_of(_off_grid(angle.half_turns)[1] for angle in self.angles.values())
         texts = {_RADIANS: decimal_text(radians), _TURNS: f"{turns}*pi"}
         sizes = {_RADIANS: float(radians), _TURNS: float(turns) * pi}
-        return {name: Symbol(name, sizes[name], texts[name], "unit of angles") for name in UNITS}
+        found = {name: Symbol(name, sizes[name], texts[name], "unit of angles") for name in UNITS}
+        return found | {name: Symbol(name, size, name) for name, size in pi_generators(pi).items()}
 
     def put_in(self, names: Collection[str]) -> dict[str, Polynomial]:
         """Expressions for the generators of some symbols: numbers, and sines and cosines of multiples of units."""
         values = {name: Polynomial.constant(self.numbers[name]) for name in names if name in self.numbers}
+        values |= {name: self.of_pi[name] for name in names if name in self.of_pi}
         for name in names:
             if name in self.angles:
                 steps, *counts = self.multiples[name]
@@ -244,7 +265,7 @@ class StatedValues:
 
     def draw(self, names: Iterable[str], field: PrimeField, rng: np.random.Generator) -> dict[str, Residues]:
         """Values of symbols for a sampler, shape (1,): stated ones where there are any, random ones elsewhere."""
-        units = [field.circle(field.draw(rng, (1,))) for _ in range(2)]
+        units = _drawn_units(field, rng)
         stated = set(self.names)
         return {
             name: np.array([self._residue(name, field, units)], dtype=field.dtype)
@@ -255,10 +276,12 @@ class StatedValues:
 
     def residues(self, generators: Iterable[str], field: PrimeField, rng: np.random.Generator) -> dict[str, int]:
         """Values of generators whose symbols all have one: the symbols themselves, and sines and cosines of angles."""
-        return self._residues(generators, field, [field.circle(field.draw(rng, (1,))) for _ in range(2)])
+        return self._residues(generators, field, _drawn_units(field, rng))
 
-    def _residues(self, generators: Iterable[str], field: PrimeField, units: Sequence[Point]) -> dict[str, int]:
+    def _residues(self, generators: Iterable[str], field: PrimeField, units: Units) -> dict[str, int]:
         def symbol(name: str) -> Any:
+            if name in (PI, PER_PI):
+                return units.pi if name == PI else field.invert(units.pi)
             return self._point(name, field, units) if name in self.angles else self._residue(name, field, units)
 
         def circle(point: Point, count: int) -> tuple[int, int]:
@@ -267,32 +290,30 @@ class StatedValues:
 
         return generator_values(generators, symbol, circle)
 
-    def _residue(self, name: str, field: PrimeField, units: Sequence[Point]) -> int:
+    def _residue(self, name: str, field: PrimeField, units: Units) -> int:
         if name in self.numbers:
             return field.embed(self.numbers[name])
         if name in self.angles:
             c, s = (int(x[0]) for x in self._point(name, field, units))
-            return s * field.invert(1 + c) % field.p
-        value = self.sums[name]
+            return field.half_tangent(c, s)
+        value = self.sums[name] if name in self.sums else self.of_pi[name]
         return value.evaluate(self._residues(value.generators(), field, units), field.embed) % field.p
 
-    def _point(self, name: str, field: PrimeField, units: Sequence[Point]) -> Point:
+    def _point(self, name: str, field: PrimeField, units: Units) -> Point:
         """Cosine and sine of an angle."""
         steps, *counts = self.multiples[name]
         grid = (cosine_of_turn(steps), sine_of_turn(steps))
         c, s = (np.array([field.embed(x)], dtype=field.dtype) for x in grid)
-        for unit, n in zip(units, counts, strict=True):
+        for unit, n in zip(units.circles, counts, strict=True):
             c, s = field.add_angles((c, s), field.multiply_angle(unit, n))
         return c, s
-
-
-GENERAL = StatedValues({}, {}, {})  # no values: all symbols are general
 
 
 def in_numbers(mechanism: Mechanism) -> Mechanism:
     """The mechanism with numbers for all symbols that have one; decimal angles, whose sines have none, stay symbols."""
     values = stated_values(mechanism)
-    plain = [n for n in values.names if n not in values.angles or not any(values.multiples[n][1:])]
+    irrational = {*values.of_pi, *(n for n in values.angles if any(values.multiples[n][1:]))}
+    plain = [n for n in values.names if n not in irrational]
     return substituted(mechanism, values.put_in(plain))
 
 
@@ -317,12 +338,18 @@ def values_of(symbols: Mapping[str, Symbol], angles: Collection[str]) -> StatedV
     numbers: dict[str, Number] = {}
     exact = {name: symbol.exact for name, symbol in symbols.items() if symbol.exact is not None}
     known = {name: parse_angle(text) for name, text in exact.items() if name in angles}
+    of_pi: dict[str, Polynomial] = {}
     for name, text in exact.items():
-        if name not in angles and (value := parse(text).number) is not None:
-            numbers[name] = value
+        if name in angles:
+            continue
+        value = parse(text)
+        if value.number is not None:
+            numbers[name] = value.number
+        elif {PI, PER_PI} >= set(value.generators()):
+            of_pi[name] = value
     named = {name: symbol.stands_for for name, symbol in symbols.items() if symbol.stands_for is not None}
     sums = {name: value for name, value in named.items() if known.keys() >= set(value.symbols())}
-    return StatedValues(numbers, known, sums)
+    return StatedValues(numbers, known, sums, of_pi)
 
 
 def vanishes(value: Polynomial, symbols: Mapping[str, Symbol]) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.exact import series
-from echelon.exact.expressions import PI, parse
+from echelon.exact.expressions import parse, pi_generators
 from echelon.exact.field import PrimeField
 from echelon.exact.polynomial import Number, parts_of
 from echelon.program.operations import FUNCTIONS, Op
@@ -66,7 +66,7 @@ def stated_ball(text: str) -> Any:
     if text.startswith(_ARC[0]):
         square = Fraction(text.removeprefix(_ARC[0]).removesuffix(_ARC[1]))
         return flint.arb(flint.fmpq(square.numerator, square.denominator)).sqrt().atan()
-    return parse(text).evaluate({PI: flint.arb.pi()}, ball)
+    return parse(text).evaluate(pi_generators(flint.arb.pi()), ball)
 
 
 _UNARY: dict[Op, Callable[[Any], Any]] = {op: methodcaller(op.name.lower()) for op in FUNCTIONS}

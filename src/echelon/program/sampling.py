@@ -16,6 +16,7 @@ from operator import mul
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import UnknownRelationsError
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank
 from echelon.exact.polynomial import Rational
@@ -65,6 +66,14 @@ class FunctionSampler(FieldSampler):
         if self._region is None or not self._region.has_signs:
             return 0, ""
         return self._region.count, str(self._region.report)
+
+    def real_states(self, rng: np.random.Generator, states: int) -> dict[str, Floats]:
+        """Real values of inputs by name, at states of all regions in turn; empty where any values will do."""
+        if self._region is None:
+            return {}
+        inputs = self.program.inputs
+        drawn = self._region.draw(rng, states)
+        return {inputs[node].name: values for node, values in drawn.items() if node in inputs}
 
     @property
     def symbols(self) -> list[str]:

@@ -26,6 +26,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import EchelonError
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.polynomial import Number, Polynomial, parts_of
@@ -240,6 +241,10 @@ class FieldSampler:
         # a cosine or sine of n angles is a quotient of degree 2n, with coefficients that add up to 4ⁿ at most; a unit
         # quaternion is one of degree 2
         return Size(2, 2.0)
+
+    def real_states(self, rng: np.random.Generator, states: int) -> dict[str, Floats]:  # noqa: ARG002
+        """Real values of inputs by name, at states of all regions in turn; empty where any values will do."""
+        return {}
 
     def with_order(self, order: int | None) -> FieldSampler:  # noqa: ARG002
         """The sampler itself: without loops there are no curves that have an order."""

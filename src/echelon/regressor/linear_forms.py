@@ -108,7 +108,7 @@ class LinearForms:
         """Sampled entries as matrices, one for each geometry."""
         # shapes: values (entries, geometries, states); returns (geometries, states · rows, columns)
         _, geometries, states = values.shape
-        matrix = np.zeros((geometries, states, *self.shape), dtype=np.int64)
+        matrix = np.zeros((geometries, states, *self.shape), dtype=values.dtype)
         for (row, column), value in zip(self.entries, values, strict=True):
             matrix[:, :, row, column] = value
         return matrix.reshape(geometries, states * self.shape[0], self.shape[1])

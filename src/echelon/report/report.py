@@ -150,8 +150,9 @@ def _summary(run: Identification) -> Context:
 def _scored(score: Score, beside: Sequence[Score], has_prior: bool) -> Context:
     """One output: its score, those of other models, what a reader should notice, and R² as the length of a bar."""
     prior = beside[0] if has_prior else None
-    remarks = ["a constant would predict better"] * (score.r2 < 0)
-    remarks += ["it varies less than the noise of its sensor"] * score.is_below_noise
+    remarks = [score.silence] if score.silence else []
+    if not remarks and score.r2 < 0:
+        remarks.append("a constant would predict better")
     remarks += ["residual is not white"] * (score.whiteness < _WHITE)
     against = ""
     if prior is not None and isfinite(prior.rms) and isfinite(score.rms):

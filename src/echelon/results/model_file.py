@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from echelon.base.linear_base import LinearBase
 from echelon.base.model import BaseModel
 from echelon.doors import public
 from echelon.errors import InputError
@@ -17,7 +18,7 @@ _HEAD = 4096  # bytes at the beginning of a saved set, among which is the name o
 
 
 @public
-def load_model(source: Any, **reading: Any) -> Mechanism | LinearModel | BaseModel:
+def load_model(source: Any, **reading: Any) -> Mechanism | LinearModel | BaseModel | LinearBase:
     """Read a robot, a linear model or a saved set of base parameters.
 
     Every public function that takes one of them takes a path in its place, which is read by this function.
@@ -31,7 +32,7 @@ def load_model(source: Any, **reading: Any) -> Mechanism | LinearModel | BaseMod
 
     Returns
     -------
-    Mechanism, LinearModel or BaseModel
+    Mechanism, LinearModel, BaseModel or LinearBase
 
     Raises
     ------
@@ -46,22 +47,28 @@ def load_model(source: Any, **reading: Any) -> Mechanism | LinearModel | BaseMod
     >>> ec.base_structure("examples/panda.yaml").rank
     43
     """
-    if not holds_saved_base(source):
+    from echelon.results.saved import LINEAR_SCHEMA, load_base, load_linear_base
+
+    linear = _says(source, LINEAR_SCHEMA)
+    if not linear and not holds_saved_base(source):
         return read_model(source, **reading)
     if reading:
         raise InputError("a saved set is used as it is, so it takes no options for reading", source=str(source))
-    from echelon.results.saved import load_base
-
-    return load_base(source)
+    return load_linear_base(source) if linear else load_base(source)
 
 
 def holds_saved_base(source: Any) -> bool:
-    """Whether a source is a file that says that it holds base parameters."""
+    """Whether a source is a file that says that it holds base parameters of a robot."""
     from echelon.results.schema import SCHEMA_NAME
 
-    if not isinstance(source, str | os.PathLike):
+    return _says(source, SCHEMA_NAME)
+
+
+def _says(source: Any, schema: str) -> bool:
+    """Whether a source is a JSON file with the name of a schema at its beginning."""
+    if not isinstance(source, str | os.PathLike) or Path(source).suffix.lower() != ".json":
         return False
-    if Path(source).suffix.lower() != ".json" or not os.path.isfile(source):  # of a text, pathlib raises an OSError
+    if not os.path.isfile(source):  # of a long text, pathlib raises an OSError
         return False
     with Path(source).open("rb") as stream:
-        return f'"{SCHEMA_NAME}"'.encode() in stream.read(_HEAD)
+        return f'"{schema}"'.encode() in stream.read(_HEAD)

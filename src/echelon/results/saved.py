@@ -5,34 +5,41 @@ from __future__ import annotations
 import json
 import os
 import secrets
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, fields
 from math import isclose
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from echelon.base.certificate import Certificate, certify
-from echelon.base.linear_base import LinearBase
+from echelon.base.derive import model_at_stated_values, silent, specialised
+from echelon.base.linear_base import LinearBase, definitions_in, linear_special
+from echelon.base.linear_base import model_at_stated_values as linear_at_stated_values
 from echelon.base.matrix import BaseMatrix, StatedNumbers, coefficient_value
 from echelon.base.model import BaseModel
+from echelon.base.stated_values import SpecialValues
 from echelon.base.structure import find_structure
 from echelon.errors import CertificateError, EchelonError, InputError
 from echelon.exact.expressions import parse
+from echelon.exact.field import random_generator
+from echelon.exact.polynomial import Polynomial, as_polynomial
 from echelon.exact.rational import RationalFunction
 from echelon.files import write_atomically
 from echelon.formats.linear_document import linear_document
 from echelon.formats.snapping import ReadingOptions
 from echelon.inputs import parse_json, read_content
-from echelon.mechanism.stated import stated_values, value_texts
+from echelon.mechanism.stated import value_texts
 from echelon.regressor.linear_forms import virtual_power_form
 from echelon.version import __version__
 
 if TYPE_CHECKING:
-    from echelon.results.schema import BaseModelRecord, BaseParameterRecord
+    from echelon.results.schema import BaseModelRecord, BaseParameterRecord, LinearBaseRecord
 
 
 LINEAR_SCHEMA = "echelon.linear-base/1"
+
+Saved = TypeVar("Saved", BaseModel, LinearBase, BaseModel | LinearBase)
 
 
 def to_json(model: BaseModel | LinearBase) -> str:
@@ -71,6 +78,9 @@ def linear_to_dict(base: LinearBase) -> dict[str, Any]:
         "name": base.model.name,
         "seed": base.seed,
         "rank": base.rank,
+        "outputs": list(base.model.outputs),
+        "order": [base.parameters[c] for c in base.matrix.order],
+        "generic": base.generic,
         "definitions": dict(base.definitions),
         **_set(base, base.model.values),
         "model": linear_document(base.model),
@@ -135,45 +145,116 @@ def from_json(text: str | bytes, source: str = "base model") -> BaseModel:
 
     The document must be of the schema and agree with itself; its claim is not checked: use :func:`echelon.verify`.
     """
+    document = parse_json(text, source)
+    if _is_linear(document):
+        raise InputError("this is the set of a linear model: read it with load_linear_base", source=source)
+    return _from_document(document, source)
+
+
+def linear_from_json(text: str | bytes, source: str = "base model") -> LinearBase:
+    """Read the set of a linear model back; its claim is not checked: use :func:`echelon.verify`."""
+    document = parse_json(text, source)
+    if not _is_linear(document):
+        raise InputError("this is not the set of a linear model; read one of a robot with load_base", source=source)
+    return _linear_from_document(document, source)
+
+
+def _is_linear(document: Any) -> bool:
+    """Whether a document says that it holds the set of a linear model."""
+    return isinstance(document, dict) and document.get("schema") == LINEAR_SCHEMA
+
+
+def _linear_from_document(document: Any, source: str) -> LinearBase:
+    from echelon.formats.description.document import Document
+    from echelon.formats.linear_document import read_linear
+    from echelon.results.schema import LinearBaseRecord, checked
+
+    record = checked(LinearBaseRecord, document, source, "a saved set of a linear model")
+    model = read_linear(Document(record.model, source))
+    matrix = _matrix(record, model.parameters, source)
+    certificate = _certificate(record, source)
+    definitions = definitions_in(model, matrix)
+    found = LinearBase(model, matrix, definitions, certificate, record.seed, record.special, record.generic)
+    if record.definitions != definitions:
+        raise CertificateError("'definitions' are not those of the functions of constants in the model")
+    _check_derived(record, found, model.name, model.outputs)
+    return found
+
+
+def _from_document(document: Any, source: str) -> BaseModel:
     from echelon.results.schema import BaseModelRecord, checked
 
-    return _from_record(checked(BaseModelRecord, parse_json(text, source), source, "a saved base model"), source)
+    return _from_record(checked(BaseModelRecord, document, source, "a saved base model"), source)
 
 
 def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
-    from pydantic import ValidationError
-
     from echelon.formats.robot_file import RobotFile
-    from echelon.results.schema import made
 
     data = json.dumps(record.model).encode()
-    mechanism = RobotFile(data, source, is_description=True).mechanism(ReadingOptions(keep_fixed_links=True))
-    if list(mechanism.parameters) != record.parameters:
+    exactly = ReadingOptions(keep_fixed_links=True, snap_tolerance=0)
+    mechanism = RobotFile(data, source, is_description=True).mechanism(exactly)
+    matrix = _matrix(record, mechanism.parameters, source)
+    certificate = _certificate(record, source)
+    model = BaseModel(mechanism, matrix, certificate, record.reading, record.seed, record.special, record.generic)
+    _check_derived(record, model, mechanism.name, [output.name for output in mechanism.outputs])
+    if matrix.numbers and matrix.numbers.at != value_texts(mechanism, matrix.numbers.at):
+        raise CertificateError("'numbers' are for other values than those stated by the model")
+    return model
+
+
+def _matrix(record: BaseModelRecord | LinearBaseRecord, parameters: Sequence[str], source: str) -> BaseMatrix:
+    """B as it is recorded."""
+    if list(parameters) != record.parameters:
         raise InputError("the parameters are not those of the model", source=source, element="parameters")
     column = {name: i for i, name in enumerate(record.parameters)}
+    stated = record.numbers
+    numbers = None
     try:
-        rows = tuple(_row(row, column) for row in record.base)
+        parsed = _parser(getattr(record, "definitions", {}))
+        rows = tuple(_row(row, column, parsed) for row in record.base)
         pivots = tuple(column[row.name] for row in record.base)
         order = tuple(column[name] for name in record.order)
-        numbers = None
-        if (stated := record.numbers) is not None:
+        if stated is not None:
             numbers = StatedNumbers(tuple(column[name] for name in stated.parameters), stated.at, stated.radius)
     except KeyError as error:
         raise InputError(f"unknown parameter {error}", source=source, element="base") from None
     except (ValueError, ZeroDivisionError) as error:
         raise InputError(f"unreadable coefficient: {error}", source=source, element="base") from None
+    return BaseMatrix(tuple(parameters), pivots, rows, order, numbers)
+
+
+def _certificate(record: BaseModelRecord | LinearBaseRecord, source: str) -> Certificate:
+    """The recorded evidence."""
+    from pydantic import ValidationError
+
+    from echelon.results.schema import made
+
     try:
-        certificate = made(Certificate, record.certificate)
+        return made(Certificate, record.certificate)
     except ValidationError:
         raise InputError("primes are decimal numbers", source=source, element="certificate") from None
-    matrix = BaseMatrix(mechanism.parameters, pivots, rows, order, numbers)
-    model = BaseModel(mechanism, matrix, certificate, record.reading, record.seed, record.special, record.generic)
-    _check_derived(record, model)
-    return model
 
 
-def _row(record: BaseParameterRecord, column: Mapping[str, int]) -> dict[int, RationalFunction]:
-    row = {column[t.parameter]: RationalFunction(parse(t.coefficient), parse(t.denominator)) for t in record.terms}
+def _parser(names: Collection[str]) -> Callable[[str], Polynomial]:
+    """A reader of expressions in which some names, such as ``log[T0]``, are symbols though no identifiers."""
+    stand_ins = {name: f"definition_{k}_of_{len(names)}" for k, name in enumerate(sorted(names, key=len, reverse=True))}
+
+    def parsed(text: str) -> Polynomial:
+        for name, stand_in in stand_ins.items():
+            text = text.replace(name, stand_in)
+        found = parse(text)
+        back = {stand_in: Polynomial.generator(name) for name, stand_in in stand_ins.items()}
+        if back.keys().isdisjoint(found.generators()):
+            return found
+        return found.evaluate({g: back.get(g, Polynomial.generator(g)) for g in found.generators()}, as_polynomial)
+
+    return parsed
+
+
+def _row(
+    record: BaseParameterRecord, column: Mapping[str, int], parsed: Callable[[str], Polynomial]
+) -> dict[int, RationalFunction]:
+    row = {column[t.parameter]: RationalFunction(parsed(t.coefficient), parsed(t.denominator)) for t in record.terms}
     if not all(row.values()):
         raise CertificateError(f"a coefficient in {record.name} is zero")
     if len(row) < len(record.terms):
@@ -181,19 +262,20 @@ def _row(record: BaseParameterRecord, column: Mapping[str, int]) -> dict[int, Ra
     return row
 
 
-def _check_derived(record: BaseModelRecord, model: BaseModel) -> None:
+def _check_derived(
+    record: BaseModelRecord | LinearBaseRecord, model: BaseModel | LinearBase, name: str, outputs: Sequence[str]
+) -> None:
     """What people and other programs read instead of the exact terms must follow from them."""
     stated = (record.name, record.rank, record.outputs, record.classification)
-    true = (model.mechanism.name, model.rank, [output.name for output in model.mechanism.outputs], _classes(model))
+    true = (name, model.rank, list(outputs), _classes(model))
     for key, mine, theirs in zip(("name", "rank", "outputs", "classification"), true, stated, strict=True):
         if mine != theirs:
             raise CertificateError(f"'{key}' contradicts the model or the terms of its base parameters")
     special = model.special
     if special and model.rank != (special.generic_rank if model.generic else special.rank):
         raise CertificateError(f"'special' is about another rank than the {model.rank} of the set")
-    if model.matrix.numbers and model.matrix.numbers.at != value_texts(model.mechanism, model.matrix.numbers.at):
-        raise CertificateError("'numbers' are for other values than those stated by the model")
-    for row, derived in zip(record.base, _base_rows(model, _stated(model)), strict=True):
+    known = _stated(model) if isinstance(model, BaseModel) else model.model.values
+    for row, derived in zip(record.base, _base_rows(model, known), strict=True):
         shown = {t.parameter: t.value for t in row.terms}
         true_values = {term["parameter"]: term["value"] for term in derived["terms"]}
         same_text = row.expression == derived["expression"]  # whatever version wrote it: people read nothing else
@@ -208,12 +290,12 @@ def _same_values(stated: Mapping[str, float | None], derived: Mapping[str, float
     return stated.keys() == derived.keys() and all(same(stated[name], derived[name]) for name in stated)
 
 
-def save_base(model: BaseModel, path: str | os.PathLike[str]) -> None:
+def save_base(model: BaseModel | LinearBase, path: str | os.PathLike[str]) -> None:
     """Write a model to a JSON file, whole or not at all.
 
     Parameters
     ----------
-    model : BaseModel
+    model : BaseModel or LinearBase
     path : path-like
 
     Raises
@@ -242,9 +324,44 @@ def load_base(path: str | os.PathLike[str]) -> BaseModel:
     CertificateError
         If counts, expressions, values or classes do not follow from the exact terms.
     """
+    return _read(path, from_json)
+
+
+def load_linear_base(path: str | os.PathLike[str]) -> LinearBase:
+    """Read the set of a linear model from a JSON file.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    LinearBase
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is not a saved set of a linear model.
+    CertificateError
+        If counts, expressions, values or classes do not follow from the exact terms.
+    """
+    return _read(path, linear_from_json)
+
+
+def load_set(path: str | os.PathLike[str]) -> BaseModel | LinearBase:
+    """Read a saved set of a robot or of a linear model."""
+
+    def either(text: str | bytes, source: str) -> BaseModel | LinearBase:
+        document = parse_json(text, source)
+        return _linear_from_document(document, source) if _is_linear(document) else _from_document(document, source)
+
+    return _read(path, either)
+
+
+def _read(path: str | os.PathLike[str], reader: Callable[[str | bytes, str], Saved]) -> Saved:
     data = read_content(path)
     try:
-        return from_json(data, str(path))
+        return reader(data, str(path))
     except CertificateError:
         raise
     except InputError as error:
@@ -257,23 +374,30 @@ _SEED_BITS = 128
 _SAME = 1e-6  # logarithms; sums of them may round differently elsewhere
 
 
-def verify(model: BaseModel | str | os.PathLike[str], seed: int | None = None) -> Certificate:
+def verify(
+    model: BaseModel | LinearBase | str | os.PathLike[str],
+    seed: int | None = None,
+    progress: Callable[[str], None] = silent,
+) -> Certificate:
     """Check completeness and minimality of a set, without trusting anything it says about itself.
 
     The recorded evidence must be what its seed gives.  Then the check is repeated at points modulo primes that whoever
-    made the file cannot know: they come from the operating system's entropy.
+    made the file cannot know: they come from the operating system's entropy.  (Of linear models, which are saved as
+    formulas, only the second is done.)
 
     Parameters
     ----------
-    model : BaseModel or path-like
+    model : BaseModel, LinearBase or path-like
         A model, or a JSON file written by :func:`echelon.save_base` or ``echelon derive --format json``.
     seed : int, optional
         Seed of the fresh points, to repeat a verification: that of its certificate.
+    progress : callable
+        Called with the step that starts, as text.
 
     Returns
     -------
     Certificate
-        The fresh evidence, with its seed.
+        The fresh evidence, with its seed.  The set is valid as a whole only if its ``unchecked`` is empty.
 
     Raises
     ------
@@ -282,21 +406,46 @@ def verify(model: BaseModel | str | os.PathLike[str], seed: int | None = None) -
     InputError
         If the file cannot be read.
     """
-    if not isinstance(model, BaseModel):
-        model = load_base(model)
+    if isinstance(model, str | os.PathLike):
+        progress("reading the set")
+        model = load_set(model)
     recorded = model.certificate
     if recorded.rank != model.rank:
         raise CertificateError(f"the certificate is for {recorded.rank} base parameters, the set has {model.rank}")
     if recorded.seed != model.seed:
         raise CertificateError(f"the certificate has the seed {recorded.seed}, the set {model.seed}")
+    fresh = secrets.randbits(_SEED_BITS) if seed is None else seed
+    if isinstance(model, LinearBase):
+        progress("checking every column at new points")
+        if model.generic:
+            _check_special(model, linear_special(model.model, model.matrix.order, random_generator(fresh)))
+        at_constants = None if model.generic else linear_at_stated_values(model.model)
+        return certify(model.model.regressor, model.matrix, fresh, at_constants)
     modes: tuple[int, ...] = ()
     forms = virtual_power_form(model.mechanism)
+    at_values = model_at_stated_values(model.mechanism, forms)
+    if model.generic:
+        progress("structure at the stated values")
+        found = specialised(model.mechanism, random_generator(fresh), at_values, generic=True)
+        _check_special(model, found.special)
     if forms.loops is not None:
+        progress("structure")
         structure = find_structure(model.mechanism, np.random.default_rng(recorded.seed))
         forms, modes = structure.on_curves(forms), structure.modes
-    values = None if model.generic else stated_values(model.mechanism)
-    _compare(recorded, certify(forms, model.matrix, recorded.seed, values, modes))
-    return certify(forms, model.matrix, secrets.randbits(_SEED_BITS) if seed is None else seed, values, modes)
+    stated = None if model.generic else at_values
+    progress("repeating the recorded check")
+    _compare(recorded, certify(forms, model.matrix, recorded.seed, stated, modes))
+    progress("checking every column at new points")
+    return certify(forms, model.matrix, fresh, stated, modes)
+
+
+def _check_special(model: BaseModel | LinearBase, found: SpecialValues | None) -> None:
+    """Refuse a set for general values that does not say what the stated values change."""
+    stated = None if model.special is None else model.special.rank
+    true = None if found is None else found.rank
+    if stated != true:
+        shown = f"only {true} base parameters" if true is not None else f"{model.rank} base parameters as in general"
+        raise CertificateError(f"the set does not say that there are {shown} at the stated values of the symbols")
 
 
 def _compare(recorded: Certificate, repeated: Certificate) -> None:

@@ -62,7 +62,8 @@ def made(kind: type[Made], record: Schema) -> Made:
 
 def json_schema(kind: type[Schema]) -> dict[str, Any]:
     """The JSON schema of a record."""
-    name = "identified" if kind is IdentifiedRecord else "base-model"
+    names = {IdentifiedRecord: "identified", LinearBaseRecord: "linear-base"}
+    name = names.get(kind, "base-model")
     return published_schema(name, kind.model_json_schema(by_alias=True))
 
 
@@ -100,7 +101,7 @@ class CertificateRecord(_Strict):
 
     rank: int
     seed: int = Field(ge=0)
-    minor_prime: int
+    minor_prime: int = Field(description="0 for a minor in ball arithmetic.")
     minor_states: int
     identity_primes: list[str] = Field(description="81-bit primes as decimal text.")
     degree: int
@@ -111,7 +112,12 @@ class CertificateRecord(_Strict):
     regions_note: str = ""
     modes: list[int] = Field([], description="With loops, ranks of all assembly modes that were found.")
     numbers: int = Field(0, description="Columns of B that are numbers, checked at the stated values only.")
-    log10_residual: float | None = Field(None, description="Bound on what is left there, where they are not exact.")
+    log10_residual: float | None = Field(
+        None, description="Bound on what is left at real states in ball arithmetic, beside the largest of a column."
+    )
+    ball_states: int = Field(0, description="Real states at which coefficients were solved for in ball arithmetic.")
+    columns: dict[str, int] = Field({}, description="Number of columns that each kind of check reached.")
+    unchecked: list[str] = Field([], description="Claims that no check reached; empty if the set is valid as a whole.")
 
 
 class NumbersRecord(_Strict):
@@ -134,6 +140,7 @@ class BaseModelRecord(_Strict):
     parameters: list[str] = Field(description="Standard parameters, the columns of X and B.")
     order: list[str] = Field(description="Column order for which B is in reduced echelon form.")
     base: list[BaseParameterRecord]
+    largest_coefficient: float | None = Field(None, description="Largest absolute value in B at the stated values.")
     numbers: NumbersRecord | None = Field(None, description="What has no closed form within the budget.")
     classification: dict[str, list[str]]
     reading: ReadingReport = Field(description="What was snapped when the file was read, and whether it mattered.")
@@ -141,6 +148,27 @@ class BaseModelRecord(_Strict):
     generic: bool = Field(False, description="Whether the set is for general values of the symbols.")
     certificate: CertificateRecord
     model: dict[str, Any] = Field(description="The mechanism as an Echelon description.")
+
+
+class LinearBaseRecord(_Strict):
+    """A saved set of base parameters of a linear model."""
+
+    format: Literal["echelon.linear-base/1"] = Field(alias="schema")
+    echelon: str = Field(description="Version that wrote the file.")
+    name: str
+    seed: int = Field(ge=0)
+    rank: int
+    outputs: list[str] = Field(description="The rows of X.")
+    order: list[str] = Field(description="Column order for which B is in reduced echelon form.")
+    generic: bool = Field(False, description="Whether the set is for general values of the constants.")
+    definitions: dict[str, str] = Field(description="Functions of constants that occur in coefficients.")
+    parameters: list[str] = Field(description="The columns of X and B.")
+    base: list[BaseParameterRecord]
+    numbers: None = None
+    classification: dict[str, list[str]]
+    special: SpecialValues | None = Field(None, description="Present where the stated values change the answer.")
+    certificate: CertificateRecord
+    model: dict[str, Any] = Field(description="The model as a document.")
 
 
 # -- identified models -------------------------------------------------------------------------------------------------

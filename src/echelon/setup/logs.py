@@ -27,7 +27,7 @@ from echelon.logs.files.numpy_file import MemoryLog
 from echelon.logs.files.open_log import log_paths
 from echelon.logs.finding import listed
 from echelon.logs.long_log import LongLog
-from echelon.logs.read_log import first_table, opened
+from echelon.logs.read_log import first_table, measured, opened
 from echelon.logs.units import factor
 from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism
@@ -97,7 +97,7 @@ def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = Fal
         notes.append(f"the log has no columns for {listed(locked)}: taken to rest, {_line(locked)}")
     if columns.positions:
         tables = file.tables(needed_columns(columns, file.names))
-        table, more = next(tables, Table(file.source, {})), next(tables, None)
+        table, more = measured(next(tables, Table(file.source, {}))), next(tables, None)
         columns, findings = with_units(columns, table, setup.mechanism)
         notes += [finding.text for finding in findings]
         still: dict[str, float] = {}
@@ -219,8 +219,9 @@ def _still(columns: ColumnMap, table: Table) -> dict[str, float]:
     found = {}
     for name, channel in columns.positions.items():
         values = channel.scale * factor(channel.unit, None) * table.columns[channel.column] + channel.offset
-        if np.nanmax(values, initial=-np.inf) - np.nanmin(values, initial=np.inf) < _STILL:
-            found[name] = float(np.nanmedian(values))
+        values = values[np.isfinite(values)]
+        if len(values) and np.ptp(values) < _STILL:
+            found[name] = float(np.median(values))
     return found
 
 

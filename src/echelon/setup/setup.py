@@ -100,7 +100,7 @@ def setup_of(source: Any) -> Setup:
 
 
 @public
-def load_setup(robot: Any, *, prior: Any = None, **reading: Any) -> Setup:
+def load_setup(robot: Any, *, prior: Any = None, model: str = "", **reading: Any) -> Setup:
     """Read a robot with its measurement set-up.
 
     Parameters
@@ -112,6 +112,8 @@ def load_setup(robot: Any, *, prior: Any = None, **reading: Any) -> Setup:
         the robot file states one.
     prior : the same, optional
         Another description of the robot with inertial values, instead of the one that the file names.
+    model : str
+        Name of the model to read from an SDF file in which several have joints.
     **reading
         Keyword arguments of :func:`echelon.load`.
 
@@ -131,7 +133,7 @@ def load_setup(robot: Any, *, prior: Any = None, **reading: Any) -> Setup:
     >>> setup.columns[0].positions["slide"].column, setup.preparation.band
     ('q_meas_m', None)
     """
-    file, options = open_robot(robot), ReadingOptions(**reading)
+    file, options = open_robot(robot, model), ReadingOptions(**reading)
     setup = _described(file, options) if file.is_description else _bare(file, options)
     return setup if prior is None else replace(setup, prior=open_robot(prior).mechanism(options))
 

@@ -18,9 +18,9 @@ import numpy as np
 from echelon.errors import EchelonError, InputError
 from echelon.formats.robot_file import RobotFile, open_robot
 from echelon.inputs import dump_flow
-from echelon.logs.columns.by_values import PERIODS
+from echelon.logs.columns.by_values import PERIODS, period_by_rates
 from echelon.logs.columns.column_map import Channel, ColumnMap
-from echelon.logs.files.log_file import LogFile
+from echelon.logs.files.log_file import LogFile, Table
 from echelon.logs.files.open_log import log_paths
 from echelon.logs.finding import Severity, counted, listed
 from echelon.logs.read_log import first_table, opened, read_log
@@ -56,6 +56,7 @@ class Skeleton:
     text: str
     undecided: tuple[str, ...]  # questions that only the user can answer
     report: tuple[str, ...]  # what the trial showed, line by line
+    is_complete: bool  # whether it says all that is needed to read the logs
 
 
 def skeleton(
@@ -79,18 +80,22 @@ def skeleton(
     if found.columns.references and not found.columns.outputs:
         found = _commanded(understood(log, setup, only=len(paths) == 1, by_values=True, outputs=False))
     found = _with_rate(found, log)
-    if _lacks_clock(found, log) and not found.problems and rate_of is not None:
-        found = _with_explained_rate(found, file, log, folder, lambda setup: rate_of(setup, paths))
-    problems = found.problems
+    problems, proposed = found.problems, None
     if _lacks_clock(found, log):
-        problems += ("no column is the time: state the rate of the samples",)
-    body = _body(file, found, log, folder)
+        if not problems and rate_of is not None:
+            proposed = _explained_rate(found, file, log, folder, lambda setup: rate_of(setup, paths))
+        explained = f"; a robot that can exist explains the outputs if the rate is {proposed:g} Hz" if proposed else ""
+        problems += (f"no column is the time: state the rate of the samples{explained}",)
+    if not problems and not (found.columns.outputs or found.columns.inputs):
+        problems = ("no output is measured: say under log which columns are torques, forces or currents",)
+    body = _body(file, found, log, folder, proposed)
     questions = (*problems, *_questions(found.columns))
-    trial = () if problems else _trial(body, folder, paths)
-    head = [f"# Set-up of {setup.mechanism.name} for {log.source}, written by  echelon setup.  Look it through, then"]
+    trial, is_read = ((), False) if problems else _trial(body, folder, paths)
+    first = "Look it through" if is_read else "Mend what is not decided"
+    head = [f"# Set-up of {setup.mechanism.name} for {log.source}, written by  echelon setup.  {first}, then"]
     head += [f"#   echelon identify THIS_FILE {' '.join(map(str, logs))} -o result/", "#"]
     head += _comments("found", found.notes) + _comments("not decided", questions) + _comments("tried", trial)
-    return Skeleton("\n".join(head) + "\n" + body, questions, (*found.notes, *trial))
+    return Skeleton("\n".join(head) + "\n" + body, questions, (*found.notes, *trial), is_read)
 
 
 def _commanded(found: Understood) -> Understood:
@@ -107,14 +112,9 @@ def _with_rate(found: Understood, log: LogFile) -> Understood:
     if columns.time is not None and time is not None and np.sum(np.diff(time) == 0) > _COARSE * (len(time) - 1):
         period = float(time[-1] - time[0]) / (len(time) - 1)
         why = f"the stamps in '{columns.time.column}' repeat and are coarser than the samples, which so take"
-    elif time is None and not table.clocks and columns.positions.keys() <= columns.velocities.keys():
-        q, v = (
-            np.stack([table.columns[c.column] * factor(c.unit, None) for c in some.values()], axis=1)
-            for some in (columns.positions, {name: columns.velocities[name] for name in columns.positions})
-        )
-        moved, speed = np.diff(q, axis=0), 0.5 * (v[1:] + v[:-1])
-        squares = float(np.sum(speed * speed))
-        period = float(np.sum(speed * moved)) / squares if squares else 0.0
+    elif time is None and not table.clocks and columns.positions.keys() & columns.velocities.keys():
+        columns = _rates_like_positions(columns)
+        period = _period_by_velocities(columns, table)
         why = "positions change by what the velocities say if the samples take"
     else:
         return found
@@ -124,29 +124,46 @@ def _with_rate(found: Understood, log: LogFile) -> Understood:
     return replace(found, columns=replace(columns, time=None, rate=round_rate(period)), notes=(*found.notes, note))
 
 
+def _rates_like_positions(columns: ColumnMap) -> ColumnMap:
+    """Velocities without a unit in that of their positions per second, where that is not the SI unit."""
+    rates = dict(columns.velocities)
+    for name, channel in columns.positions.items():
+        if channel.unit and name in rates and not rates[name].unit:
+            rates[name] = replace(rates[name], unit=f"{channel.unit}/s")
+    return replace(columns, velocities=rates)
+
+
+def _period_by_velocities(columns: ColumnMap, table: Table) -> float:
+    """Time between samples, s, with which positions change by what the velocities say; nan if there is none."""
+    names = [name for name in columns.positions if name in columns.velocities]
+    q, v = (
+        np.stack([table.columns[some[name].column] * factor(some[name].unit, None) for name in names], axis=1)
+        for some in (columns.positions, columns.velocities)
+    )
+    return period_by_rates(q, v)
+
+
 def _lacks_clock(found: Understood, log: LogFile) -> bool:
     columns = found.columns
     return bool(columns.positions) and not (columns.time or columns.rate or first_table(log).clocks)
 
 
-def _with_explained_rate(
+def _explained_rate(
     found: Understood, file: RobotFile, log: LogFile, folder: Path, rate_of: Callable[[Setup], float | None]
-) -> Understood:
-    """With the rate that explains the outputs, where masses and gravity tell one."""
+) -> float | None:
+    """The rate that explains the outputs, where masses and gravity tell one."""
     trial = _body(file, replace(found, columns=replace(found.columns, rate=GUESS)), log, folder)
     try:
-        rate = rate_of(load_setup(RobotFile(trial.encode(), "setup.yaml", True, folder)))
+        return rate_of(load_setup(RobotFile(trial.encode(), "setup.yaml", True, folder)))
     except EchelonError:  # what is wrong with the log is said when it is tried
-        return found
-    if rate is None:
-        return found
-    note = f"no column is the time; a robot that can exist explains the outputs if the rate is {rate:g} Hz"
-    return replace(found, columns=replace(found.columns, rate=rate), notes=(*found.notes, note))
+        return None
 
 
 def _questions(columns: ColumnMap) -> list[str]:
     """What no file says, where it matters."""
     asked = []
+    if columns.rate and columns.time is None:
+        asked.append(f"whether there are {columns.rate:g} samples per second, as found above")
     if columns.outputs and not any(channel.unit for channel in columns.outputs.values()):
         asked.append("whether outputs are in N·m (N), at the joints' side of the gears; of motors before gears, state "
                      "actuators: {m1: 100*joint1} and name these under output")  # fmt: skip
@@ -160,12 +177,13 @@ def _questions(columns: ColumnMap) -> list[str]:
 # -- text -------------------------------------------------------------------------------------------------------------
 
 
-def _body(file: RobotFile, found: Understood, log: LogFile, folder: Path) -> str:
+def _body(file: RobotFile, found: Understood, log: LogFile, folder: Path, proposed: float | None = None) -> str:
+    """The set-up after its head; with a ``proposed`` rate, Hz, for a log without a clock."""
     mechanism = found.setup.mechanism
     parts = [f"{line}  # they rest: there?" for line in _locked_lines(found)]
     if mechanism.measured is not None and not file.is_description:
         parts.append(dump_flow({"outputs": [{"actuator": output.name} for output in mechanism.outputs]}))
-    section = _log_section(found.columns, mechanism, log)
+    section = _log_section(found.columns, mechanism, log, proposed)
     if file.is_description:
         return "\n".join([file.data.decode().rstrip(), *parts, section])
     source = Path(file.source)
@@ -191,14 +209,14 @@ def _gears(file: RobotFile) -> list[str]:
     ]
 
 
-def _log_section(columns: ColumnMap, mechanism: Mechanism, log: LogFile) -> str:
+def _log_section(columns: ColumnMap, mechanism: Mechanism, log: LogFile, proposed: float | None) -> str:
     lines = ["log:"]
     if columns.time is not None:
         lines.append(f"  {dump_flow({'time': _entry(columns.time)})}")
     elif columns.rate:
         lines.append(f"  rate: {columns.rate:<32g}# Hz, as found above")
     elif not first_table(log).clocks:
-        lines.append("  rate: 1000                            # Hz; a guess, to be corrected")
+        lines.append(f"  #  rate: {proposed or 1000:<28g} # Hz; in place of the time, which no column is")
     for key, group in columns.channels.items():
         if group:
             lines += _group(key, group)
@@ -268,8 +286,8 @@ def _comments(title: str, texts: Sequence[str]) -> list[str]:
 # -- trial ------------------------------------------------------------------------------------------------------------
 
 
-def _trial(body: str, folder: Path, paths: Sequence[Path]) -> tuple[str, ...]:
-    """What reading the logs with the set-up shows."""
+def _trial(body: str, folder: Path, paths: Sequence[Path]) -> tuple[tuple[str, ...], bool]:
+    """What reading the logs with the set-up shows, and whether they can be read."""
     try:
         setup = load_setup(RobotFile(body.encode(), "setup.yaml", True, folder))
         lines = []
@@ -284,5 +302,5 @@ def _trial(body: str, folder: Path, paths: Sequence[Path]) -> tuple[str, ...]:
             lines.append(f"{path.name}: {seconds:.4g} s{rate} in {counted(len(segments), 'stretch', 'stretches')}")
             lines += [str(f) for f in (piece.findings if piece else ()) if f.severity is Severity.WARNING]
     except InputError as error:
-        return (f"reading it failed: {error}",)
-    return tuple(lines)
+        return (f"reading it failed: {error}",), False
+    return tuple(lines), True

@@ -194,7 +194,7 @@ def build_exhibit(task: Task) -> Row | None:
         "faults": wrong,
     }
     shown = {**_page(base, row, sensors, sources, missing), "site": task.site}
-    files = {"set.json": to_json(base), "base.tex": to_latex(base), **sources}
+    files = {"set.json": to_json(base), "base.tex": to_latex(base, full=True), **sources}
     files["index.html"] = render_page("robot.html.j2", shown, TEMPLATES) + "\n"
     written_into(task.folder / task.slug, files)
     write_atomically(task.folder / task.slug / ROW, json.dumps(row, indent=1, ensure_ascii=False) + "\n")

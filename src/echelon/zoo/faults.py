@@ -20,12 +20,12 @@ from echelon.excite.problem.robot_shapes import carrying_bodies
 from echelon.excite.problem.shapes import placed
 from echelon.formats.literal import LiteralTree
 from echelon.formats.robot_file import RobotFile
-from echelon.inertia import convert, pseudo_inertia
+from echelon.inertia import pseudo_inertia
+from echelon.mechanism.impossible import ROUNDED, impossibility, principal_moments
 from echelon.mechanism.joint import GROUND
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import characteristic_length
 
-_ROUNDED = 1e-6  # relative; decimals of a file cannot help smaller violations
 _WIDE = 3.0  # a radius of gyration of so many lengths of the robot is a placeholder
 _LIGHT = 1e-3  # kg; points of less mass only mark a frame
 _STEPS = 60
@@ -90,23 +90,13 @@ def _solid(robot: RobotFile) -> set[str]:
 
 def problem_of(inertial: Floats, size: float) -> str:
     """The fault in a body's standard parameters, shape (10,); empty if there is none.  ``size`` of the robot, m."""
-    mass = inertial[-1]
-    if not np.isfinite(inertial).all():
-        return "its inertia is not finite"
-    if mass < 0:
-        return f"its mass is negative: {mass:.4g} kg"
-    if mass == 0:
-        return "it has inertia, but no mass" if np.abs(inertial).max() > 0 else ""
-    xx, xy, xz, yy, yz, zz = convert(inertial, "echelon", "urdf")[4:]
-    a, b, c = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    if max(abs(a), abs(c)) <= 1e-15 * max(float(np.abs(inertial[:6]).max()), 1e-300) or c == 0:
+    impossible, mass = impossibility(inertial), inertial[-1]
+    if impossible or mass == 0:
+        return impossible
+    largest = float(principal_moments(inertial)[-1])
+    if largest == 0:
         return POINT if mass > _LIGHT else ""
-    if a < -_ROUNDED * abs(c):
-        return f"a principal moment of inertia is negative: {a:.4g} kg·m²"
-    if a + b < c * (1 - _ROUNDED):
-        short = 100 * (1 - (a + b) / c)
-        return f"its principal moments {a:.4g}, {b:.4g}, {c:.4g} kg·m² break the triangle inequality by {short:.2g} %"
-    radius = float(np.sqrt(c / mass))
+    radius = float(np.sqrt(largest / mass))
     if radius > _WIDE * size:
         return (
             f"its radius of gyration is {radius:.3g} m, on a robot with lengths of at most {size:.3g} m: a placeholder"
@@ -155,8 +145,8 @@ def can_exist(values: Floats, free: Floats) -> bool:
     normal = _normaliser(values)
     start = normal @ pseudo_inertia(values) @ normal.T
     least = float(np.linalg.eigvalsh(start)[0])
-    if least >= -_ROUNDED or not len(free):
-        return least >= -_ROUNDED
+    if least >= -ROUNDED or not len(free):
+        return least >= -ROUNDED
     basis = normal @ pseudo_inertia(free) @ normal.T
     basis /= np.linalg.norm(basis, axis=(1, 2))[:, None, None]
     directions = np.concatenate([basis, np.eye(4)[None]])
@@ -177,7 +167,7 @@ def can_exist(values: Floats, free: Floats) -> bool:
         if x[-1] > 8 * mu:  # the gap is 4 μ: no smaller t can be negative
             return False
         mu /= 5
-        if mu < _ROUNDED / 10:
+        if mu < ROUNDED / 10:
             return True
     return False
 

@@ -44,7 +44,7 @@ from echelon.formats.mjcf.mjcf_model import (
 )
 from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
 from echelon.formats.robot_file import RobotFile
-from echelon.formats.urdf.urdf_reader import ExactXml
+from echelon.formats.urdf.exact_xml import ExactXml
 from echelon.mechanism.joint import GROUND
 from echelon.mechanism.mechanism import Mechanism
 

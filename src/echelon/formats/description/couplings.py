@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 
+from echelon.exact.expressions import PER_PI, PI
 from echelon.exact.polynomial import Monomial, Number, Polynomial, Rational, is_trigonometric, symbol_of
 from echelon.formats.bodies import placed_before
 from echelon.formats.description.document import Expressions
@@ -64,7 +65,7 @@ class CouplingReader:
         known = {name: ratio for name, ratio in ratios.items() if ratio is not None}
         if len(known) < len(ratios):
             raise self.expressions.error(path, f"'{text}' is not linear in the coordinates")
-        if any("pi" in ratio.generators() for ratio in known.values()):
+        if any(not {PI, PER_PI}.isdisjoint(ratio.generators()) for ratio in known.values()):
             problem = f"pi can occur in the constant part only, not in a ratio as in '{text}': use a symbol"
             raise self.expressions.error(path, problem)
         return known, offset

@@ -35,6 +35,7 @@ from echelon.formats.schema.schema_types import AxisJoint, CustomJoint, HelicalJ
 from echelon.formats.schema.schema_types import Joint as Entry
 from echelon.formats.snapping import ReadingOptions, gravity_vector
 from echelon.hints import nearest, nearest_of, unused
+from echelon.mechanism.impossible import stated_impossibilities
 from echelon.mechanism.joint import (
     ALL,
     GROUND,
@@ -112,7 +113,10 @@ class _Tree:
         self.lumped = Bodies(0 if floating or kept else 1)
         self._riders: dict[int, list[Part]] = {}
         self._coordinates: dict[str, str] = {}
-        if floating and (first is None or (first.moves and first.kind != "floating")):
+        if floating and first is not None and first.kind == "floating":
+            problem = f"body '{first.name}' floats already, by its own joint: leave floating_base (--floating) out"
+            raise expressions.error("floating_base", problem)
+        if floating and (first is None or first.moves):
             # the base becomes a body, because the first part moves against it
             name, joint = unused(BASE, {part.name for part in parts}), Joint(BASE, "floating", floating_motions(BASE))
             self.lumped.add_base(Body(name, "0", GROUND, joint, () if BASE in options.massless else ALL))
@@ -177,6 +181,7 @@ class _Tree:
         if body.inertial is None and not body.massless:
             return body
         total = np.array(body.inertial) if body.inertial is not None and not body.massless else None
+        faults = () if total is None else stated_impossibilities(body.name, body.inertial)
         for part in riders:
             if part.inertial is None:
                 continue
@@ -187,8 +192,9 @@ class _Tree:
                 )
                 return replace(body, carried=carried, inertial=None)
             total = moved if total is None else total + moved
+            faults += stated_impossibilities(part.name, part.inertial)
         values = None if total is None else tuple(float(v) for v in total)
-        return replace(body, carried=carried, inertial=values)
+        return replace(body, carried=carried, inertial=values, impossible=faults)
 
     def _moved(self, part: Part) -> Floats | None:
         """Parameters of a fixed part about the frame of its body, if all symbols on the way have values."""

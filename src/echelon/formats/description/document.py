@@ -18,7 +18,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from echelon.errors import InputError
-from echelon.exact.expressions import PI, RESERVED, STEPS_PER_HALF_TURN, Angle, as_angle, parse, parse_angle
+from echelon.exact.expressions import (
+    PER_PI,
+    PI,
+    RESERVED,
+    STEPS_PER_HALF_TURN,
+    Angle,
+    as_angle,
+    parse,
+    parse_angle,
+    pi_generators,
+)
 from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator, residues_at
 from echelon.exact.polynomial import Number, Polynomial, Rational, Surd, is_trigonometric, symbol_of
 from echelon.formats.bodies import BASE
@@ -140,7 +150,7 @@ class Expressions:
         """Any expression in declared symbols, pi, and coordinates where they may stand."""
         value = self.parsed(text, path)
         for name in value.symbols():
-            if name not in self.declared and name not in coordinates and name != PI:
+            if name not in self.declared and name not in coordinates and name not in (PI, PER_PI):
                 problem = f"the symbol '{name}' in '{text}' is not declared: list it in symbols"
                 if coordinates:
                     problem = f"'{name}' in '{text}' is neither a coordinate nor a declared symbol"
@@ -171,8 +181,9 @@ class Expressions:
     def length(self, text: str, path: str) -> Polynomial:
         """An expression that is not an angle, so without pi."""
         value = self.polynomial(text, path)
-        if PI in value.generators():
-            raise self.error(path, f"pi can occur in angles only, not in '{text}': use a symbol or a number")
+        if not {PI, PER_PI}.isdisjoint(value.generators()):
+            problem = f"pi can occur in angles and in values of symbols, not in '{text}': write a symbol here"
+            raise self.error(path, f"{problem}, and its value in 'symbols', such as p: 0.01/(2*pi)")
         return value
 
     def vector(self, texts: Sequence[str], path: str) -> Vector:
@@ -350,10 +361,10 @@ def _unusable(name: str) -> str:
 
 def _constant(expressions: Expressions, text: str, path: str) -> float:
     value = expressions.parsed(text, path)
-    if not set(value.generators()) <= {PI}:
+    if not set(value.generators()) <= {PI, PER_PI}:
         problem = f"'{text}' is not a number: a relation between symbols belongs where the length or angle is used"
         raise expressions.error(path, problem)
-    return value.evaluate({PI: math.pi}, float)
+    return float(value.evaluate(pi_generators(math.pi), float))
 
 
 def with_intended_angles(mechanism: Mechanism, snapping: Snapping) -> Mechanism:
@@ -363,7 +374,8 @@ def with_intended_angles(mechanism: Mechanism, snapping: Snapping) -> Mechanism:
         symbol, element = found[name], f"symbols.{name}"
         if symbol.exact is None or symbol.value is None or parse_angle(symbol.exact).half_turns:
             continue
-        steps = round(snapping.angle_value(symbol.value, element) * STEPS_PER_HALF_TURN / math.pi)
+        radians = parse_angle(symbol.exact).radians
+        steps = round(snapping.angle_value(radians, element) * STEPS_PER_HALF_TURN / math.pi)
         exact = steps * math.pi / STEPS_PER_HALF_TURN
         difference = abs(symbol.value - exact)
         if steps and difference <= snapping.angle_tolerance(element):

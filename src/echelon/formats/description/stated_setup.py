@@ -5,15 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from fractions import Fraction
 from functools import partial
 
 import numpy as np
 
 from echelon.conventions import PARAMETERS
-from echelon.exact.expressions import PI, Angle
+from echelon.exact.expressions import PER_PI, PI, pi_generators
 from echelon.exact.polynomial import Polynomial
-from echelon.formats.bodies import BASE, TO_AXIS
+from echelon.formats.bodies import BASE
 from echelon.formats.builder import Built
 from echelon.formats.closure_frames import at_zero, closed, second_frame
 from echelon.formats.description.couplings import CouplingReader
@@ -38,7 +37,7 @@ from echelon.inputs import step_into
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.coupling import Coupling, linear
 from echelon.mechanism.effect import Action, Effect, Side, ready_made
-from echelon.mechanism.joint import GROUND, Body, Joint, Motion, MotionKind, Placement, X, merge, turn
+from echelon.mechanism.joint import GROUND, Body, Joint, Motion, MotionKind, Placement, merge
 from echelon.mechanism.mechanism import (
     Actuator,
     Channel,
@@ -68,7 +67,6 @@ ADDITIONS = (
 EVERY = "all"
 _SPIN = (PARAMETERS.index("XX"), PARAMETERS.index("YY"), PARAMETERS.index("ZZ"))
 _ALIASES = {"points": ClosureKind.SPHERICAL, "axes": ClosureKind.CYLINDRICAL}
-_FLIP = turn(X, Angle(Fraction(1)))
 
 
 class Additions:
@@ -291,8 +289,7 @@ class Additions:
         if entry.axis is None:
             return Placement()
         direction = self.expressions.direction(entry.axis, f"{path}.axis")
-        mounting, axis, sign = self.expressions.snapping.direction(direction, f"{path}.axis", stem)
-        return mounting @ TO_AXIS[axis] @ (_FLIP if sign < 0 else Placement())
+        return self.expressions.snapping.aim_at(direction, f"{path}.axis", stem)
 
     def _met(self, kind: ClosureKind, first: int, second: int, frame: Placement, path: str) -> Placement:
         """The frame of the second body that coincides with that of the first one while all coordinates are zero."""
@@ -317,9 +314,9 @@ class Additions:
             path = f"assembly.{name}"
             self.expressions.check(name, self.mechanism.positions, path)
             value = self.expressions.polynomial(text, path)
-            if not set(value.generators()) <= {PI}:
+            if not set(value.generators()) <= {PI, PER_PI}:
                 raise self.expressions.error(path, f"'{text}' must be a number here, without symbols")
-            found[name] = value.evaluate({PI: math.pi}, float)
+            found[name] = value.evaluate(pi_generators(math.pi), float)
         return found
 
     def _driven(self) -> list[str]:
@@ -364,7 +361,8 @@ def add_to_file(
     mechanism, notes = _labelled(replace(mechanism, symbols={**mechanism.symbols, **known}), robot, document)
     mechanism = Additions(mechanism, robot, expressions, _FileParts(stated, mechanism, expressions)).added()
     stated.snapping.snaps += expressions.snapping.snaps
-    return replace(stated, mechanism=mechanism, notes=(*stated.notes, *notes))
+    driven = (*stated.driven, *robot.robot.driven)
+    return replace(stated, mechanism=mechanism, notes=(*stated.notes, *notes), driven=driven)
 
 
 def _labelled(mechanism: Mechanism, robot: RobotDescription, document: Document) -> tuple[Mechanism, list[str]]:

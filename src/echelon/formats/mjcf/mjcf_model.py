@@ -24,6 +24,7 @@ import numpy as np
 from echelon.errors import InputError
 from echelon.exact.expressions import is_whole
 from echelon.extras import extra
+from echelon.formats.vocabulary import without
 from echelon.hints import in_quotes, unused
 from echelon.inputs import INCLUDES, parse_xml, read_content
 
@@ -47,9 +48,15 @@ class MjcfDocument:
     missing: tuple[str, ...]  # files that are not there; the text does not include them any more
 
 
-def checked_mjcf(text: str | bytes, source: str, directory: Path | None) -> MjcfDocument:
-    """A document that is harmless; includes of missing files are left out, unless they would define parts of bodies."""
+def checked_mjcf(text: str | bytes, source: str, directory: Path | None, ignored: Collection[str] = ()) -> MjcfDocument:
+    """A document that is harmless; includes of missing files are left out, unless they would define parts of bodies.
+
+    Elements and attributes that are to be ignored are taken out of the document itself, not of what it includes.
+    """
     root = parse_xml(text, source)
+    if ignored:
+        root = without(root, ignored, source)
+        text = bytes(tostring(root, encoding="utf-8"))
     if root.tag == "mujocoinclude":
         raise InputError("this is a fragment, not a model: read the file that includes it", source=source)
     if root.tag != "mujoco":
@@ -233,7 +240,20 @@ def _effect_notes(spec: Any) -> list[str]:
     found += ["gravity compensation"] if any(body.gravcomp for body in spec.bodies) else []
     acts = any(np.any(getattr(tendon, name, 0)) for tendon in spec.tendons for name in _EFFECTS)
     found += ["forces of tendons"] if acts else []
+    found += ["limits of tendons"] if any(_is_limited(tendon) for tendon in spec.tendons) else []
+    found += ["drag of a fluid"] if spec.option.density or spec.option.viscosity else []
+    found += ["forces of plugins"] if any(body.plugin.active for body in spec.bodies) else []
+    joints = {import_mujoco().mjtTrn.mjTRN_JOINT, import_mujoco().mjtTrn.mjTRN_JOINTINPARENT}
+    if any(actuator.trntype not in joints for actuator in spec.actuators):
+        found.append("actuators that act through tendons, sites or bodies")
     return [f"ignored, since rigid-body parameters do not cover them: {', '.join(found)}"] if found else []
+
+
+def _is_limited(tendon: Any) -> bool:
+    """Whether a tendon stops somewhere; where nothing says so, a range does."""
+    limited = import_mujoco().mjtLimited
+    low, high = tendon.range
+    return bool(tendon.limited == limited.mjLIMITED_TRUE or (tendon.limited == limited.mjLIMITED_AUTO and low < high))
 
 
 def keep_bodies(spec: Any) -> None:

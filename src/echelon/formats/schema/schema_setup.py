@@ -56,6 +56,12 @@ class RobotFile(Model):
         "With loops, coordinates or joints that motors move: where the choice is free, they are independent.",
         ["hip", "knee"],
     )
+    ignore: Annotated[tuple[str, ...], AS_LIST] = optional(
+        (),
+        "Elements and attributes of the file, such as gazebo/joint or origin@quat, that count as if they were not "
+        "there, though they may change how the robot moves.",
+        ["gazebo/joint"],
+    )
 
 
 class LinearTerms(Model):

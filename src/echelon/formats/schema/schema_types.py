@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
-from echelon.exact.expressions import PI, is_whole, parse
+from echelon.exact.expressions import PER_PI, PI, is_whole, parse, pi_generators
 from echelon.formats.snapping import NOT_FINITE
 from echelon.hints import nearest
 from echelon.mechanism.closure import ClosureKind
@@ -142,9 +142,9 @@ def number(value: object) -> float:
         raise refusal(f"'{text}' is not a finite number")
     try:
         expression = parse(text)
-        if expression.symbols() not in ([], [PI]):
+        if not set(expression.symbols()) <= {PI, PER_PI}:
             raise refusal(f"needs a number or an expression of numbers and pi, found '{text}'")
-        return expression.at({PI: math.pi})
+        return expression.at(pi_generators(math.pi))
     except ValueError as error:
         raise refusal(str(error)) from None
 

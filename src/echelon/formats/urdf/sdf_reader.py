@@ -13,11 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from math import atan2, hypot, radians
+from fractions import Fraction
+from math import radians
 from typing import Any
 
 from echelon.errors import InputError
-from echelon.exact.polynomial import as_polynomial
+from echelon.exact.expressions import PER_PI
+from echelon.exact.polynomial import Polynomial, as_polynomial
 from echelon.formats.literal import (
     LiteralClosure,
     LiteralFrame,
@@ -33,7 +35,9 @@ from echelon.formats.literal import (
 )
 from echelon.formats.mjcf.mjcf_numbers import exact_angle, exact_number, placements, placements_of
 from echelon.formats.snapping import ANGLE_TOLERANCE, nearest_step
-from echelon.formats.urdf.urdf_reader import ExactXml
+from echelon.formats.urdf.exact_xml import ExactXml
+from echelon.formats.urdf.sdf_vocabulary import MODEL_NAMES, SDF
+from echelon.formats.vocabulary import unread
 from echelon.hints import in_quotes, nearest_of
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.coupling import linear
@@ -47,27 +51,36 @@ _MOST_GENERAL = 2  # rotations by general angles that are multiplied exactly; pr
 _AXIS_IN_JOINT = (1, 5)  # from this version of the format on, axes are stated in the joint's frame
 
 
-def read_sdf(root: Any, source: str, *, mimics: bool = True) -> LiteralTree:
-    """The tree of an SDF document with one model that moves."""
+def read_sdf(root: Any, source: str, *, mimics: bool = True, model: str = "") -> LiteralTree:
+    """The tree of the one model that moves in an SDF document, or of the one with a given name."""
     worlds = root.findall("world")
     found = [model for place in (root, *worlds) for model in place.findall("model")]
     models = [m for m in found if m.find("joint") is not None and not _says(m.findtext("static", "false"))]
-    if len(models) != 1:
-        names = ", ".join(f"'{m.get('name')}'" for m in models) or "none"
-        problem = f"needs one model with joints, found {names}: keep one, with its joints, in the file"
-        raise InputError(problem, source=source)
+    names = [str(m.get("name")) for m in models]
+    if not models:
+        raise InputError("needs one model with joints, found none", source=source)
+    if model and model not in names:
+        raise InputError(f"there is no model '{model}' with joints{nearest_of(model, names)}", source=source)
+    if len(models) > 1 and not model:
+        problem = (
+            f"several models have joints, {in_quotes(names)}: choose one by its name (--model {names[0]}, or model="
+        )
+        raise InputError(f"{problem} of echelon.load)", source=source)
+    chosen = models[names.index(model) if model else 0]
     gravity = worlds[0].findtext("gravity", _WORLDS_GRAVITY) if worlds else None
-    return _Reader(root, models[0], source).read(gravity, mimics)
+    return _Reader(root, chosen, source).read(gravity, mimics)
 
 
 def _says(flag: str) -> bool:
     return flag.strip() in ("true", "1")
 
 
+_SCREWS_TRAVEL = "1"  # metres per turn of a screw that states no pitch, by the specification
 _AXES = {
     "revolute": (MotionKind.ROTATION,),
     "continuous": (MotionKind.ROTATION,),
     "prismatic": (MotionKind.TRANSLATION,),
+    "screw": (MotionKind.SCREW,),
     "universal": (MotionKind.ROTATION, MotionKind.ROTATION),
     "revolute2": (MotionKind.ROTATION, MotionKind.ROTATION),
 }
@@ -188,7 +201,7 @@ class _Reader(_Frames):
     def __init__(self, root: Any, model: Any, source: str) -> None:
         super().__init__(source)
         self.model = model
-        self.notes: list[str] = []
+        self.notes = [*unread(root, SDF, source), *unread(model, MODEL_NAMES, source)]
         version = tuple(int(part) if part.isdigit() else 0 for part in root.get("version", "1.12").split("."))
         self.axis_in_joint = version >= _AXIS_IN_JOINT
         self.links = dict(self._named("link"))
@@ -229,7 +242,7 @@ class _Reader(_Frames):
     def _add_frames(self) -> None:
         """The frames of the model, its links, its joints, and those that it names."""
         where = f"model '{self.model.get('name')}'"
-        found = [tag for tag in ("model", "include", "gripper") if self.model.find(tag) is not None]
+        found = [tag for tag in ("model", "include") if self.model.find(tag) is not None]
         found += ["placement_frame"] if self.model.get("placement_frame") else []
         if found or not self.links:
             problem = f"has <{found[0]}>, which is not read: write one model of links" if found else "has no links"
@@ -365,16 +378,29 @@ class _Reader(_Frames):
         """The motions of a joint, seen from the link that carries the other one."""
         if joint.kind == "ball":
             return (LiteralMotion(joint.element, joint.name, MotionKind.BALL),)
-        steps: list[LiteralStep] = []
+        motions: list[LiteralStep] = []
         kinds = _AXES.get(joint.kind, ())
         for number, kind in enumerate(kinds, 1):
-            turned, axis = self._axis(joint, "axis" if number == 1 else f"axis{number}")
+            turns, axis = self._axis(joint, "axis" if number == 1 else f"axis{number}")
             x, y, z = (-v for v in axis) if backwards else axis
             name = joint.name if len(kinds) == 1 else f"{joint.name}.{number}"
-            back = (replace(turn, inverse=not turn.inverse) for turn in reversed(turned))
-            motion: list[LiteralStep] = [*turned, LiteralMotion(joint.element, name, kind, (x, y, z)), *back]
-            steps = motion + steps if backwards else steps + motion
-        return tuple(steps)
+            pitch = self._pitch(joint) if kind is MotionKind.SCREW else Polynomial({})
+            motions.append(LiteralMotion(joint.element, name, kind, (x, y, z), turns, pitch))
+        return tuple(reversed(motions) if backwards else motions)
+
+    def _pitch(self, joint: _Joint) -> Polynomial:
+        """How far a screw travels along its axis, m/rad."""
+        per_turn, old = (joint.data.findtext(tag) for tag in ("screw_thread_pitch", "thread_pitch"))
+        if per_turn is None and old is not None:  # radians per metre, positive for a left-handed thread
+            radians = self.number(old, f"{joint.element} thread_pitch")
+            if not radians:
+                problem = "zero radians per metre: state <screw_thread_pitch>, in metres per turn"
+                raise self.error(problem, f"{joint.element} thread_pitch")
+            return Polynomial.constant(-1 / Fraction(radians))
+        if per_turn is None:
+            self.notes.append(f"{joint.element} states no screw_thread_pitch: by the specification, it is 1 m per turn")
+        travel = self.number(per_turn or _SCREWS_TRAVEL, f"{joint.element} screw_thread_pitch")
+        return Polynomial.generator(PER_PI) * (Fraction(travel) / 2)
 
     def _axis(self, joint: _Joint, tag: str) -> tuple[tuple[LiteralPlacement, ...], Triple]:
         """The frame in which an axis is stated, as turns of the joint's frame, and the axis in it."""
@@ -394,24 +420,20 @@ class _Reader(_Frames):
         return tuple(replace(turn, xyz=(0, 0, 0)) for turn in turns), axis
 
     def _closure(self, joint: _Joint, position: Mapping[str, int]) -> LiteralClosure:
-        """A joint that closes a loop: its frame on both links, with z along its axis."""
+        """A joint that closes a loop: its frame on both links, and its axis."""
         if joint.kind not in _CLOSURES:
             kinds = ", ".join(_CLOSURES)
             problem = (
                 f"it closes a loop, which a {joint.kind} joint cannot (these can: {kinds}): give that loop one of these"
             )
             raise self.error(problem, joint.element)
-        aim: tuple[LiteralPlacement, ...] = ()
+        axis = None
         if joint.kind in _AXES:
-            turned, axis = self._axis(joint, "axis")
-            x, y, z = (float(v) for v in axis)
-            along = LiteralPlacement(
-                f"{joint.element} axis", rpy=(0, exact_angle(atan2(hypot(x, y), z)), exact_angle(atan2(y, x)))
-            )
-            aim = (*turned, along)
-        one, two = ((*self.between(end, joint.name, joint.element), *aim) for end in (joint.parent, joint.child))
+            turns, direction = self._axis(joint, "axis")
+            axis = LiteralMotion(joint.element, joint.name, MotionKind.ROTATION, direction, turns)
+        one, two = (self.between(end, joint.name, joint.element) for end in (joint.parent, joint.child))
         first, second = position[joint.parent], position[joint.child]
-        return LiteralClosure(joint.element, joint.name, _CLOSURES[joint.kind], first, second, one, two)
+        return LiteralClosure(joint.element, joint.name, _CLOSURES[joint.kind], first, second, one, two, axis)
 
     def _couplings(self) -> Iterator[StatedCoupling]:
         """The couplings that mimic elements state."""
@@ -432,6 +454,8 @@ class _Reader(_Frames):
                 for key, usual in (("multiplier", "1"), ("offset", "0"), ("reference", "0"))
             )
             constant = as_polynomial(offset - ratio * reference)
+            if constant and joint.kind == "screw":
+                raise self.error("a screw follows others without an offset: put it into the poses of the links", where)
             yield StatedCoupling(where, joint.name, {leader: linear(as_polynomial(ratio))}, constant)
 
 

@@ -1,7 +1,8 @@
 """URDF: the robot description format of ROS.
 
 Numbers are taken from the text, so 0.333 is 333/1000.  XML is parsed defensively: entities and external references are
-refused.  The reader checks the tree completely, because the rest of Echelon relies on it.
+refused.  The reader checks the tree completely, because the rest of Echelon relies on it.  Loops are those of the
+format's dialects (see :mod:`echelon.formats.urdf.urdf_dialects`).
 """
 
 from __future__ import annotations
@@ -12,13 +13,12 @@ from pathlib import PurePath
 from typing import Any
 
 from echelon.errors import InputError
-from echelon.exact.expressions import decimal_text, parse_decimal
-from echelon.exact.polynomial import Rational, as_polynomial
+from echelon.exact.expressions import decimal_text
+from echelon.exact.polynomial import as_polynomial
 from echelon.formats.literal import (
     MOTIONS,
     LiteralLink,
     LiteralMotion,
-    LiteralPlacement,
     LiteralStep,
     LiteralTree,
     StatedCoupling,
@@ -26,8 +26,12 @@ from echelon.formats.literal import (
     central_inertial,
     numeric_placement,
 )
-from echelon.formats.snapping import checked_size
+from echelon.formats.urdf.exact_xml import ExactXml
+from echelon.formats.urdf.urdf_dialects import LOOP_KINDS, WITHOUT_AXIS, Couplings, Loops, independence
+from echelon.formats.urdf.urdf_vocabulary import URDF
+from echelon.formats.vocabulary import unread
 from echelon.hints import in_quotes
+from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.coupling import linear
 
 JOINT_TYPES = (*MOTIONS, "fixed")
@@ -46,49 +50,13 @@ def stated_number(text: str | None) -> float:
         return 0.0
 
 
-class ExactXml:
-    """Exact numbers of an XML document, and errors that name the element."""
-
-    def __init__(self, source: str) -> None:
-        self.source = source
-
-    def error(self, problem: str, element: str | None = None) -> InputError:
-        """An error about an element."""
-        return InputError(problem, source=self.source, element=element)
-
-    def number(self, text: str, where: str) -> Rational:
-        """An exact number."""
-        try:
-            return checked_size(parse_decimal(text.strip()), text)
-        except ValueError as error:
-            raise self.error(str(error), where) from None
-
-    def triple(self, text: str | None, usual: Triple, where: str) -> Triple:
-        """Three numbers."""
-        if text is None:
-            return usual
-        parts = text.split()
-        if len(parts) != len(usual):
-            raise self.error(f"needs three numbers, found '{text}'", where)
-        x, y, z = (self.number(part, where) for part in parts)
-        return (x, y, z)
-
-    def origin(self, element: Any, where: str) -> LiteralPlacement:
-        """The frame that <origin> states."""
-        origin = element.find("origin")
-        if origin is None:
-            return LiteralPlacement(f"{where} origin")
-        xyz, rpy = (self.triple(origin.get(key), (0, 0, 0), f"{where} origin {key}") for key in ("xyz", "rpy"))
-        return LiteralPlacement(f"{where} origin", xyz, rpy)
-
-
 class UrdfReader(ExactXml):
     """Reads a URDF document."""
 
     def __init__(self, root: Any, source: str) -> None:
         super().__init__(source)
         self.root = root
-        self.notes: list[str] = []
+        self.notes = list(unread(root, URDF, source))
         self.links = self._named("link")
         self.joints = self._named("joint")
 
@@ -103,21 +71,27 @@ class UrdfReader(ExactXml):
             pending.extend(reversed(self.children[order[-1]]))
         if len(order) < len(self.links):
             lost = sorted(set(self.links) - set(order))
-            raise self.error(f"links {in_quotes(lost, _MOST_NAMED)} form a cycle and are not connected to the root")
+            problem = f"links {in_quotes(lost, _MOST_NAMED)} form a cycle and are not connected to the root"
+            raise self.error(f"{problem}: {self._cut(parents, lost[0])}")
         position = {name: i for i, name in enumerate(order)}
         links = tuple(self._link(name, parents.get(name), position) for name in order)
-        couplings = tuple(self._couplings()) if mimics else ()
-        name = self.root.get("name") or "robot"
+        closures = tuple(Loops(self.root, self.source, position).closures())
+        independent = independence(self.joints, lambda element, problem: self.error(problem, element))
+        couplings = (*self._couplings(), *self._relations(parents, independent)) if mimics else ()
         has_mimics = any(joint.find("mimic") is not None for joint in self.joints.values())
         return LiteralTree(
-            name,
+            self.root.get("name") or "robot",
             self.source,
             links,
             couplings,
             self._gravity(),
             tuple(self.notes),
+            closures=closures,
+            poses={"zero": {}} if closures else {},
+            driven=tuple(name for name, stated in independent.items() if stated),
+            independent=independent,
             drives=dict(self._drives()),
-            has_mimics=has_mimics,
+            has_mimics=has_mimics or self.root.find("coupling") is not None,
         )
 
     def _gravity(self) -> Triple:
@@ -157,26 +131,40 @@ class UrdfReader(ExactXml):
             if parent == child:
                 raise self.error(f"link '{child}' is its own parent", f"joint '{name}'")
             if child in carried:
-                raise self._closes_loop(name, parent, child, carried[child])
+                raise self._closes_loop(name, child, carried[child])
             carried[child] = name
             self.children[parent].append(child)
         return carried
 
-    def _closes_loop(self, name: str, parent: str, child: str, carrier: str) -> InputError:
+    def _closes_loop(self, name: str, child: str, carrier: str) -> InputError:
         """A second joint of a link closes a loop, which URDF cannot state, but a description can."""
-        joint, where = self.joints[name], f"joint '{name}'"
-        known = {"continuous": "revolute", "fixed": "weld", "floating": None}
-        kind = known.get(joint.get("type"), joint.get("type"))
+        problem = f"link '{child}' already has joint '{carrier}', and the links of a URDF form a tree"
+        return self.error(f"{problem}: {self._beside(name)}", f"joint '{name}'")
+
+    def _cut(self, parents: dict[str, str], link: str) -> str:
+        """What to do about a cycle above a link: which of its joints a description can state as a loop."""
+        seen: list[str] = []
+        while link not in seen:
+            seen.append(link)
+            link = self._end(self.joints[parents[link]], "parent", parents[link])
+        cycle = {parents[name] for name in seen[seen.index(link) :]}
+        last = next(name for name in reversed(self.joints) if name in cycle)
+        return f"joint '{last}' closes it: {self._beside(last)}"
+
+    def _beside(self, name: str) -> str:
+        """How a joint that closes a loop is stated in a description beside the file."""
+        joint, where, file = self.joints[name], f"joint '{name}'", PurePath(self.source).name
+        kind = joint.get("type")
+        if kind == "floating":
+            return "take this joint out, as it constrains nothing"
+        parent, child = (self._end(joint, tag, name) for tag in ("parent", "child"))
         origin = self.origin(joint, where)
         frame = f"{{xyz: [{_written(origin.xyz)}], rpy: [{_written(origin.rpy)}]}}"
-        axis = "" if kind in ("weld", None) else f", axis: [{_written(self._axis(joint, name))}]"
-        loop = f"{{name: {name}, joint: {kind}, connects: [{parent}, {child}], at: {frame}{axis}, on_second: {{}}}}"
-        stated = f"and state it as a loop: 'robot: {{file: {PurePath(self.source).name}}}' and 'loops: [{loop}]'"
-        return self.error(
-            f"link '{child}' already has joint '{carrier}', and the links of a URDF form a tree: take this joint out, "
-            + (f"{stated} in a YAML file beside it" if kind else "as it constrains nothing"),
-            where,
-        )
+        word = LOOP_KINDS.get(str(kind), ClosureKind.REVOLUTE).value
+        axis = "" if kind in WITHOUT_AXIS else f", axis: [{_written(self._axis(joint, name))}]"
+        loop = f"{{name: {name}, joint: {word}, connects: [{parent}, {child}], at: {frame}{axis}, on_second: {{}}}}"
+        stated = f"'robot: {{file: {file}}}' and 'loops: [{loop}]'"
+        return f"take this joint out, and state it as a loop: {stated} in a YAML file beside it"
 
     def _end(self, joint: Any, tag: str, name: str) -> str:
         element = joint.find(tag)
@@ -190,7 +178,8 @@ class UrdfReader(ExactXml):
     def _root_link(self, parents: dict[str, str]) -> str:
         roots = [name for name in self.links if name not in parents]
         if not roots:
-            raise self.error("every link has a parent: the links form a cycle and there is no root")
+            problem = "every link has a parent: the links form a cycle and there is no root"
+            raise self.error(f"{problem}: {self._cut(parents, next(iter(self.links)))}")
         if len(roots) > 1:
             raise self.error(f"there are {len(roots)} root links, {in_quotes(roots, _MOST_NAMED)}; a tree has one")
         return roots[0]
@@ -201,18 +190,22 @@ class UrdfReader(ExactXml):
         inertial = self._inertial(name)
         if joint is None:
             return LiteralLink(name, -1, "", "root", (), inertial)
-        element = self.joints[joint]
-        kind = element.get("type")
-        if kind not in JOINT_TYPES:
-            valid = ", ".join(JOINT_TYPES)
-            problem = f"unknown joint type '{kind}'" if kind else "the attribute 'type' is missing"
-            raise self.error(f"{problem} (valid: {valid})", f"joint '{joint}'")
-        steps: list[LiteralStep] = [self.origin(element, f"joint '{joint}'")]
+        element, kind = self.joints[joint], self._kind(joint)
+        origin = self.origin(element, f"joint '{joint}'")
+        steps: list[LiteralStep] = [origin]
         if kind != "fixed":
             axis = (0, 0, 1) if kind == "floating" else self._axis(element, joint)
             steps.append(LiteralMotion(f"joint '{joint}'", joint, MOTIONS[kind], axis))
         parent = position[self._end(element, "parent", joint)]
-        return LiteralLink(name, parent, joint, kind, tuple(steps), inertial)
+        return LiteralLink(name, parent, joint, kind, tuple(steps), inertial, rest=(origin,))
+
+    def _kind(self, joint: str) -> str:
+        kind = self.joints[joint].get("type")
+        if kind not in JOINT_TYPES:
+            valid = ", ".join(JOINT_TYPES)
+            problem = f"unknown joint type '{kind}'" if kind else "the attribute 'type' is missing"
+            raise self.error(f"{problem} (valid: {valid})", f"joint '{joint}'")
+        return str(kind)
 
     def _axis(self, element: Any, joint: str) -> Triple:
         axis = element.find("axis")
@@ -237,6 +230,12 @@ class UrdfReader(ExactXml):
         if text is None:
             raise self.error(f"the attribute '{name}' is missing", where)
         return float(self.number(text, where))
+
+    def _relations(self, parents: dict[str, str], independent: dict[str, bool]) -> tuple[StatedCoupling, ...]:
+        """Couplings of the dialect URDF+."""
+        single = [name for name, joint in self.joints.items() if joint.get("type") in SINGLE_AXIS]
+        dependent = [name for name, stated in independent.items() if not stated]
+        return Couplings(self.root, self.source, parents, self.joints).stated(single, dependent)
 
     def _couplings(self) -> Iterator[StatedCoupling]:
         for name, joint in self.joints.items():

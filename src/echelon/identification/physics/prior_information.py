@@ -29,6 +29,7 @@ from echelon.errors import InputError
 from echelon.identification.physics.bounds import Roles
 from echelon.inertia import from_pseudo_inertia, move, pseudo_inertia
 from echelon.logs.finding import Finding, note, warning
+from echelon.mechanism.impossible import warn_of_impossible
 from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, characteristic_length, placement_matrix, symbol_values
@@ -346,6 +347,7 @@ def _compare(ours: _Posed, theirs: _Posed, mine: int, yours: int) -> None:
 def _lumped(other: Mechanism, posed: _Posed, hosts: set[int]) -> dict[int, Floats]:
     """For every host the parameters of itself and all that is taken as fixed to it, in the base frame."""
     totals: dict[int, Floats] = {}
+    warn_of_impossible([body for k, body in enumerate(other.bodies) if _host(other, k, hosts) != GROUND])
     for k, body in enumerate(other.bodies):
         host = _host(other, k, hosts)
         if host == GROUND or body.inertial is None:

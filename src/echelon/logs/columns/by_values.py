@@ -1,9 +1,12 @@
 """What columns are by their values: clocks, families of columns whose names say nothing, and units.
 
 A family has a column for every coordinate.  Positions are the family whose derivative another one is: velocities are
-integrated over windows instead of differentiating positions, so that noise and resolution count for little.  Without
-velocities, positions are much smoother than what is measured of forces.  Of two that follow one another the smoother
-one is the reference, and what is left are outputs, if it is one family.
+integrated over windows instead of differentiating positions, so that noise and resolution count for little.  Torques
+that friction dominates are proportional to velocities, too.  What tells them apart is the slope of a robust line: by
+the log's own clock it is one for velocities, or the ratio of two units, the same for all joints.  Without a clock it is
+a period that nobody knows; then velocities are only told if every joint agrees on it, and another family is left for
+outputs.  Without velocities, positions are much smoother than what is measured of forces.  Of two that follow one
+another the smoother one is the reference, and what is left are outputs, if it is one family.
 
 Units are those that magnitudes ask for: a wrong one is an error of a factor of 57 or 1000, and robots differ by less.
 """
@@ -30,11 +33,13 @@ from echelon.signals.clock import nominal_period
 _WINDOWS = 200
 _MANY = 10  # columns per joint, beyond which pairs are not looked for
 _ENOUGH = 50_000  # samples that show whether one column is the rate of another
-_FOLLOWS = 0.9  # correlation from which on one family is the derivative of another
+_LEFT = 0.5  # share of the travels of positions that those of their velocities may miss: noise, delay and filters
+_LEFT_TIMELESS = 0.1  # the same without a clock, where nothing is known of the slope
 _SAME = 0.98
 _SCALES = np.array([1.0, 180 / np.pi, np.pi / 180, 1e3, 1e-3])
-"""Sizes of a reference in units of those of the positions: both may be in other units."""
+"""Sizes of a reference in units of those of the positions, and slopes of velocities: both may be in other units."""
 _NEAR = 0.1
+_ONE_PERIOD = 0.03  # relative difference of the slopes of joints, from which on they are not one period
 _SMOOTHER = 1.5
 """Ratio of the steps of two families, in units of their spread, from which on one is smoother than the other."""
 _FORWARD = 0.999
@@ -163,6 +168,8 @@ def clock(columns: Mapping[str, Floats], names: Sequence[str], *, named: bool = 
     What counts samples is no clock, unless it is ``named`` so: the time may be in ms at 1 kHz.
     """
     for name in names:
+        if name not in columns:  # it holds words
+            continue
         steps = np.diff(columns[name])
         period = float(np.median(steps)) if len(steps) else 0.0
         if len(steps) < 3 or not np.isfinite(period) or period <= 0:
@@ -197,14 +204,15 @@ def classified(
     values = [_clean(np.column_stack([columns[name] for name in family.columns])) for family in found]
     if not values:
         return {}
-    step = np.arange(len(values[0]), dtype=float) if times is None else times
-    derived = {
-        (a, b): _follows(values[a], values[b], step) for a in range(len(found)) for b in range(len(found)) if a != b
-    }
+    pairs = [(a, b) for a in range(len(found)) for b in range(len(found)) if a != b]
+    missed = {(a, b): missed_by_rate(values[a], values[b], times) for a, b in pairs}
+    needed = {"position", "velocity", "output"} - fixed.keys()
+    if times is None and len(new) < len(needed):
+        missed = dict.fromkeys(pairs, math.inf)  # what could be velocities are the only columns that could be outputs
     kinds = {kind: k for k, kind in enumerate(fixed)}
     left = list(range(len(fixed), len(found)))
     if "position" not in kinds:
-        roots = [a for a in left if _is_root(a, len(found), derived)]
+        roots = [a for a in left if _is_root(a, len(found), missed)]
         root = roots[0] if roots else _smoothest(values)
         if root not in left:
             return {}
@@ -213,8 +221,12 @@ def classified(
         kinds["position"] = max(like, key=lambda k: _bent(values[k]))
         left.remove(kinds["position"])
     for kind, of in (("velocity", "position"), ("acceleration", "velocity")):
-        children = [k for k in left if of in kinds and derived[kinds[of], k]]
-        kinds |= {kind: children[0]} if children and kind not in kinds else {}
+        if times is None and {"position", "velocity"} <= kinds.keys():
+            times = _own_clock(values[kinds["position"]], values[kinds["velocity"]])
+            missed = {(a, b): missed_by_rate(values[a], values[b], times) for a, b in pairs}
+        children = [k for k in left if of in kinds and math.isfinite(missed[kinds[of], k])]
+        if children and kind not in kinds:
+            kinds[kind] = _nearest_rate(kinds[of], children, missed)
         left = [k for k in left if k not in children]
     alike = [k for k in left if _alike(values[kinds["position"]], values[k])]
     kinds |= {"reference": alike[0]} if alike and "reference" not in kinds else {}
@@ -223,18 +235,73 @@ def classified(
     return {kind: found[k] for kind, k in kinds.items() if k >= len(fixed)}
 
 
-def _is_root(a: int, count: int, derived: Mapping[tuple[int, int], bool]) -> bool:
+def _nearest_rate(lower: int, candidates: Sequence[int], missed: Mapping[tuple[int, int], float]) -> int:
+    return min(candidates, key=lambda k: missed[lower, k])
+
+
+def _is_root(a: int, count: int, missed: Mapping[tuple[int, int], float]) -> bool:
     others = [k for k in range(count) if k != a]
-    return any(derived[a, k] for k in others) and not any(derived[k, a] for k in others)
+    leads = any(math.isfinite(missed[a, k]) for k in others)
+    return leads and not any(math.isfinite(missed[k, a]) for k in others)
 
 
 def _clean(values: Floats) -> Floats:
-    return np.asarray(np.where(np.isfinite(values), values, np.nanmean(np.where(np.isfinite(values), values, 0.0))))
+    finite = np.isfinite(values)
+    mean = np.mean(np.where(finite, values, 0.0))
+    return np.asarray(np.where(finite, values, mean))
 
 
-def _follows(lower: Floats, upper: Floats, step: Floats) -> bool:
-    """Whether most columns of one family are derivatives of those of another, whatever the units."""
-    return _share(*_travels(lower, upper, step)) > 0.5
+def missed_by_rate(lower: Floats, upper: Floats, times: Floats | None) -> float:
+    """Share of the travels of one family, shape (N, joints), that another one misses as its rate; inf if it is none.
+
+    Times are in s; without them all joints have to agree on one period.
+    """
+    slopes, missed = _lines(*_travels(lower, upper, np.arange(len(lower), dtype=float) if times is None else times))
+    moves = np.isfinite(slopes)
+    if not moves.any():
+        return math.inf
+    if times is None:
+        period = float(np.median(slopes[moves]))
+        agree = moves & (missed < _LEFT_TIMELESS) & (np.abs(slopes - period) < _ONE_PERIOD * period)
+        told = agree.sum() == moves.sum() > 1
+    else:
+        near = np.abs(slopes[:, None] / _SCALES - 1) < _NEAR
+        agree = (near & (missed < _LEFT)[:, None]).T[np.argmax(near.sum(axis=0))]
+        told = 2 * agree.sum() > moves.sum()
+    return float(np.median(missed[agree])) if told else math.inf
+
+
+def period_by_rates(lower: Floats, upper: Floats) -> float:
+    """Time between samples, s, with which most columns are the rates of others, shape (N, joints); nan if none is."""
+    slopes, missed = _lines(*_travels(lower, upper, np.arange(len(lower), dtype=float)))
+    told = missed < _LEFT  # not where nothing moves
+    if not told.any():
+        return math.nan
+    period = float(np.median(slopes[told]))
+    agree = told & (np.abs(slopes - period) < _NEAR * abs(period))
+    return period if 2 * agree.sum() > np.isfinite(slopes).sum() and period > 0 else math.nan
+
+
+def _own_clock(positions: Floats, velocities: Floats) -> Floats | None:
+    """Times by what velocities say, s; None if they say nothing."""
+    period = period_by_rates(positions, velocities)
+    return period * np.arange(len(positions), dtype=float) if math.isfinite(period) else None
+
+
+def _lines(moved: Floats, area: Floats) -> tuple[Floats, Floats]:
+    """Slopes by column of lines through the origin with least absolute residuals, and these as a share; nan at rest."""
+    slopes, missed = np.full((2, moved.shape[1]), np.nan)
+    for k, (y, x) in enumerate(zip(moved.T, area.T, strict=True)):
+        inside = x != 0
+        if not inside.any() or not y.any():
+            continue
+        # the slope is the median of the ratios, each with the weight of its x
+        ratios, weights = y[inside] / x[inside], np.abs(x[inside])
+        order = np.argsort(ratios)
+        half = np.searchsorted(np.cumsum(weights[order]), 0.5 * weights.sum())
+        slopes[k] = ratios[order[min(int(half), len(order) - 1)]]
+        missed[k] = np.sum(np.abs(y - slopes[k] * x)) / np.sum(np.abs(y))
+    return slopes, missed
 
 
 def _travels(lower: Floats, upper: Floats, step: Floats) -> tuple[Floats, Floats]:
@@ -252,12 +319,14 @@ def _alike(first: Floats, second: Floats) -> bool:
     centred = first - first.mean(axis=0), second - second.mean(axis=0)
     sizes = centred[0].std(axis=0), centred[1].std(axis=0)
     moves = (sizes[0] > 0) & (sizes[1] > 0)
+    if not moves.any():
+        return False
     ratios = sizes[1][moves] / sizes[0][moves]
     units = np.any(np.abs(ratios[:, None] / _SCALES - 1) < _NEAR, axis=1)
     return _share(*centred, _SAME) > 0.5 and float(np.mean(units)) > 0.5
 
 
-def _share(a: Floats, b: Floats, least: float = _FOLLOWS) -> float:
+def _share(a: Floats, b: Floats, least: float) -> float:
     """The share of the columns that move in which two families are proportional, with a positive factor."""
     size = np.linalg.norm(a, axis=0) * np.linalg.norm(b, axis=0)
     moves = size > 0

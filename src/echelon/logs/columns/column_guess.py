@@ -50,6 +50,7 @@ _PARTLY = ("output", "current")  # what may be there for some joints only: the o
 _OPTIONAL = ("velocity", "acceleration", "reference")
 _AS_NAMED: Mapping[str, str] = {}
 _MANY = 8
+_FEWEST = 4  # rows that say how columns change
 _FIRST = re.compile(r"/?[^\W_]+[\W_]+")
 _ANGLES = re.compile("theta|phi|psi|alpha|beta|angle|winkel|rad|deg|rot|θ|φ", re.IGNORECASE)
 _TORQUES = re.compile("tau|torque|trq|moment|nm|couple|τ", re.IGNORECASE)
@@ -149,6 +150,7 @@ def _of_all(
     notes: list[str] = []
     headerless = are_numbers(names) and not meanings
     needed = _NEEDED[: 1 + outputs]
+    time, trouble = _time(meanings, _may_be_time(names, meanings, groups), look)
     absent = [kind for kind in needed if not groups[kind]]
     if absent and look is not None and (by_values or (headerless and not problems)):
         partial = 0 < len(groups["output"]) < len(_valid(mechanism, "output")) and "position" in absent
@@ -156,14 +158,13 @@ def _of_all(
             groups = {kind: {} for kind in groups}
         known = [kind for kind, some in groups.items() if some]
         clear = [name for name, said in meanings.items() if said.kind in ("time", *known) and not headerless]
-        notes += _filled(groups, _by_values(names, clear, mechanism, look().columns, groups), mechanism)
+        notes += _filled(groups, _by_values(names, clear, mechanism, look().columns, groups, time), mechanism)
         absent = [kind for kind in needed if not groups[kind]]
         problems = problems if absent else []
     if absent and not problems:
-        problems.append(_question(absent, names, meanings, mechanism, look))
-    unnamed = names if headerless else [name for name in names if name not in meanings]
-    time, trouble = _time(meanings, unnamed, look)
-    if time is not None and time.column not in meanings and not headerless:
+        problems.append(_question(absent, names, meanings, mechanism, look, time))
+    says_time = time is not None and time.column in meanings and meanings[time.column].kind == "time"
+    if time is not None and not says_time and not headerless:
         notes.append(f"'{time.column}' taken for the time, because it grows as a clock does")
     outputs_from = {channel.column for channel in groups["output"].values()}
     said_of = [said for column, said in meanings.items() if column in outputs_from]
@@ -239,7 +240,17 @@ def _time(meanings: Meanings, unnamed: Sequence[str], look: Look | None) -> tupl
         found = [chosen] if chosen else found
     if len(found) > 1:
         return None, [f"{listed(found)} could all be the time; name one as time under log"]
-    return (Channel(found[0], meanings[found[0]].unit if found[0] in meanings else "") if found else None), []
+    if not found:
+        return None, []
+    said = meanings.get(found[0])
+    return Channel(found[0], said.unit if said is not None and said.kind == "time" else ""), []
+
+
+def _may_be_time(names: Sequence[str], meanings: Meanings, groups: Mapping[str, Mapping[str, Channel]]) -> list[str]:
+    """Columns that may be the time though their names do not say so: a letter alone says little of a joint."""
+    taken = {channel.column for some in groups.values() for channel in some.values()}
+    others = [name for name, said in meanings.items() if not said.name and said.index is None and name not in taken]
+    return [*(name for name in names if name not in meanings), *others]
 
 
 def _channels(meanings: Meanings, mechanism: Mechanism, kind: str) -> dict[str, Channel]:
@@ -319,22 +330,22 @@ def _by_values(
     mechanism: Mechanism,
     columns: Mapping[str, Floats],
     groups: Mapping[str, Mapping[str, Channel]],
+    time: Channel | None,
 ) -> dict[str, Family]:
     """Families of columns by kind; positions that are known by their names are among them."""
     valid = _valid(mechanism, "position")
     names = [name for name in names if name in columns]  # the others hold words
     lengths = {len(columns[name]) for name in names}
-    if len(_valid(mechanism, "output")) != len(valid) or len(lengths) != 1:
+    if len(_valid(mechanism, "output")) != len(valid) or len(lengths) != 1 or min(lengths) < _FEWEST:
         return {}
-    stamps = clock(columns, names)
-    rest = [name for name in names if name not in (stamps, *understood)]
+    times = None if time is None or time.column not in names else _seconds(time, columns)
+    rest = [name for name in names if name not in understood and (time is None or name != time.column)]
     if understood or not are_numbers(names):
         new = families(rest, len(valid), valid)
     else:
         new = blocks(rest[1:] if len(rest) % len(valid) == 1 and len(valid) > 1 else rest, len(valid))
     known = {kind: Family(tuple(channel.column for channel in some.values())) for kind, some in groups.items()}
     fixed = {kind: family for kind, family in known.items() if len(family.columns) == len(valid)}
-    times = columns[stamps] if stamps else None
     new = tuple(family for family in new if not is_mixed(family, columns, times))
     said = {family: _said(family) for family in new}
     once = {kind for kind in said.values() if [*said.values()].count(kind) == 1} & groups.keys() - fixed.keys()
@@ -343,6 +354,11 @@ def _by_values(
     found = named | classified(left, columns, times, fixed | named)
     complete = {"position", "output"} <= {*found, *fixed}
     return found if complete else in_order(rest, len(valid), columns, times, fixed) or found
+
+
+def _seconds(time: Channel, columns: Mapping[str, Floats]) -> Floats:
+    stamps = columns[time.column]
+    return stamps * factor(time.unit or clock_unit(stamps), "s")
 
 
 def _in_pairs(
@@ -357,8 +373,7 @@ def _in_pairs(
     if time is None or len({len(values) for values in columns.values()}) != 1:
         return None
     others = [name for name in columns if name != time.column]
-    seconds = columns[time.column] * factor(time.unit or clock_unit(columns[time.column]), "s")
-    found, left = in_pairs(others, len(valid), columns, seconds)
+    found, left = in_pairs(others, len(valid), columns, _seconds(time, columns))
     if not found:
         return None
     order = _as_they_move(found["position"].columns, valid, mechanism)
@@ -407,7 +422,12 @@ def _said(family: Family) -> str:
 
 
 def _question(
-    absent: Sequence[str], names: Sequence[str], meanings: Meanings, mechanism: Mechanism, look: Look | None
+    absent: Sequence[str],
+    names: Sequence[str],
+    meanings: Meanings,
+    mechanism: Mechanism,
+    look: Look | None,
+    time: Channel | None,
 ) -> str:
     """What is missing, and for every column that was not understood what it is nearest to."""
     valid = _valid(mechanism, "position")
@@ -415,7 +435,7 @@ def _question(
     groups, _ = _by_names(meanings, mechanism, False)
     seen: dict[str, Family] = {}
     if look is not None and len(unknown) < 200:
-        seen = _by_values(names, list(meanings), mechanism, look().columns, groups)
+        seen = _by_values(names, list(meanings), mechanism, look().columns, groups, time)
     asked, left = [], list(unknown)
     for family in families(unknown, len(valid), valid):
         kinds = [kind for kind, some in seen.items() if some == family]

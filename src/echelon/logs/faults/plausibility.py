@@ -31,6 +31,7 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
 from echelon.signals.clock import GAP, nominal_period
 
+_FARTHEST = 1e5  # rad, that not even a wheel or a spindle turns in a log: hundreds of seconds at hundreds of rad/s
 _ODD_PERIODS = (2e-5, 0.5)
 _LITTLE_ANGLE = 2 * math.pi**2 / 180
 _LITTLE_LENGTH = 1e-3
@@ -164,7 +165,7 @@ def _check_angles(recording: Recording, turning: Sequence[Series], stated: Mappi
             if most <= DEGREES
             else ": are they encoder counts (scale), or those of motors (state actuators and name these)?"
         )
-        if len(far) > 1 and 2 * len(far) > len(turning):
+        if most > _FARTHEST or (len(far) > 1 and 2 * len(far) > len(turning)):
             problem = f"{text} If they are right, say unit: rad"
             raise InputError(problem, source=recording.source, element="positions")
         return [warning("units", f"{recording.source}, positions", text)]

@@ -41,6 +41,7 @@ BALL_STEPS = 256  # of random numbers, to one
 _MISSED = 1e-11  # m or rad: by what equations that depend on others may miss, which are those of rounded frames
 _SPARE = 32  # bits between the last step and the box
 _LARGEST_EXPONENT, _SLOWEST = 40.0, 40
+_MOST_DOUBLINGS = 20  # of speeds where signs occur: from a millionth to a million of the usual ones
 
 _middle = np.frompyfunc(lambda x: x.mid(), 1, 1)
 _series = np.frompyfunc(lambda x, rate: flint.arb_series([x, rate], 2), 2, 1)
@@ -146,12 +147,18 @@ class ClosedBalls:
                 return flint.arb(pace)
         return flint.arb(1)
 
+    @property
+    def _has_signs(self) -> bool:
+        """Whether signs of speeds may occur, as of friction or dead zones."""
+        return not {Op.SIGN, Op.ABS}.isdisjoint(self.program.ops)
+
     def _moving(self, names: set[str], rng: np.random.Generator, motions: int, at_rest: bool) -> Values:
         """Values of inputs, (motions · poses,), at random motions through the poses."""
         there, chosen = self.poses
         jacobian, q = self._closure(there, self._names)[1], {name: np.tile(x, motions) for name, x in there.items()}
         shape, count = (len(self._names), motions, len(chosen)), motions * len(chosen)
-        rates = _zeros(shape) if at_rest else jacobian.completed(chosen, random_balls(rng, shape) * self._pace)
+        pace = self._pace * _all_speeds(rng, shape[1:]) if self._has_signs else self._pace
+        rates = _zeros(shape) if at_rest else jacobian.completed(chosen, random_balls(rng, shape) * pace)
         values = _inputs("q", q) | _inputs("qd", _flat(self._names, rates))
         if any(name.startswith("qdd[") for name in names):
             bias = 0 if at_rest else self._bias(q, _flat(self._names, rates)).reshape(-1, *shape[1:])
@@ -302,6 +309,12 @@ def _zeros(shape: tuple[int, ...]) -> Balls:
 def _power_of_two(exponent: int) -> Any:
     """As a ball, which has exponents beyond those of doubles."""
     return flint.arb(2) ** exponent
+
+
+def _all_speeds(rng: np.random.Generator, shape: tuple[int, ...]) -> Balls:
+    """Random powers of two of all magnitudes, which take speeds beyond dead zones and limits on either side."""
+    powers = rng.integers(-_MOST_DOUBLINGS, _MOST_DOUBLINGS + 1, size=shape)
+    return np.asarray(np.frompyfunc(lambda n: _power_of_two(int(n)), 1, 1)(powers))
 
 
 def random_balls(rng: np.random.Generator, shape: tuple[int, ...]) -> Balls:

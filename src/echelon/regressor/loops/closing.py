@@ -303,6 +303,28 @@ def broken_relations(mechanism: Mechanism) -> str:
     )
 
 
+def locked_joints(mechanism: Mechanism) -> tuple[str, ...]:
+    """Names of the joints that loops keep from moving in closed poses near the assembly pose, of coupled ones too.
+
+    Where symbols have no values, these are the joints that stand still in any geometry.
+    """
+    if not mechanism.closures:
+        return ()
+    if has_values(mechanism):
+        assembly = Assembly(mechanism)
+        states, _, _ = assembly.random_closed_states(random_generator(DEFAULT_SEED), _STATES, _NEAR)
+        # a joint may stand still in one pose, such as a dead centre, but not in all
+        speeds = np.max([np.abs(assembly.free_velocities(q)).max(axis=1, initial=0.0) for q in states], axis=0)
+    else:
+        field, jacobian = _jacobian(_recorded(mechanism))
+        freedom = np.array(null_vectors(jacobian, field), dtype=np.int64).reshape(-1, len(mechanism.velocities))
+        speeds = freedom.any(axis=0).astype(float)
+    moving = {name for name, speed in zip(mechanism.velocities, speeds, strict=True) if speed > RANK_TOLERANCE}
+    locked = {motion.name for motion in mechanism.free_motions if moving.isdisjoint(motion.velocities)}
+    followers = {c.coordinate for c in mechanism.couplings if locked.issuperset(name for name, _ in c.terms)}
+    return tuple(motion.name for motion in mechanism.motions if motion.name in locked | followers)
+
+
 def nearly_free(mechanism: Mechanism) -> list[str]:
     """What is said of motions that the loops nearly allow; nothing where symbols have no values."""
     if not has_values(mechanism):

@@ -1,0 +1,233 @@
+"""Check of a base parameter set at real states in ball arithmetic, at stated values of the symbols.
+
+The coefficients of the claimed representatives are solved for anew, from rows that show these to be independent; that
+is a minor, so it proves their number.  What is then left of the other columns in further rows has to hold zero to
+hundreds of digits, each beside the size of its own column, and the solved coefficients have to be the claimed ones.  So
+no column is passed over, no tolerance depends on another column, and neither large nor small terms hide anything.
+
+Precision is raised until it tells.  What needs more is refused, not accepted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from math import log10
+from typing import Any
+
+import flint
+import numpy as np
+
+from echelon.arrays import independent_columns
+from echelon.base.ball_rows import Balls, ball_rows, stated_generators
+from echelon.base.ball_tables import combinations_of, doubles, vanishes
+from echelon.base.matrix import BaseMatrix
+from echelon.errors import CertificateError, InputError
+from echelon.exact.rational import RationalFunction
+from echelon.program.arithmetics import ball
+from echelon.program.operations import Op
+from echelon.regressor.linear_forms import LinearForms
+
+_SURPLUS = 6
+"""Rows beyond those that determine the coefficients; a false relation fails in almost every one."""
+_SURPLUS_FOR_SIGNS = 60
+"""Rows beyond those where signs make regions, which random closed states have to meet."""
+_OTHERS = 4
+"""Closed poses beyond those that determine the coefficients of mechanisms with loops."""
+_LOOSEST = 1e-20
+"""Relative error of a coefficient beyond which a comparison means nothing."""
+_FIRM = 1e-9
+"""Share of a column that double precision surely shows beside others."""
+_LOG10_2 = log10(2.0)
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """How rows are made: the next one is taken where one does not tell."""
+
+    bits: int
+    share_poses: bool  # whether several motions start from each closed pose, which takes less time
+    times: int  # as many rows as are needed, that many times
+
+
+_ATTEMPTS = (
+    _Attempt(512, share_poses=True, times=1),
+    _Attempt(512, share_poses=False, times=2),
+    _Attempt(1280, share_poses=False, times=4),
+    _Attempt(2560, share_poses=False, times=4),
+)
+
+
+@dataclass(frozen=True)
+class BallEvidence:
+    """What showed that columns are the claimed combinations of independent ones."""
+
+    states: int  # real states whose rows determine the coefficients
+    log10_residual: float  # bound on what is left in further rows, beside the largest entry of the column
+
+
+def check_in_balls(
+    regressor: LinearForms,
+    matrix: BaseMatrix,
+    columns: Collection[int],
+    at: Mapping[str, str],
+    rng: np.random.Generator,
+) -> BallEvidence:
+    """Show that the pivots are independent at stated values, and some other columns the claimed combinations of them.
+
+    Parameters
+    ----------
+    regressor : LinearForms
+        X or combinations of its rows.
+    matrix : BaseMatrix
+    columns : collection of int
+        Columns whose coefficients are compared.
+    at : mapping of str to str
+        Exact values of the symbols, radians for angles.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    BallEvidence
+
+    Raises
+    ------
+    CertificateError
+        If the set is too large, incomplete or wrong, or the highest precision does not tell.
+    """
+    check = _Check(regressor, matrix, sorted(columns), at, rng)
+    for attempt in _ATTEMPTS:
+        with flint.ctx.workprec(attempt.bits):
+            evidence = check.evidence(attempt)
+        if evidence is not None:
+            return evidence
+    raise CertificateError(
+        f"the {matrix.rank} representatives are not shown to be independent at the stated values, with "
+        f"{_ATTEMPTS[-1].bits} bits: the set is too large, or its effects are too small"
+    )
+
+
+class _Check:
+    def __init__(
+        self,
+        regressor: LinearForms,
+        matrix: BaseMatrix,
+        others: list[int],
+        at: Mapping[str, str],
+        rng: np.random.Generator,
+    ) -> None:
+        self.matrix, self.others, self.at, self.rng = matrix, others, at, rng
+        self.forms = regressor.columns([*matrix.pivots, *others])
+        self.loops = regressor.loops
+
+    def evidence(self, attempt: _Attempt) -> BallEvidence | None:
+        """What one attempt shows; None if it does not tell."""
+        rank, bits = self.matrix.rank, attempt.bits
+        try:
+            table, states = self._rows(attempt)
+        except InputError as error:
+            raise CertificateError(str(error)) from None
+        scales = [_size(column) for column in table.T]
+        table = table / np.array(scales, dtype=object)
+        solved = combinations_of(table, range(rank), range(rank, table.shape[1]))
+        if solved is None:
+            self._refuse_dependent(table[:, :rank], bits)
+            return None
+        solution, left = solved
+        verdicts = {column: [vanishes(x, bits) for x in left[:, k]] for k, column in enumerate(self.others)}
+        for column, zero in verdicts.items():
+            if False in zero:
+                name = self.matrix.parameters[column]
+                raise CertificateError(f"the set is incomplete or wrong: it does not reproduce the effect of {name}")
+        if any(None in zero for zero in verdicts.values()) or not self._coefficients_agree(solution, scales, bits):
+            return None
+        largest = max((x.abs_upper() for x in left.flat), default=flint.arb(0))
+        return BallEvidence(states, _log10(largest, bits))
+
+    def _rows(self, attempt: _Attempt) -> tuple[Balls, int]:
+        """Rows of the pivots and the other columns, and the number of states that they come from."""
+        surplus = _SURPLUS_FOR_SIGNS if self._has_signs else _SURPLUS
+        wanted = attempt.times * (self.matrix.rank + surplus)
+        states = -(-wanted // self.forms.shape[0])
+        if self.loops is None:
+            regions = self.forms.sampler().regions
+            return ball_rows(self.forms, self.at, states + regions, self.rng), states
+        mechanism = self.loops.mechanism
+        motions = max(1, len(mechanism.independent_velocities)) if attempt.share_poses else 1
+        # the mass matrix and gravity show at rest, which takes less time; all other forces of bodies follow from them
+        at_rest = mechanism.measures_every_force and not mechanism.effects
+        many = ball_rows(self.forms, self.at, states, self.rng, motions, at_rest=at_rest)
+        return np.vstack([many, ball_rows(self.forms, self.at, _OTHERS, self.rng)]), states
+
+    def _refuse_dependent(self, table: Balls, bits: int) -> None:
+        """Refuse representatives of which some are combinations of the others to all digits."""
+        firm = independent_columns(doubles(table), _FIRM)
+        rest = [k for k in range(table.shape[1]) if k not in firm]
+        found = combinations_of(table, firm, rest)
+        if rest and found is not None and all(vanishes(x, bits) for x in found[1].flat):
+            raise CertificateError(
+                f"the set is too large: its {self.matrix.rank} representatives span only {len(firm)} dimensions at the "
+                "stated values"
+            )
+
+    @property
+    def _has_signs(self) -> bool:
+        program = self.forms.program
+        used = {program.ops[node] for node in program.needed(self.forms.entries.values())}
+        return not {Op.SIGN, Op.ABS}.isdisjoint(used)
+
+    def _coefficients_agree(self, solution: Balls, scales: list[Any], bits: int) -> bool:
+        """Whether the claimed coefficients are the solved ones; False if these are not precise enough."""
+        rank = self.matrix.rank
+        claims = {id(c): self._claimed(c) for row in self.matrix.rows for c in row.values()}
+        for k, (pivot, row) in enumerate(zip(self.matrix.pivots, self.matrix.rows, strict=True)):
+            for place, column in enumerate(self.others):
+                claimed = claims[id(row[column])] if column in row else flint.arb(0)
+                found = solution[k, place]
+                if claimed.contains(0):
+                    agrees = vanishes(found, bits)
+                else:
+                    agrees = self._agrees(claimed, found * (scales[rank + place] / scales[k]), column)
+                if agrees is None:
+                    return False
+                if not agrees:
+                    p, c = self.matrix.parameters[pivot], self.matrix.parameters[column]
+                    raise CertificateError(f"the set is wrong at the stated values: the coefficient of {c} in {p}")
+        return True
+
+    def _claimed(self, coefficient: RationalFunction) -> Any:
+        """The ball of a claimed coefficient at the stated values."""
+        silent = sorted(set(coefficient.symbols()) - self.at.keys())
+        if silent:
+            raise CertificateError(f"a coefficient needs '{silent[0]}', which has no stated value")
+        try:
+            return coefficient.evaluate(stated_generators(coefficient.generators(), self.at), ball)
+        except ZeroDivisionError:
+            raise CertificateError("a denominator is zero at the stated values") from None
+
+    def _agrees(self, claimed: Any, found: Any, column: int) -> bool | None:
+        """Whether a claimed coefficient is the solved one, within the stated error of numbers; None if unknown."""
+        if not found.rel_accuracy_bits() * _LOG10_2 > -log10(_LOOSEST):
+            return None
+        numbers = self.matrix.numbers
+        rounded = numbers is not None and column in numbers.columns
+        difference = abs(claimed - found)
+        if not rounded or numbers is None:
+            return bool(difference.contains(0))
+        return bool(difference < _LOOSEST * abs(found)) and not difference > numbers.radius
+
+
+def _size(column: Balls) -> Any:
+    """A power of two of the size of a column's largest entry; 1 where all entries may be zero."""
+    largest = max((x.abs_lower() for x in column), default=flint.arb(0))
+    if not largest > 0:
+        return flint.arb(1)
+    mantissa, exponent = largest.mid().man_exp()
+    return flint.arb(2) ** (int(exponent) + int(mantissa).bit_length())
+
+
+def _log10(bound: Any, bits: int) -> float:
+    """Decimal logarithm of a bound; that of the precision where nothing is left at all."""
+    if not bound > 0:
+        return -bits * _LOG10_2
+    return float((bound.log() / flint.arb(10).log()).mid())
