@@ -26,7 +26,8 @@ PUBLIC = [
     "assembly_modes", "audit", "base_parameters", "base_structure", "compare_numeric", "convert",
     "convert_columns", "drive_gains", "energy_regressor", "exciting_trajectory", "fit_servos", "gains_from_logs",
     "generate", "identify", "information_of_logs", "joint_side", "judged_trajectory", "load", "load_base",
-    "load_identified", "load_linear", "load_linear_base", "load_setup", "match", "power_regressor", "predict_log",
+    "load_identified", "load_linear", "load_linear_base", "load_model", "load_setup", "match", "power_regressor",
+    "predict_log",
     "preview_html", "read_trajectory", "report_html", "same_row_space", "save_base", "save_identification",
     "sensor_report", "special_geometry", "verify", "write_trajectory",
 ]  # fmt: skip

@@ -63,6 +63,7 @@ from echelon.report.preview import preview_html as preview_html
 from echelon.report.report import report_html as report_html
 from echelon.results.identified import load_identified as load_identified
 from echelon.results.identified import save_identification as save_identification
+from echelon.results.model_file import load_model as load_model
 from echelon.results.saved import load_base as load_base
 from echelon.results.saved import load_linear_base as load_linear_base
 from echelon.results.saved import save_base as save_base

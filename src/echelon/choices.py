@@ -21,3 +21,5 @@ Optimality = Literal["d_optimal", "a_optimal", "condition"]
 """Criteria of exciting trajectories."""
 Family = Literal["fourier", "bspline", "sum"]
 """Functions of time of exciting trajectories."""
+Form = Literal["auto", "short", "named"]
+"""How the entries of a symbolic regressor are written."""

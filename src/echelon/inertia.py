@@ -23,6 +23,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.conventions import PER_BODY
+from echelon.doors import public
 from echelon.errors import InputError
 
 Array = npt.NDArray[Any]
@@ -261,6 +262,7 @@ CONVENTIONS: dict[str, Convention] = {
 }
 
 
+@public
 def convert(values: npt.ArrayLike, source: str, target: str) -> Floats:
     """Inertial parameters of bodies in another program's convention.
 
@@ -309,6 +311,7 @@ def _check_mass(standard: Floats, target: str) -> None:
         raise InputError(problem, element=f"body {place[0] if len(place) == 1 else place}")
 
 
+@public
 def convert_columns(regressor: npt.ArrayLike, source: str, target: str) -> Floats:
     """Regressor columns in another program's order, so that X · parameters stays the same.
 

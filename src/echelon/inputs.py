@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from echelon.errors import InputError
+from echelon.errors import InputError, shortened
 
 if TYPE_CHECKING:
     import yaml
@@ -45,7 +45,7 @@ def read_content(path: str | os.PathLike[str]) -> bytes:
         raise InputError("cannot be read: no such file", source=source) from None
     except (OSError, ValueError) as error:  # ValueError: a name that no system allows
         reason = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot be read: {reason}", source=source) from None
+        raise InputError(f"cannot be read: {reason}", source=shortened(source, _LONGEST_NAME)) from None
     DOCUMENT.check(len(content), source)
     return content
 
@@ -66,6 +66,7 @@ def read_document(path: str | os.PathLike[str]) -> str:
     return decoded(read_content(path), os.fspath(path))
 
 
+_LONGEST_NAME = 255  # bytes of a file's name, on all usual systems; what is longer was meant as text
 _MIB = 1 << 20
 
 

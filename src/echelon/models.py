@@ -19,10 +19,14 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Floats
+from echelon.doors import public
 from echelon.errors import DegenerateSampleError, InputError
 from echelon.exact.expressions import parse
 from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.polynomial import Polynomial, Rational, Surd
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.sources import Readable, loaded, mechanism_of
+from echelon.names import check_distinct, check_identifier, check_text, check_title
 from echelon.program.operations import Op
 from echelon.program.rewriting import with_values
 from echelon.program.sampling import FunctionSampler
@@ -35,17 +39,16 @@ from echelon.regressor.linear_forms import LinearForms
 
 def names_of(items: Iterable[Any], kind: str) -> tuple[str, ...]:
     """Names of symbols given as texts or sympy symbols."""
-    if isinstance(items, str):
-        raise InputError(f"the {kind}s are a list of names, not one text")
     return tuple(_name(item, kind) for item in items)
 
 
 def _name(item: Any, kind: str) -> str:
-    if isinstance(item, str) and item.strip():
-        return item.strip()
-    if getattr(item, "is_Symbol", False):
-        return str(item.name)
-    raise InputError(f"'{item}' is not the name of a {kind}")
+    symbolic = getattr(item, "is_Symbol", False)
+    if not (symbolic or (isinstance(item, str) and item.strip())):
+        raise InputError(f"'{item}' is not the name of a {kind}")
+    name = str(item.name) if symbolic else item.strip()
+    check_identifier(name, f"{kind} '{name}'", composed=True)
+    return name
 
 
 def constant_values(constants: Mapping[Any, Any] | Sequence[Any] | None) -> dict[str, Rational | None]:
@@ -213,6 +216,7 @@ def _vanishes(value: Scalar) -> bool:
     raise InputError("division by zero at every point")
 
 
+@public
 class LinearModel:
     """A model y = X(x) ζ, with X recorded exactly.
 
@@ -322,9 +326,12 @@ class LinearModel:
             raise InputError(f"'{twice[0]}' is declared twice among variables, parameters and constants")
         if not self.parameters:
             raise InputError("a model needs at least one parameter")
+        check_distinct(everything, "variables, parameters and constants")
         self.units = tuple(units) if units is not None else ("",) * len(self.parameters)
         if len(self.units) != len(self.parameters):
             raise InputError(f"{len(self.units)} units for {len(self.parameters)} parameters")
+        for parameter, unit in zip(self.parameters, self.units, strict=True):
+            check_text(unit, f"unit of parameter '{parameter}'")
 
     def _inputs(self, states: Sequence[str], constants: Mapping[str, object]) -> tuple[Program, dict[str, Scalar]]:
         program = Program()
@@ -335,6 +342,9 @@ class LinearModel:
         names = tuple(outputs) if outputs is not None else tuple(f"y{i + 1}" for i in range(count))
         if len(names) != count or len(set(names)) != count:
             raise InputError(f"{count} different names of outputs are needed, got {len(set(names))}")
+        for name in names:
+            check_title(name, f"output '{name}'", (*self.parameters, *self.constants))
+        check_distinct(names, "outputs")
         return names
 
     def _keep(self, program: Program, rows: Sequence[Sequence[Scalar]], outputs: Sequence[str] | None) -> None:
@@ -371,6 +381,15 @@ class LinearModel:
     def __repr__(self) -> str:
         m, n = self.regressor.shape
         return f"LinearModel({self.name}: {m} output{'s' * (m != 1)}, {n} parameter{'s' * (n != 1)})"
+
+
+def model_of(source: Mechanism | LinearModel | Readable) -> Mechanism | LinearModel:
+    """A robot or linear model, read from its file if it is not there yet; of a saved set, what it is of."""
+    if isinstance(source, Mechanism | LinearModel):
+        return source
+    found = loaded(source)
+    model = getattr(found, "model", found)  # that of a saved set of a linear model
+    return model if isinstance(model, LinearModel) else mechanism_of(getattr(found, "mechanism", found))
 
 
 _NAME = re.compile(r"[^\W\d]\w*")

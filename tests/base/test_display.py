@@ -25,6 +25,7 @@ from echelon.results.saved import from_json, to_json
 from support import textbook_arms as arms
 from support.paths import ROOT, TESTS
 from support.selection import one_in
+from support.unchecked_names import unchecked_names
 
 GOLDENS = TESTS / "goldens"
 WRITERS: dict[str, Callable[[ec.BaseModel], str]] = {
@@ -119,7 +120,8 @@ def test_latex_is_understood_by_matplotlib(name: str) -> None:
 @pytest.mark.parametrize("label", ["_gripper", "left%$", "a^b~c", "{open", "back\\slash", "two\nlines", "ζ", "1.5"])
 def test_latex_of_any_label(label: str) -> None:
     bodies = tuple(replace(b, label=f"{label}{i}") for i, b in enumerate(arms.double_pendulum().bodies))
-    model = ec.base_parameters(replace(arms.double_pendulum(), bodies=bodies))
+    with unchecked_names():
+        model = ec.base_parameters(replace(arms.double_pendulum(), bodies=bodies))
     assert all(parses(expression.latex) for expression in model.expressions)
     assert len(to_text(model).splitlines()) == len(to_text(SHOWN["double_pendulum"]()).splitlines())
 
@@ -132,7 +134,9 @@ HOSTILE = "<script>|`*\\end{align*}\n\\input{x}\x1b[31m"
 @pytest.fixture(scope="module")
 def hostile() -> ec.BaseModel:
     arm = arms.double_pendulum()
-    model = ec.base_parameters(replace(arm, name=HOSTILE, bodies=tuple(replace(b, name=HOSTILE) for b in arm.bodies)))
+    with unchecked_names():
+        bodies = tuple(replace(body, name=HOSTILE) for body in arm.bodies)
+        model = ec.base_parameters(replace(arm, name=HOSTILE, bodies=bodies))
     snap = Snap(HOSTILE, "1", "2", 1e-3)
     return replace(model, reading=ReadingReport((snap,), (HOSTILE,), 7, (snap,)))
 

@@ -174,7 +174,7 @@ BAD = {
     "outputs": (lambda: LinearModel([["x"]], ["x"], ["p"], outputs=["a", "b"]), "1 different names"),
     "value": (lambda: LinearModel([["x"]], ["x"], ["p"], {"a": "big"}), "constant 'a'"),
     "branch": (lambda: LinearModel(lambda x: [[x if x > 0 else 0]], ["x"], ["p"]), "comparison of a recorded value"),
-    "text for list": (lambda: LinearModel([["x"]], "x", ["p"]), "not one text"),
+    "text for list": (lambda: LinearModel([["x"]], "x", ["p"]), "needs a list"),
 }
 
 

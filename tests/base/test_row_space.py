@@ -106,5 +106,7 @@ def test_refusals() -> None:
         ec.same_row_space(example("rx90"), example("panda"))
     with pytest.raises(InputError, match="20 and 60 columns"):
         ec.same_row_space(inverse_dynamics_regressor(example("double_pendulum")), example("rx90"))
-    with pytest.raises(InputError, match="not str"):
-        ec.same_row_space("robot", example("panda"))  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="robot: cannot be read"):
+        ec.same_row_space("robot", example("panda"))
+    with pytest.raises(InputError, match="argument 'a' of same_row_space"):
+        ec.same_row_space(3, example("panda"))  # type: ignore[arg-type]

@@ -171,7 +171,7 @@ def test_names_do_not_matter() -> None:
 def rename(body: Body) -> Body:
     """Other names for the body, its parameters, its joint and its coordinate, in another alphabetical order."""
     steps = tuple(replace(s, name=f"{9 - int(body.label)}") if isinstance(s, Motion) else s for s in body.joint.steps)
-    return replace(body, name="", label=f"{body.label}'", joint=Joint("", "", steps))
+    return replace(body, name="", label=f"{body.label}_", joint=Joint("", "", steps))
 
 
 @pytest.mark.parametrize("parents", [(0, 1, 1, 2, 3), (0, 1, 2, 1, 4)])

@@ -34,6 +34,7 @@ from support import textbook_arms as arms
 from support.command_line import run
 from support.paths import ROOT, TESTS
 from support.system_tools import tool
+from support.unchecked_names import unchecked_names
 
 GOLDENS = TESTS / "goldens/codegen"
 HOSTILE = '*/ system("x")\n#if 0 \\ ??/ """ \'\'\' %} {{ 1/0 }} ${x} /* =# #= \u202e // \\'
@@ -96,7 +97,8 @@ def hostile() -> ec.BaseModel:
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_hostile_names_stay_in_comments(target: str, tmp_path: Path) -> None:
-    source = generate(hostile(), target, ["inverse_dynamics"])
+    with unchecked_names():
+        source = generate(hostile(), target, ["inverse_dynamics"])
     robot = "system_x_if_0_1_0_x"
     assert all(robot in name for name in source)
     assert any("system(" in text for text in source.values())

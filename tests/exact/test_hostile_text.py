@@ -20,9 +20,9 @@ from echelon.cli.screen import visible
 from echelon.errors import InputError
 from echelon.exact.expressions import in_double_range, is_whole, parse
 from echelon.exact.polynomial import Polynomial, multiple_of, surd
-from echelon.formats.snapping import symbol_stem
 from echelon.mechanism.joint import Symbol
 from echelon.models import constant_values
+from echelon.names import symbol_stem
 from echelon.program.tape import Program
 from echelon.program.text import record_expression
 from support import textbook_arms as arms
@@ -189,8 +189,8 @@ def test_terminals_and_json_get_printable_characters() -> None:
 @pytest.mark.parametrize("arguments", [(), ("--json",), ("-f", "latex"), ("-f", "markdown"), ("--rank-only",),
                                        ("--regressor", "sympy")])  # fmt: skip
 def test_names_from_files_reach_no_terminal_as_codes(tmp_path: Path, arguments: tuple[str, ...]) -> None:
-    name = "*/ \x9b31m\u202e $x$ {0} &lt;b&gt; %"
-    text = URDF.replace('"r"', f'"{name}"').replace('"a"', f'"{name}"').replace('"j1"', f'"2*{name}"')
+    name, part = "*/ \x9b31m\u202e $x$ {0} &lt;b&gt; %", "/ $x$ {0} &lt;b&gt; %"
+    text = URDF.replace('"r"', f'"{name}"').replace('"a"', f'"{part}"').replace('"j1"', f'"2{part}"')
     (tmp_path / "robot.urdf").write_text(text, encoding="utf-8")
     done = CliRunner().invoke(app, ["derive", str(tmp_path / "robot.urdf"), *arguments])
     assert (done.exit_code, done.stderr) == (0, "")

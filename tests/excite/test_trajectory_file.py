@@ -122,7 +122,7 @@ def test_one_that_is_not_periodic_cannot(tmp_path: Path, suffix: str) -> None:
     [
         (0, "rate: 0 Hz is not a sampling rate"),
         (-5.0, "not a sampling rate"),
-        (float("nan"), "not a sampling rate"),
+        (float("nan"), "needs a number"),
         (2, "rate: 2 Hz gives 5 samples in 2 s; at least 6"),
         (1e9, r"rate: 1e\+09 Hz gives 2e\+09 samples; at most"),
     ],

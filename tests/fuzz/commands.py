@@ -19,8 +19,12 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "linear model": ("derive {file}", "derive {file} --json"),
     "set-up": ("identify {file} {log} --target none -o {out}", "check-trajectory {file} {motion}"),
     "URDF": ("derive {file} --rank-only", "derive {file} --budget 0.01", "check-trajectory {file} {motion}"),
+    "URDF of other programs": ("derive {file} --rank-only", "derive {file} --budget 0.01"),
+    "SDF": ("derive {file} --rank-only", "derive {file} --budget 0.01 --json"),
+    "text of one line": ("text {file}",),
     "MJCF": ("derive {file} --rank-only", "derive {file} --measured file --rank-only"),
     "base model": ("verify {file}", "generate {file} -o {out} --target c", "audit {setup} {file}"),
+    "base model with other flags": ("verify {file}", "generate {file} -o {out} --target c"),
     "identified model": (
         "predict {file} {log}",
         "predict {file} {log} --json -o {out}.csv",
@@ -51,8 +55,8 @@ def command(kind: str, file: Path, material: Material, rng: Random) -> list[str]
 
 
 def run(words: list[str]) -> int | None:
-    """Run a command of ours; ``read`` stands for reading all of a log, ``motion`` for reading a trajectory."""
-    if words[0] in ("read", "motion"):
+    """Run a command of ours; ``read`` stands for a log, ``motion`` for a trajectory, ``text`` for a robot's text."""
+    if words[0] in ("read", "motion", "text"):
         return _read(*words)
     from echelon.cli import main
 
@@ -63,6 +67,7 @@ def run(words: list[str]) -> int | None:
 
 
 def _read(what: str, name: str) -> int:
+    import echelon as ec
     from echelon.errors import EchelonError
     from echelon.excite.files.trajectory_file import read_trajectory
     from echelon.logs.files.open_log import read_table
@@ -70,6 +75,8 @@ def _read(what: str, name: str) -> int:
     try:
         if what == "read":
             read_table(name)
+        elif what == "text":
+            ec.base_structure(Path(name).read_text(encoding="utf-8", errors="replace"))
         else:
             read_trajectory(name, ("j1", "j2"), ("rad", "rad"))
     except EchelonError as error:

@@ -12,10 +12,12 @@ from contextlib import suppress
 from pathlib import Path
 from random import Random
 from typing import Any
+from xml.etree.ElementTree import ParseError
 
 import numpy as np
 import yaml
 
+from fuzz import dialects
 from fuzz.material import URDF, Material
 from fuzz.mutations import NUMBERS, changed_bytes, changed_data, changed_text, changed_xml, plain_value
 
@@ -59,7 +61,11 @@ def _written(path: Path, content: bytes, rng: Random, bytes_too: float = 0.05) -
 def _xml(name: str, choose: Callable[[Material, Random], str]) -> Maker:
     def make(material: Material, rng: Random, folder: Path) -> Path:
         text = choose(material, rng)
-        text = changed_xml(text, rng) if rng.random() < 0.6 else changed_text(text, rng)
+        if rng.random() < 0.6:
+            with suppress(ParseError):  # what is no XML by the book is read by some programs all the same
+                text = changed_xml(text, rng)
+        else:
+            text = changed_text(text, rng)
         return _written(folder / name, text.encode(errors="surrogatepass"), rng)
 
     return make
@@ -70,7 +76,7 @@ def _columns(material: Material, rng: Random) -> dict[str, Any]:
     found: dict[str, Any] = dict(material.log)
     for _ in range(rng.choice((0, 1, 1, 2))):
         name = rng.choice(list(found))
-        values, action = found[name], rng.randrange(7)
+        values, action = found[name], rng.randrange(9)
         if action == 0 and len(found) > 1:
             del found[name]
         elif action == 1:
@@ -91,6 +97,11 @@ def _columns(material: Material, rng: Random) -> dict[str, Any]:
             kinds = ("f4", "i1", "u8", "?", "c16", "U5", "S3", "f2", "M8[s]", ">f8")
             with suppress(ValueError, TypeError), np.errstate(all="ignore"):
                 found[name] = np.nan_to_num(np.asarray(values, dtype=float)).astype(rng.choice(kinds))
+        elif action == 6:
+            found[name] = np.full(len(np.atleast_1d(values)), np.nan)
+        elif action == 7:
+            found.pop("t", None)
+            found = found or {"q1": material.log["q1"]}
         else:
             found[name] = np.roll(values, rng.randrange(400)) if np.ndim(values) else values
     return found
@@ -298,6 +309,32 @@ def _change_rows(database: Path, rng: Random) -> None:
     connection.close()
 
 
+def _flags(material: Material, rng: Random, folder: Path) -> Path:
+    """A saved set that says another thing about itself: flags turned, counts, names and seeds changed."""
+    data = json.loads(json.dumps(material.base))
+    for _ in range(rng.choice((1, 1, 2, 3))):
+        holder = rng.choice([data, data["certificate"], data["model"], data["reading"], rng.choice(data["base"])])
+        key = rng.choice([*holder, "closed_in_balls", "generic", "numbers", "special"])
+        value = holder.get(key)
+        if isinstance(value, bool) or value is None:
+            holder[key] = rng.choice((True, False, None, 0, "false", {}, []))
+        elif isinstance(value, int | float):
+            holder[key] = rng.choice((0, -value, value + 1, str(value), float(value), True))
+        elif isinstance(value, str):
+            holder[key] = rng.choice((value.upper(), value + "\u200b", "", changed_text(value, rng)))
+        elif isinstance(value, list):
+            holder[key] = rng.choice((value[::-1], value[:-1], [*value, *value[:1]], [], None))
+    return _written(folder / "base.json", json.dumps(data).encode(errors="surrogatepass"), rng)
+
+
+def _one_line(material: Material, rng: Random, folder: Path) -> Path:
+    """Text of one line that is given instead of a path: JSON, XML, or a path that is none."""
+    data = changed_data(yaml.load(rng.choice(material.descriptions), yaml.BaseLoader), rng)
+    text = rng.choice((_dumped(data, False), "".join(URDF.splitlines()), " " + _dumped(data, False)))
+    text = changed_text(text, rng) if rng.random() < 0.4 else text
+    return _written(folder / "text", text.encode(errors="surrogatepass"), rng)
+
+
 def _claims(material: Material, rng: Random, folder: Path) -> Path:
     name = rng.choice(("claims.txt", "claims.csv", "claims.json"))
     lines = material.claims.splitlines()
@@ -330,8 +367,12 @@ FORMATS: dict[str, Maker] = {
     "linear model": _document("robot.yaml", lambda m, rng: rng.choice(m.linear)),
     "set-up": _document("setup.yaml", lambda m, _: m.descriptions[-1]),
     "URDF": _xml("robot.urdf", lambda *_: URDF),
+    "URDF of other programs": _xml("robot.urdf", lambda _, rng: dialects.urdf(rng)),
+    "SDF": _xml("robot.sdf", lambda _, rng: dialects.sdf(rng)),
+    "text of one line": _one_line,
     "MJCF": _xml("robot.xml", lambda m, rng: rng.choice(m.mjcf)),
     "base model": _document("base.json", lambda m, _: m.base),
+    "base model with other flags": _flags,
     "identified model": _document("model.json", lambda m, _: m.model),
     "claims": _claims,
     "values": _values,

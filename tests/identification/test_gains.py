@@ -238,7 +238,7 @@ def test_currents_without_relation_to_the_motion_have_unclear_gains(three: Truth
         (lambda t, o: drive_gains(t.load, o), "no drive gains"),
         (lambda t, _: Payload.of("link9", LOAD).base(t.base), "no body 'link9'"),
         (lambda *_: Payload("link3", {"xx": 1.0}), "did you mean"),
-        (lambda *_: Payload("link3", {"M": np.nan}), "finite"),
+        (lambda *_: Payload("link3", {"M": np.nan}), "to a number"),
         (lambda *_: Payload("link3", {}), "weigh it"),
         (lambda *_: Payload.of("link3", [1.0]), "10 standard"),
     ],

@@ -75,6 +75,35 @@ def test_code_is_used_again(folder: Path, compilations: Compilations) -> None:
     assert len(entries(folder)) == 2
 
 
+@posix
+def test_an_entry_that_is_a_link_is_neither_read_nor_written_through(
+    folder: Path, tmp_path: Path, compilations: Compilations
+) -> None:
+    check()
+    (entry,) = entries(folder)
+    elsewhere = tmp_path / "elsewhere.bin"
+    entry.rename(elsewhere)
+    entry.symlink_to(elsewhere)
+    before = elsewhere.read_bytes(), elsewhere.stat().st_mtime_ns
+    check()
+    assert compilations.count == 2
+    assert not entry.is_symlink()
+    assert (elsewhere.read_bytes(), elsewhere.stat().st_mtime_ns) == before
+    check()
+    assert compilations.count == 2
+
+
+@posix
+def test_a_pipe_in_the_place_of_an_entry_keeps_nobody_waiting(folder: Path, compilations: Compilations) -> None:
+    check()
+    (entry,) = entries(folder)
+    entry.unlink()
+    os.mkfifo(entry, 0o600)
+    check()
+    assert compilations.count == 2
+    assert entry.is_file()
+
+
 @pytest.mark.usefixtures("folder")
 def test_the_key_covers_everything() -> None:
     """Another source or another processor is another entry."""

@@ -17,6 +17,7 @@ from echelon.excite.verify import Margin, margins_of
 from echelon.logs.finding import Finding, Severity
 from support.paths import EXAMPLES
 from support.report_data import HOSTILE
+from support.unchecked_names import unchecked_names
 
 STARTS = (
     Start(0, "optimal", -12.345678, 31, (3.5, -4.25, -12.345678)),
@@ -67,7 +68,8 @@ def hostile(found: ExcitingTrajectory) -> ExcitingTrajectory:
         steps = tuple(replace(s, name=names[s.name]) if hasattr(s, "name") else s for s in body.joint.steps)
         joint = replace(body.joint, name=HOSTILE, steps=steps)
         bodies.append(replace(body, name=f"{HOSTILE}{k}", label=f"<b>{k}", joint=joint))
-    other = replace(mechanism, name=HOSTILE, bodies=tuple(bodies), effects=(), actuators=(), measured=None)
+    with unchecked_names():
+        other = replace(mechanism, name=HOSTILE, bodies=tuple(bodies), effects=(), actuators=(), measured=None)
     matrix = replace(found.base.matrix, parameters=other.parameters)
     base = ec.BaseModel(other, matrix, found.base.certificate, found.base.reading, found.base.seed)
     run = found.trajectory

@@ -19,6 +19,7 @@ from echelon.identification.scores import Score, Trace, Validation, fit
 from echelon.logs.finding import Finding, Severity
 from echelon.logs.preparation.prepare import Preparation
 from support.paths import EXAMPLES
+from support.unchecked_names import unchecked_names
 
 Floats = npt.NDArray[np.float64]
 
@@ -221,7 +222,8 @@ def hostile(run: Identification) -> Identification:
         replace(b, name=f"{HOSTILE}{k}", label=f"<b>{k}", joint=replace(b.joint, name=HOSTILE))
         for k, b in enumerate(mechanism.bodies)
     )
-    other = replace(mechanism, name=HOSTILE, bodies=bodies)
+    with unchecked_names():
+        other = replace(mechanism, name=HOSTILE, bodies=bodies)
     matrix = replace(run.base.matrix, parameters=other.parameters)
     base = ec.BaseModel(other, matrix, run.base.certificate, run.base.reading, run.base.seed)
 

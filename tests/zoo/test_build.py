@@ -5,7 +5,12 @@ from __future__ import annotations
 import json
 import os
 import re
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from time import monotonic, sleep
 
 import pytest
 
@@ -179,3 +184,48 @@ def test_the_command_says_what_was_built(robots: Path, tmp_path: Path) -> None:
     assert run("zoo", "build", str(robots), "--from", str(robots)).returncode == 2
     missing = run("zoo", "build", str(tmp_path / "other"), "--from", str(robots), "--only", "nothing")
     assert (missing.returncode, "no robot file matches" in missing.stderr) == (2, True)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="processes are found in /proc")
+def test_workers_end_quietly_with_the_process_that_started_them(tmp_path: Path) -> None:
+    """Also where it is killed, so that nobody can tell them, in the middle of a long derivation."""
+    script = f"""
+import time
+from pathlib import Path
+import echelon.zoo.build as zoo
+if __name__ == "__main__":
+    zoo.build_zoo(Path({str(tmp_path / "zoo")!r}), [Path({str(tmp_path / "robots")!r})], jobs=2)
+"""
+    (tmp_path / "robots").mkdir()
+    rows = "".join(f"  - {{joint: revolute, alpha: a{k}, a: b{k}, d: c{k}}}\n" for k in range(14))
+    symbols = ", ".join(f"{letter}{k}: 0.{k + 1}7" for k in range(14) for letter in "abc")
+    for name in ("one", "two"):
+        text = f"echelon: 1\nname: {name}\nsymbols: {{{symbols}}}\nmodified_dh:\n{rows}"
+        (tmp_path / "robots" / f"{name}.yaml").write_text(text, encoding="utf-8")
+    (tmp_path / "script.py").write_text(script, encoding="utf-8")
+    environment = {**os.environ, "ECHELON_TEST_MARK": tmp_path.name}
+    with (tmp_path / "said").open("wb") as said:
+        parent = subprocess.Popen([sys.executable, tmp_path / "script.py"], env=environment, stdout=said, stderr=said)
+    assert eventually(lambda: len(marked(tmp_path.name)) >= 3)  # with two workers, and servers of the library
+    sleep(1)
+    parent.kill()
+    parent.wait()
+    assert eventually(lambda: not marked(tmp_path.name))
+    assert (tmp_path / "said").read_text() == ""
+
+
+def marked(mark: str) -> list[str]:
+    """Processes whose environment holds a mark."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if f"ECHELON_TEST_MARK={mark}\0".encode() in (folder / "environ").read_bytes():
+                found.append(folder.name)
+    return found
+
+
+def eventually(true: Callable[[], bool], seconds: float = 20) -> bool:
+    until = monotonic() + seconds
+    while not true() and monotonic() < until:
+        sleep(0.05)
+    return true()

@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from echelon.base.structure import (
     find_structure,
     in_balls_instead,
 )
+from echelon.doors import NotNegative, public
 from echelon.errors import (
     BrokenRelationsError,
     DegenerateSampleError,
@@ -53,6 +54,7 @@ from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction
 from echelon.exact.unknown_functions import Work
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.sources import Readable, loaded, mechanism_of
 from echelon.mechanism.stated import (
     all_symbols,
     has_values,
@@ -62,7 +64,7 @@ from echelon.mechanism.stated import (
     value_texts,
 )
 from echelon.mechanism.substitute import substituted
-from echelon.models import LinearModel
+from echelon.models import LinearModel, model_of
 from echelon.regressor.linear_forms import LinearForms, rows_of, virtual_power_form
 
 _LONG = 10**12  # denominators of numbers that no coefficient with few digits is made of
@@ -77,7 +79,7 @@ def base_parameters(
     mechanism: Mechanism,
     *,
     order: str = ...,
-    prefer: Sequence[str] = ...,
+    prefer: str | Sequence[str] = ...,
     generic: bool = ...,
     seed: int = ...,
     budget: float = ...,
@@ -90,7 +92,7 @@ def base_parameters(
     mechanism: LinearModel,
     *,
     order: str = ...,
-    prefer: Sequence[str] = ...,
+    prefer: str | Sequence[str] = ...,
     generic: bool = ...,
     seed: int = ...,
     budget: float = ...,
@@ -98,14 +100,28 @@ def base_parameters(
 ) -> LinearBase: ...
 
 
+@overload
 def base_parameters(
-    mechanism: Mechanism | LinearModel,
+    mechanism: Readable,
+    *,
+    order: str = ...,
+    prefer: str | Sequence[str] = ...,
+    generic: bool = ...,
+    seed: int = ...,
+    budget: float = ...,
+    progress: Callable[[str], None] = ...,
+) -> Any: ...
+
+
+@public
+def base_parameters(
+    mechanism: Mechanism | LinearModel | Readable,
     *,
     order: str = "base-to-tip",
-    prefer: Sequence[str] = (),
+    prefer: str | Sequence[str] = (),
     generic: bool = False,
     seed: int = DEFAULT_SEED,
-    budget: float = 1.0,
+    budget: NotNegative = 1.0,
     progress: Callable[[str], None] = silent,
 ) -> BaseModel | LinearBase:
     """Base parameters in closed form, with a certificate.
@@ -116,10 +132,11 @@ def base_parameters(
 
     Parameters
     ----------
-    mechanism : Mechanism or LinearModel
+    mechanism : Mechanism, LinearModel or path-like
+        A robot, a linear model, or the file of one.
     order : str
         ``"base-to-tip"`` for the classical groupings, or ``"tip-to-base"``; for mechanisms.
-    prefer : sequence of str
+    prefer : str or sequence of str
         Parameters (``"M7"``) or kinds (``"MX"``) that should be representatives, most wanted first.
     generic : bool
         Answer for general values of the symbols instead of the stated ones.
@@ -151,13 +168,12 @@ def base_parameters(
     >>> base.rank, len(base.parameters)
     (43, 70)
     """
-    if not budget >= 0:
-        raise InputError(f"a budget of {budget} is not possible: 0 for numbers only, 1 is the default")
-    if isinstance(mechanism, LinearModel):
+    model = model_of(mechanism)
+    if isinstance(model, LinearModel):
         if order != "base-to-tip":
             raise InputError("a linear model has no base and tip: choose representatives with prefer")
-        return linear_base_parameters(mechanism, prefer, seed, budget, generic=generic)
-    rng = random_generator(seed)
+        return linear_base_parameters(model, prefer, seed, budget, generic=generic)
+    mechanism, rng = model, random_generator(seed)
     columns = column_order(mechanism.columns, order, prefer)
     progress("structure")
     recorded = virtual_power_form(mechanism)
@@ -240,7 +256,18 @@ def _balls(mechanism: Mechanism, structure: Structure, order: tuple[int, ...]) -
     return None
 
 
-def base_structure(mechanism: Mechanism, *, generic: bool = False, seed: int = DEFAULT_SEED) -> Structure:
+def base_of(source: BaseModel | Mechanism | Readable) -> BaseModel:
+    """A set of base parameters: as given, as saved, or derived from a robot or its file."""
+    found = source if isinstance(source, BaseModel | Mechanism) else loaded(source)
+    if isinstance(found, BaseModel):
+        return found
+    if not isinstance(found, Mechanism):
+        raise InputError(f"a robot is needed, not a {type(found).__name__}", source=str(source))
+    return base_parameters(found)
+
+
+@public
+def base_structure(mechanism: Mechanism | Readable, *, generic: bool = False, seed: int = DEFAULT_SEED) -> Structure:
     """Rank and representatives only, without closed forms.
 
     Warns with a :class:`~echelon.DoubtWarning` of what speaks against the rank, which :attr:`BaseModel.reading` tells
@@ -248,7 +275,8 @@ def base_structure(mechanism: Mechanism, *, generic: bool = False, seed: int = D
 
     Parameters
     ----------
-    mechanism : Mechanism
+    mechanism : Mechanism or path-like
+        A robot, or the file of one.
     generic : bool
         Answer for general values of the symbols instead of the stated ones.
     seed : int
@@ -257,9 +285,9 @@ def base_structure(mechanism: Mechanism, *, generic: bool = False, seed: int = D
     -------
     Structure
     """
-    answer = specialised(mechanism, random_generator(seed), generic=generic)
+    answer = specialised(mechanism_of(mechanism), random_generator(seed), generic=generic)
     if doubt := answer.doubt or doubt_of_loops(answer.mechanism, answer.structure.rank):
-        warnings.warn(doubt, DoubtWarning, stacklevel=2)
+        warnings.warn(doubt, DoubtWarning, stacklevel=3)  # of the caller, behind the door
     return answer.structure
 
 

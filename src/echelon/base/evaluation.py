@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.base.matrix import BaseMatrix
+from echelon.doors import public
 from echelon.dynamics.functions import robot_function
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Function
@@ -32,6 +33,7 @@ Symbols = Mapping[str, float] | None
 Inputs = Mapping[str, npt.ArrayLike] | None
 
 
+@public
 class Evaluation(ABC):
     """Functions of a base model at states, and observations from logs.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from echelon.conventions import PARAMETERS
+from echelon.doors import public
 from echelon.errors import one_line
 from echelon.exact.expressions import PER_PI, PI, decimal_text
 from echelon.exact.polynomial import Monomial, Number, Polynomial, Surd, is_negative, is_trigonometric, multiple_of
@@ -29,6 +30,7 @@ class Group:
     terms: int = 0  # of the coefficient, where only their number is to be shown; 0 where all are
 
 
+@public
 @dataclass(frozen=True)
 class Expression:
     """One base parameter, with parameters of equal coefficient collected.

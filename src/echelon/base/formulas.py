@@ -15,10 +15,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property, reduce
-from typing import Any, Literal
+from typing import Any
 
 from echelon.base.symbolic import IMPORTED, SymbolicRegressor
-from echelon.errors import ClosedFormError, InputError
+from echelon.choices import Form
+from echelon.errors import ClosedFormError
 from echelon.exact.polynomial import Monomial, Number, Polynomial, cosine, is_trigonometric, sine, symbol_of
 from echelon.extras import extra
 from echelon.mechanism.joint import GROUND, MotionKind, Placement
@@ -30,8 +31,6 @@ from echelon.regressor.linear_forms import LinearForms
 
 with extra("symbolic"):
     import sympy
-
-Form = Literal["auto", "short", "named"]
 
 SHORT_TERMS, MOST_TERMS = 64, 4096
 """Terms of one value, multiplied out: where short forms are taken, and how far they are tried if asked for."""
@@ -287,8 +286,6 @@ def symbolic_regressor(
     absolute: Mapping[str, Combination] | None = None,
 ) -> SymbolicRegressor:
     """Recorded forms as formulas."""
-    if form not in ("auto", "short", "named"):
-        raise InputError(f"unknown form '{form}' (valid: auto, short, named)")
     program, nodes = forms.program, list(forms.entries.values())
     symbols, inputs = _symbols_of(forms)
     shared: tuple[tuple[Any, Any], ...] = ()

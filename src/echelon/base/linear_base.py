@@ -18,6 +18,8 @@ from echelon.base.model import BaseSet
 from echelon.base.prime_checks import Identity
 from echelon.base.stated_values import RelationSearch, SpecialValues
 from echelon.base.structure import linear_structure
+from echelon.choices import Form
+from echelon.doors import public
 from echelon.errors import ClosedFormError, InputError
 from echelon.exact.field import ARRAY_BITS, DEFAULT_SEED, random_generator
 from echelon.exact.polynomial import Polynomial
@@ -31,10 +33,10 @@ from echelon.regressor.linear_forms import LinearForms
 if TYPE_CHECKING:
     import sympy
 
-    from echelon.base.formulas import Form
     from echelon.base.symbolic import SymbolicRegressor
 
 
+@public
 @dataclass(frozen=True, repr=False)
 class LinearBase(BaseSet):
     """Base parameters ζ̄ = B ζ of a linear model, with their evidence.

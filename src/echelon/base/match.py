@@ -14,14 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.base.derive import base_parameters
+from echelon.base.derive import base_of
 from echelon.base.model import BaseModel
 from echelon.conventions import PER_BODY
+from echelon.doors import public
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import InputError
 from echelon.inertia import frame_change
 from echelon.mechanism.joint import GROUND, MotionKind
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.sources import Readable
 from echelon.mechanism.stated import symbol_values
 
 _ATTEMPTS = 256
@@ -29,6 +31,7 @@ _PARALLEL = 1e-6
 Wanted = dict[int, tuple[Floats, "_Axis"]]  # by body of the second: the first's frame and axis, in the second's base
 
 
+@public
 @dataclass(frozen=True, repr=False)
 class Match:
     """One robot in two descriptions.
@@ -69,13 +72,16 @@ class Match:
         return f"Match({self.first.mechanism.name} = {self.second.mechanism.name}: {self.first.rank} base parameters)"
 
 
-def match(first: BaseModel | Mechanism, second: BaseModel | Mechanism, *, tolerance: float = 1e-6) -> Match:
+@public
+def match(
+    first: BaseModel | Mechanism | Readable, second: BaseModel | Mechanism | Readable, *, tolerance: float = 1e-6
+) -> Match:
     """Match two descriptions of the same robot, such as a DH table and a URDF.
 
     Parameters
     ----------
-    first, second : BaseModel or Mechanism
-        Trees of revolute and prismatic joints without effects; all symbols need values.
+    first, second : BaseModel, Mechanism or path-like
+        Sets, robots, or their files.  Trees of revolute and prismatic joints without effects; all symbols need values.
     tolerance : float
         How far apart joint axes may be, m and rad.
 
@@ -95,7 +101,7 @@ def match(first: BaseModel | Mechanism, second: BaseModel | Mechanism, *, tolera
     >>> ec.match(robot, robot)
     Match(rx90 = rx90: 36 base parameters)
     """
-    one, two = (m if isinstance(m, BaseModel) else base_parameters(m) for m in (first, second))
+    one, two = base_of(first), base_of(second)
     ours, theirs = _Posed(one.mechanism), _Posed(two.mechanism)
     pairs = list(_paired(one.mechanism, two.mechanism))
     base = _base(ours, theirs, *pairs[0], tolerance) if pairs else np.eye(4)

@@ -18,6 +18,8 @@ from echelon.base.lift import Metric, lift, metric_matrix, pseudo_inverse_floats
 from echelon.base.matrix import BaseMatrix, Identifiability, Row, classify, coefficient_value
 from echelon.base.reading_report import ReadingReport
 from echelon.base.stated_values import SpecialValues, at_values
+from echelon.choices import Form
+from echelon.doors import public
 from echelon.errors import InputError
 from echelon.exact.expressions import pi_generators
 from echelon.exact.rational import RationalFunction
@@ -30,11 +32,11 @@ from echelon.regressor.linear_forms import LinearForms, inverse_dynamics_regress
 if TYPE_CHECKING:
     import sympy
 
-    from echelon.base.formulas import Form
     from echelon.base.pseudo_inverse import ExactMetric
     from echelon.base.symbolic import SymbolicRegressor
 
 
+@public
 class BaseSet(ABC):
     """Base parameters ζ̄ = B ζ."""
 
@@ -139,6 +141,7 @@ class BaseSet(ABC):
 _ROUNDED = 1e-11  # a coefficient that rounding of doubles can cause where loops close
 
 
+@public
 @dataclass(frozen=True, repr=False)
 class BaseModel(BaseSet, Evaluation):
     """Base parameters ζ̄ = B ζ of a mechanism, with their evidence.

@@ -16,12 +16,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
+from echelon.doors import public
 from echelon.errors import DegenerateSampleError, EchelonError, InputError, SingularPoseError
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, by_pivots, random_generator
 from echelon.exact.interpolation import rational
 from echelon.exact.polynomial import Rational
 from echelon.mechanism.closed_pose import shown_loops
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.sources import Readable, mechanism_of
 from echelon.regressor.linear_forms import LinearForms, Rows, rows_of
 from echelon.regressor.loops.curves import CurveSampler
 from echelon.regressor.loops.moving import Pose
@@ -236,12 +238,14 @@ def elsewhere(rows: Rows) -> Rows:
     return Rows(replace(rows.forms, loops=replace(rows.forms.loops, stated=False)), rows.auxiliary)
 
 
-def assembly_modes(mechanism: Mechanism, *, seed: int = DEFAULT_SEED) -> tuple[int, ...]:
+@public
+def assembly_modes(mechanism: Mechanism | Readable, *, seed: int = DEFAULT_SEED) -> tuple[int, ...]:
     """Ranks of all ways to assemble a mechanism with loops that differ in what can be seen, the lowest first.
 
     Parameters
     ----------
-    mechanism : Mechanism
+    mechanism : Mechanism or path-like
+        A robot, or the file of one.
     seed : int
 
     Returns
@@ -260,6 +264,7 @@ def assembly_modes(mechanism: Mechanism, *, seed: int = DEFAULT_SEED) -> tuple[i
     >>> ec.assembly_modes(ec.load("examples/loops/parallelogram.yaml"))
     (3, 8)
     """
+    mechanism = mechanism_of(mechanism)
     if not mechanism.closures:
         raise InputError("a mechanism without loops has no assembly modes")
     rows = rows_of(mechanism)

@@ -7,10 +7,13 @@ from dataclasses import dataclass
 
 from echelon.base.numeric_ranks import TOLERANCES, NumericRanks, numeric_ranks
 from echelon.base.stated_values import stated_structure
+from echelon.doors import NotNegative, public
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.sources import Readable, mechanism_of
 
 
+@public
 @dataclass(frozen=True)
 class NumericComparison:
     """Exact and numeric ranks of one robot.
@@ -59,18 +62,19 @@ class NumericComparison:
         return f"the tolerance must lie between {dropped:.1e} and {kept:.1e}, which is not known in advance"
 
 
+@public
 def compare_numeric(
-    mechanism: Mechanism,
+    mechanism: Mechanism | Readable,
     *,
     seed: int = DEFAULT_SEED,
-    tolerances: Sequence[float] = TOLERANCES,
+    tolerances: Sequence[NotNegative] = TOLERANCES,
     symbols: Mapping[str, float] | None = None,
 ) -> NumericComparison:
     """The exact rank beside those of singular values and of QR with column pivoting at customary tolerances.
 
     Parameters
     ----------
-    mechanism : Mechanism
+    mechanism : Mechanism or path-like
         Every symbol that the regressor needs has a value.
     seed : int
     tolerances : sequence of float
@@ -87,6 +91,7 @@ def compare_numeric(
     InputError
         As :func:`echelon.base.reading_report.numeric_ranks`.
     """
+    mechanism = mechanism_of(mechanism)
     found = numeric_ranks(mechanism, seed, tolerances, pivoted=True, symbols=symbols)
     rng = random_generator(seed)
     rank = stated_structure(mechanism, rng).rank

@@ -120,6 +120,8 @@ def metric_entries(metric: Any, size: int) -> dict[tuple[int, int], RationalFunc
         if metric != "identity":
             raise InputError(f"unknown metric '{metric}' (valid: identity, a diagonal, or a sympy Matrix)")
         return {(k, k): RationalFunction(1) for k in range(size)}
+    if not (hasattr(metric, "todok") or hasattr(metric, "__iter__")):
+        raise InputError(f"a metric is 'identity', a diagonal, or a sympy Matrix, not {metric!r}")
     if hasattr(metric, "todok") and 1 not in metric.shape:
         shape, given = metric.shape, {(int(i), int(j)): value for (i, j), value in metric.todok().items()}
     else:

@@ -9,6 +9,7 @@ Rows may be others than forces: the total energy and its power, as linear forms 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,14 +21,17 @@ from echelon.base.linear_base import LinearBase
 from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseModel
 from echelon.base.structure import find_structure
+from echelon.doors import public
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank, reduced_echelon
 from echelon.exact.interpolation import combine, rational
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.sources import Readable, loaded, mechanism_of
 from echelon.models import LinearModel
 from echelon.regressor.linear_forms import LinearForms, energy_form, power_form, virtual_power_form
 
 
+@public
 @dataclass(frozen=True)
 class RecordedRows:
     """Rows that are linear in named parameters.
@@ -51,12 +55,13 @@ class RecordedRows:
         return f"RecordedRows({self.name}: {self.forms.shape[0]} × {len(self.parameters)})"
 
 
-def energy_regressor(mechanism: Mechanism) -> RecordedRows:
+@public
+def energy_regressor(mechanism: Mechanism | Readable) -> RecordedRows:
     """The total mechanical energy, up to a constant, as a row in the standard parameters.
 
     Parameters
     ----------
-    mechanism : Mechanism
+    mechanism : Mechanism or path-like
         Without effects such as friction, which have no energy of their own.
 
     Returns
@@ -68,6 +73,7 @@ def energy_regressor(mechanism: Mechanism) -> RecordedRows:
     InputError
         If there are effects.
     """
+    mechanism = mechanism_of(mechanism)
     if mechanism.effects:
         names = ", ".join(effect.parameter for effect in mechanism.effects[:4])
         raise InputError(f"effects such as {names} have no energy: leave them out of the description")
@@ -75,17 +81,20 @@ def energy_regressor(mechanism: Mechanism) -> RecordedRows:
     return RecordedRows(f"energy of {mechanism.name}", forms, 1, mechanism.parameters)
 
 
-def power_regressor(mechanism: Mechanism) -> RecordedRows:
+@public
+def power_regressor(mechanism: Mechanism | Readable) -> RecordedRows:
     """The power Σ force · velocity of all independent coordinates, as a row in the standard parameters.
 
     Parameters
     ----------
-    mechanism : Mechanism
+    mechanism : Mechanism or path-like
+        A robot, or the file of one.
 
     Returns
     -------
     RecordedRows
     """
+    mechanism = mechanism_of(mechanism)
     forms = _in_own_mode(mechanism, power_form(mechanism))
     return RecordedRows(f"power of {mechanism.name}", forms, 0, mechanism.parameters)
 
@@ -102,6 +111,7 @@ Model = Mechanism | BaseModel | LinearModel | LinearBase | RecordedRows | Linear
 _ATTEMPTS, _AGREEING = 8, 2
 
 
+@public
 @dataclass(frozen=True)
 class RowSpaces:
     """Two row spaces compared; true if they are the same.
@@ -142,12 +152,14 @@ class RowSpaces:
         return f"RowSpaces(different: {'; '.join(parts)})"
 
 
-def same_row_space(a: Model, b: Model, *, seed: int = DEFAULT_SEED) -> RowSpaces:
+@public
+def same_row_space(a: Model | Readable, b: Model | Readable, *, seed: int = DEFAULT_SEED) -> RowSpaces:
     """Whether two models see the same combinations of parameters.
 
     Parameters
     ----------
-    a, b : Mechanism, BaseModel, LinearModel, LinearBase, RecordedRows or LinearForms
+    a, b : Mechanism, BaseModel, LinearModel, LinearBase, RecordedRows, LinearForms or path-like
+        Models, or files of them.
         With the same parameters, in any order; forms without names with as many columns.  Symbols of equal names have
         equal values, which are general ones.
     seed : int
@@ -216,6 +228,7 @@ class _Side:
     """One of the models: its parameters, symbols, and how its rows are sampled."""
 
     def __init__(self, model: Any, rng: np.random.Generator) -> None:
+        model = loaded(model) if isinstance(model, str | os.PathLike) else model
         self.model = model
         self.names: tuple[str, ...] = ()
         matrix: BaseMatrix | None = None
@@ -233,7 +246,7 @@ class _Side:
         elif isinstance(model, LinearForms):
             forms, auxiliary = model, 0
         else:
-            kinds = "a mechanism, BaseModel, LinearModel, LinearBase, RecordedRows or LinearForms"
+            kinds = "a mechanism, BaseModel, LinearModel, LinearBase, RecordedRows, LinearForms or the path of a model"
             raise InputError(f"{kinds} is needed, not {type(model).__name__}")
         if matrix is not None:
             self.symbols, self.columns = list(matrix.symbols), len(self.names)

@@ -17,11 +17,13 @@ from echelon.base.derive import silent
 from echelon.base.row_space import row_space
 from echelon.base.stated_values import at_stated_values
 from echelon.base.structure import settled_structure
+from echelon.doors import Count, NotNegative, public
 from echelon.errors import ClosedFormError, DegenerateSampleError, EchelonError, InputError
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank
 from echelon.exact.unknown_functions import SOLVING, Work, persistent
 from echelon.mechanism.joint import GROUND, Placement
 from echelon.mechanism.mechanism import Cut, Mechanism, Output, wrench_output
+from echelon.mechanism.sources import Readable, mechanism_of
 from echelon.regressor.linear_forms import LinearForms, virtual_power_form
 
 _FIELDS = 2
@@ -31,6 +33,7 @@ Progress = Callable[[str], None]
 Geometry = Mapping[str, Residues]
 
 
+@public
 @dataclass(frozen=True)
 class SensorReport:
     """Ranks of sensor subsets.
@@ -64,19 +67,20 @@ class SensorReport:
     seed: int
 
 
+@public
 def sensor_report(
-    mechanism: Mechanism,
-    size: int = 1,
+    mechanism: Mechanism | Readable,
+    size: Count = 1,
     *,
     seed: int = DEFAULT_SEED,
-    budget: float = 1.0,
+    budget: NotNegative = 1.0,
     progress: Progress = silent,
 ) -> SensorReport:
     """Ranks of the subsets of a mechanism's sensors.
 
     Parameters
     ----------
-    mechanism : Mechanism
+    mechanism : Mechanism or path-like
         Its outputs are the candidates; where none are stated, all actuators and a wrench sensor under the base.  The
         stated values of its symbols decide.
     size : int
@@ -104,7 +108,7 @@ def sensor_report(
     >>> report.rank, report.ranks["base",], report.smallest
     (48, 48, ('base',))
     """
-    mechanism = at_stated_values(mechanism)
+    mechanism = at_stated_values(mechanism_of(mechanism))
     groups = _candidates(mechanism)
     spaces = _spaces(mechanism, groups, random_generator(seed), progress)
     names = tuple(groups)

@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 from echelon.base.structure import find_structure
+from echelon.doors import public
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.exact.polynomial import Polynomial, cosine, sine
 from echelon.mechanism.joint import Vector
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.sources import Readable, mechanism_of
 from echelon.mechanism.stated import symbol_roles
 from echelon.mechanism.substitute import substituted
 
@@ -32,6 +34,7 @@ class SpecialCase:
         return f"{self.condition}: {self.rank}"
 
 
+@public
 @dataclass(frozen=True)
 class SpecialGeometry:
     """Conditions at which the rank of a mechanism changes.
@@ -77,7 +80,8 @@ class _Condition:
         return replace(special, gravity=self.gravity if self.gravity and any(self.gravity) else None)
 
 
-def special_geometry(mechanism: Mechanism, *, seed: int = DEFAULT_SEED) -> SpecialGeometry:
+@public
+def special_geometry(mechanism: Mechanism | Readable, *, seed: int = DEFAULT_SEED) -> SpecialGeometry:
     """Try special values of the symbols and special directions of gravity, one at a time and two together.
 
     Each length or other constant is set to zero, each pair of them equal and opposite, each angle to a multiple of
@@ -85,7 +89,8 @@ def special_geometry(mechanism: Mechanism, *, seed: int = DEFAULT_SEED) -> Speci
 
     Parameters
     ----------
-    mechanism : Mechanism
+    mechanism : Mechanism or path-like
+        A robot, or the file of one.
     seed : int
 
     Returns
@@ -104,6 +109,7 @@ def special_geometry(mechanism: Mechanism, *, seed: int = DEFAULT_SEED) -> Speci
     l1 = 0, gravity along z: 2
     l1 = 0, no gravity: 2
     """
+    mechanism = mechanism_of(mechanism)
     rng = random_generator(seed)
     rank = find_structure(mechanism, rng).rank
     single = list(_conditions(mechanism))

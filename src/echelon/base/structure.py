@@ -21,6 +21,7 @@ from echelon.base.ball_relations import BallRelations, ball_relations
 from echelon.base.modes import Dependence, InMode, Mode, elsewhere, find_modes, in_mode
 from echelon.base.near_pose import NearPose
 from echelon.base.own_mode import OwnMode
+from echelon.doors import public
 from echelon.errors import (
     BrokenRelationsError,
     DegenerateSampleError,
@@ -50,6 +51,7 @@ SEARCH = 1e6
 """Numbers that are added for a closed pose modulo a prime in half a second; balls take no longer then."""
 
 
+@public
 @dataclass(frozen=True)
 class Structure:
     """Pivots of B and where the dependence of every other column can be found.

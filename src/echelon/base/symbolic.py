@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from echelon.base.expression import latex_symbol
+from echelon.doors import public
 from echelon.errors import one_line
 from echelon.extras import extra
 from echelon.program.operations import FUNCTIONS, Op
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 IMPORTED = tuple("Abs" if op is Op.ABS else op.name.lower() for op in FUNCTIONS)
 
 
+@public
 @dataclass(frozen=True)
 class SymbolicRegressor:
     """X̄ as formulas.

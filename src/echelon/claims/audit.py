@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.base.derive import base_parameters
+from echelon.base.derive import base_of
 from echelon.base.expression import collect
 from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseModel
@@ -35,11 +35,13 @@ from echelon.claims.reading import (
     unknown_token,
 )
 from echelon.claims.result import Agreement, Audit, Finding, Missing, Witness
+from echelon.doors import public
 from echelon.errors import InputError
 from echelon.exact.expressions import parse
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.sources import Readable
 from echelon.mechanism.stated import all_symbols
 from echelon.regressor.loops.assembly import Assembly
 
@@ -48,8 +50,9 @@ _PROPAGATED = 10.0  # how much larger than a rounded angle its effect on a coeff
 Claims = str | os.PathLike[str] | Sequence[str] | Mapping[str, str]
 
 
+@public
 def audit(
-    model: BaseModel | Mechanism,
+    model: BaseModel | Mechanism | Readable,
     claims: Claims,
     *,
     naming: str = AUTO,
@@ -60,8 +63,8 @@ def audit(
 
     Parameters
     ----------
-    model : BaseModel or Mechanism
-        The robot; a mechanism's base parameters are derived first.
+    model : BaseModel, Mechanism or path-like
+        A saved set or its file; of a robot or its file, base parameters are derived first.
     claims : path-like, sequence of str, or mapping of str to str
         A file (CSV, JSON, or text with one expression per line), or expressions, maybe by name.
     naming : str
@@ -92,7 +95,7 @@ def audit(
     >>> print(ec.audit(robot, ["ZZ1 + l1*M2", *claims[1:]]).findings[0].differences[0])
     M2 has the coefficient l1 instead of l1^2
     """
-    base = model if isinstance(model, BaseModel) else base_parameters(model)
+    base = base_of(model)
     source = os.fspath(claims) if isinstance(claims, str | os.PathLike) else None
     found = read_claims(claims)
     chosen, words = find_naming([claim.text for claim in found], base, naming)

@@ -9,6 +9,7 @@ from typing import Any
 
 from echelon.base.expression import Expression
 from echelon.claims.reading import Claim
+from echelon.doors import public
 from echelon.errors import one_line
 
 SCHEMA_NAME = "echelon.audit/1"
@@ -94,6 +95,7 @@ class Missing:
     witness: Witness  # a change that the outputs see, but no claimed row does
 
 
+@public
 @dataclass(frozen=True)
 class Audit:
     """The comparison of a claimed set of base parameters with the exact one.

@@ -140,9 +140,10 @@ def _base(robot: Path, read: Mapping[str, Any], derivation: Mapping[str, Any]) -
     from echelon.base.derive import base_parameters
     from echelon.formats.robot_file import load_model
     from echelon.models import LinearModel
+    from echelon.results.model_file import holds_saved_base
     from echelon.results.saved import load_base
 
-    if _holds_saved_base(robot):
+    if holds_saved_base(robot):
         if read != reading() or derivation != {"order": "base-to-tip", "prefer": ()}:
             problem = "a saved set is used as it is, so it takes no options for reading or deriving"
             raise InputError(problem, source=str(robot))
@@ -154,16 +155,6 @@ def _base(robot: Path, read: Mapping[str, Any], derivation: Mapping[str, Any]) -
     if isinstance(model, LinearModel):
         raise InputError("code is generated for robots, not for linear models", source=str(robot))
     return base_parameters(model, **derivation)
-
-
-def _holds_saved_base(path: Path) -> bool:
-    """Whether a file says that it holds base parameters."""
-    from echelon.results.schema import SCHEMA_NAME
-
-    if path.suffix.lower() != ".json" or not path.is_file():
-        return False
-    with path.open("rb") as stream:
-        return f'"{SCHEMA_NAME}"'.encode() in stream.read(4096)
 
 
 def _written(files: Mapping[str, str], output: Destination) -> list[Path]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
+from echelon.base.derive import base_of
 from echelon.base.expression import Expression, TextStyle, angle_text, render
 from echelon.base.model import BaseModel
 from echelon.codegen.constants import SHARED, kept_symbols, parameter_constants, specialised, symbol_constants
@@ -22,9 +23,12 @@ from echelon.codegen.language import (
     unit_text,
 )
 from echelon.codegen.views import LANES, FunctionView, view
+from echelon.doors import public
 from echelon.dynamics.functions import ALL_FUNCTIONS
 from echelon.errors import InputError, one_line
 from echelon.exact.polynomial import Number, is_trigonometric
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.sources import Readable
 from echelon.program.function import Argument, Function
 from echelon.program.operations import Op
 from echelon.version import __version__
@@ -170,8 +174,9 @@ class Source(dict[str, str]):
         self.functions = functions
 
 
+@public
 def generate(
-    base: BaseModel,
+    base: BaseModel | Mechanism | Readable,
     target: str = "c",
     functions: Sequence[str] | None = None,
     *,
@@ -186,8 +191,8 @@ def generate(
 
     Parameters
     ----------
-    base : BaseModel
-        Made by :func:`echelon.base_parameters` or :func:`echelon.load_base`.
+    base : BaseModel, Mechanism or path-like
+        A set of base parameters or its file; of a robot or its file, base parameters are derived first.
     target : str
         ``"c"``, ``"cpp"``, ``"cuda"``, ``"python"``, ``"jax"``, ``"casadi"``, ``"matlab"``, ``"julia"`` or ``"rust"``.
     functions : sequence of str, optional
@@ -231,6 +236,7 @@ def generate(
     ['double_pendulum.h', 'double_pendulum.c']
     """
     language = TARGETS[_valid("target", target, list(TARGETS))]
+    base = base_of(base)
     if functions is None:
         functions, left_out = _default_functions(base)
         remarks = (*remarks, *left_out)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.base.model import BaseModel
+from echelon.doors import public
 from echelon.errors import InputError
 from echelon.excite.problem.closed_loops import state_regressor
 from echelon.excite.problem.information import condition_number, log_det, sample_times
@@ -22,7 +23,8 @@ from echelon.excite.solve.solver import solutions
 from echelon.excite.verify import Margin, margins_of
 from echelon.logs.finding import Finding, warning
 from echelon.machine.kernel import processors
-from echelon.setup.setup import Setup
+from echelon.mechanism.sources import Readable
+from echelon.setup.setup import Setup, setup_of
 from echelon.version import __version__
 
 _MOMENTS = 40  # at which conditioning is reported
@@ -84,6 +86,7 @@ class Start:
     history: tuple[float, ...]  # the best value so far, each time it became better
 
 
+@public
 @dataclass(frozen=True)
 class ExcitingTrajectory:
     """A trajectory to be run, with all that is known about it.
@@ -127,8 +130,9 @@ class ExcitingTrajectory:
         return tuple(margin for margin in self.margins if margin.active)
 
 
+@public
 def exciting_trajectory(
-    setup: Setup,
+    setup: Setup | Readable,
     *,
     prior_information: npt.ArrayLike | None = None,
     jobs: int | None = None,
@@ -139,8 +143,9 @@ def exciting_trajectory(
 
     Parameters
     ----------
-    setup : Setup
-        A robot with its sensors and, in the section ``excitation``, its limits; see :func:`echelon.load_setup`.
+    setup : Setup or path-like
+        A robot with its sensors, or its file, and, in the section ``excitation``, its limits; see
+        :func:`echelon.load_setup`.
     prior_information : array of shape (r, r), optional
         Information matrix Σ Wᵀ diag(1/σ²) W of logs at hand, with the outputs' noise σ; the trajectory adds to it.
         See :func:`echelon.information_of_logs`.
@@ -171,6 +176,7 @@ def exciting_trajectory(
     >>> found.safe, found.conditioning.condition < 10
     (True, True)
     """
+    setup = setup_of(setup)
     step = on_step or (lambda _: None)
     prior = _checked(prior_information)
     step("deriving the base parameters")
@@ -185,12 +191,14 @@ def exciting_trajectory(
     return _result(task, design.trajectory(x), margins, prior, starts, centre=centre)
 
 
-def judged_trajectory(setup: Setup, trajectory: Trajectory, **changes: Any) -> ExcitingTrajectory:
+@public
+def judged_trajectory(setup: Setup | Readable, trajectory: Trajectory, **changes: Any) -> ExcitingTrajectory:
     """Judge a trajectory made elsewhere by the limits and the criterion of a set-up.
 
     Parameters
     ----------
-    setup : Setup
+    setup : Setup or path-like
+        A robot with its limits, or its file.
     trajectory : Trajectory
         Of the coordinates that the set-up lets move, in its order; see :func:`read_trajectory`.
     **changes
@@ -206,6 +214,7 @@ def judged_trajectory(setup: Setup, trajectory: Trajectory, **changes: Any) -> E
     InputError
         If it moves other coordinates.
     """
+    setup = setup_of(setup)
     task = task_of(setup, changed(setup.excitation, changes, setup.source))
     if trajectory.coordinates != task.mechanism.independent_velocities:
         moves, should = ", ".join(trajectory.coordinates), ", ".join(task.mechanism.independent_velocities)

@@ -48,6 +48,7 @@ from echelon.mechanism.joint import (
 )
 from echelon.mechanism.mechanism import Snap
 from echelon.mechanism.stated import largest_offset, vanishes
+from echelon.names import check_title
 
 BASE = "base"  # what a parent is called that is the base, unless a body has that name
 
@@ -99,6 +100,7 @@ class Bodies:
 
     def attach(self, part: Part, read: Read) -> None:
         """A fixed part rides on its parent's body."""
+        check_title(part.name, f"link '{part.name}'")  # bodies are checked where they become a mechanism
         self._elements[part.name] = [*self._elements[part.parent], *part.elements]
         self.host[part.name] = self.host[part.parent]
         self._frames[part.name] = (*self._frames[part.parent], read)

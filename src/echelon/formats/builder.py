@@ -33,12 +33,13 @@ from echelon.formats.literal import (
     resolved,
     with_joints,
 )
-from echelon.formats.snapping import ReadingOptions, Snapping, gravity_vector, symbol_stem
+from echelon.formats.snapping import ReadingOptions, Snapping, gravity_vector
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.effect import Side
 from echelon.mechanism.impossible import stated_impossibilities
 from echelon.mechanism.joint import ALL, GROUND, Motion, MotionKind, Placement, Step, merge
 from echelon.mechanism.mechanism import Force, Mechanism, Output, Snap, setup_placements, wrench_output
+from echelon.names import symbol_stem
 
 Ride = tuple[int, tuple[LiteralPlacement, ...]]
 """The body that carries something, or GROUND, and the placements from its frame to what it carries."""

@@ -11,6 +11,7 @@ from typing import Any, Literal
 from pydantic import BaseModel as Schema
 from pydantic import ConfigDict, Field, ValidationError, model_validator
 
+from echelon.doors import public
 from echelon.errors import locating
 from echelon.extras import extra
 from echelon.formats.description.document import Document, read_text
@@ -19,6 +20,7 @@ from echelon.models import LinearModel
 from echelon.program.sympy_bridge import to_sympy
 
 
+@public
 def load_linear(path: str | os.PathLike[str]) -> LinearModel:
     """Read a linear model from a YAML or JSON document.
 

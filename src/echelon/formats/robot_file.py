@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from echelon.choices import Measured
+from echelon.doors import public
 from echelon.errors import DoubtWarning, InputError, locating
 from echelon.formats.builder import Built, build_mechanism
 from echelon.formats.literal import LiteralTree
@@ -223,7 +224,7 @@ def _opened(robot: Any) -> RobotFile:
     text = os.fspath(robot)
     if isinstance(text, str) and text.lstrip().startswith("<"):
         return RobotFile.of(expanded(text.encode(), "text", None), "text")
-    if isinstance(text, str) and "\n" in text.strip():
+    if isinstance(text, str) and ("\n" in text.strip() or text.lstrip().startswith("{")):
         return RobotFile(text.encode(), "text.yaml", is_description=True)
     file = Path(text)
     if file.suffix.lower() in _DESCRIPTIONS:  # neither a name nor xacro
@@ -232,6 +233,7 @@ def _opened(robot: Any) -> RobotFile:
     return RobotFile.of(expanded(read_content(file), str(file), file.parent), str(file), file.parent)
 
 
+@public
 def load(
     robot: Any,
     *,

@@ -12,7 +12,6 @@ files and other units than SI do.
 from __future__ import annotations
 
 import re
-import unicodedata
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -510,12 +509,6 @@ def _rest_text(angle: Angle, quarters: int, sign: int) -> str:
     if not turns or not radians:
         return format_polynomial(turns) if turns else decimal_text(radians)
     return f"{format_polynomial(turns)} {'+' if radians > 0 else '-'} {decimal_text(abs(radians))}"
-
-
-def symbol_stem(name: str) -> str:
-    """The ending of the names of symbols that belong to a part or loop of this name; files hold such names."""
-    plain = (unicodedata.normalize("NFKC", c) == c and (c.isascii() or not c.isdigit()) for c in name)
-    return "_" + "".join(c if fits and f"_{c}".isidentifier() else "_" for c, fits in zip(name, plain, strict=True))
 
 
 def _decimal(value: Rational | float) -> str:

@@ -15,6 +15,7 @@ from math import isfinite
 from echelon.mechanism.effect import Effect, Side, ready_made
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Force, Mechanism
+from echelon.names import symbol_stem
 
 DriveNumbers = Mapping[str, Mapping[str, float]]
 """What a file states of the drives of coordinates: kinds of effects with values, nan where only the kind is known."""
@@ -82,7 +83,7 @@ def effect_label(mechanism: Mechanism, at: str) -> str:
             stem = mechanism.joint_label(index)
             return stem if len(moved) == 1 else f"{stem}_{moved.index(at) + 1}"
     number = re.search(r"\d+$", at)
-    return number.group() if number else f"_{at}"
+    return number.group() if number else symbol_stem(at)
 
 
 def slides(mechanism: Mechanism, at: str) -> bool:

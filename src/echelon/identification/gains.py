@@ -19,8 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.base.derive import base_parameters
+from echelon.base.derive import base_of, base_parameters
 from echelon.base.model import BaseModel
+from echelon.doors import public
 from echelon.errors import InputError
 from echelon.identification.current_fit import fit_currents, gain_names
 from echelon.identification.estimators.estimate import Estimate
@@ -32,9 +33,11 @@ from echelon.logs.files.open_log import log_paths
 from echelon.logs.preparation.choices import Signals, chosen
 from echelon.logs.read_log import read_log
 from echelon.logs.recording import Samples, Segment
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.sources import Readable
 from echelon.observe.observation import Layout, Observation
 from echelon.observe.triangle import upper_triangle
-from echelon.setup.setup import Setup
+from echelon.setup.setup import Setup, setup_of
 
 
 @dataclass(frozen=True, repr=False)
@@ -79,8 +82,9 @@ class GainEstimate:
         return "GainEstimate(" + ", ".join(f"{n} = {g:.4g} ± {s:.2g} {u}" for n, g, s, u in some) + ")"
 
 
+@public
 def drive_gains(
-    base: BaseModel,
+    base: BaseModel | Mechanism | Readable,
     unloaded: Observation | Rows,
     loaded: Observation | Rows | None = None,
     payload: Payload | None = None,
@@ -91,8 +95,9 @@ def drive_gains(
 
     Parameters
     ----------
-    base : BaseModel
-        Of the robot, with ``drive_gain`` effects; outputs y are zero where a gain is unknown, currents are inputs.
+    base : BaseModel, Mechanism or path-like
+        Of the robot, or its file, with ``drive_gain`` effects; outputs y are zero where a gain is unknown, currents are
+        inputs.
     unloaded : Observation or Rows
         Runs without the payload, in the parameters of ``base``.
     loaded : Observation or Rows, optional
@@ -112,6 +117,7 @@ def drive_gains(
         If there are no gains, arguments do not fit together, nothing fixes the scale of some drives, or the data do not
         determine all parameters.
     """
+    base = base_of(base)
     gains = gain_names(base)
     if not gains:
         raise InputError("the model has no drive gains; add effects of type drive_gain, whose inputs are the currents")
@@ -220,8 +226,9 @@ def _sharing(layout: Layout) -> list[tuple[set[int], set[int]]]:
 Paths = Sequence[str | os.PathLike[str]]
 
 
+@public
 def gains_from_logs(
-    setup: Setup,
+    setup: Setup | Readable,
     unloaded: Paths,
     loaded: Paths = (),
     payload: Payload | None = None,
@@ -232,8 +239,8 @@ def gains_from_logs(
 
     Parameters
     ----------
-    setup : Setup
-        A robot with ``drive_gain`` effects, whose logs have currents as inputs and need no outputs.
+    setup : Setup or path-like
+        A robot, or its file, with ``drive_gain`` effects, whose logs have currents as inputs and need no outputs.
     unloaded : sequence of path
         Runs without the payload; a directory stands for all logs in it.
     loaded : sequence of path, optional
@@ -254,6 +261,7 @@ def gains_from_logs(
     """
     if bool(loaded) != (payload is not None):
         raise InputError("runs with a payload and the payload itself go together: give both or neither")
+    setup = setup_of(setup)
     base = base_parameters(setup.mechanism, seed=setup.seed)
     plan = _plan(setup, base, unloaded)
     rows = ModelRows.of(base, _samples(plan, unloaded))

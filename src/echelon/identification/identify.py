@@ -16,6 +16,7 @@ from echelon.arrays import Floats, one_thread
 from echelon.base.derive import base_parameters
 from echelon.base.matrix import Identifiability
 from echelon.base.model import BaseModel
+from echelon.doors import public
 from echelon.errors import EchelonError, InputError, MissingExtraError
 from echelon.formats.usual_effects import slides, with_rotors
 from echelon.identification.conditioning import Conditioning, conditioning, without_rounding
@@ -68,6 +69,7 @@ _ROTOR = "a rotor inertia was taken in at {}: it weighs nothing, which else a co
 _SAME_UNIT = 0.5  # decades that a factor between outputs may be off that of a unit
 
 
+@public
 def identify(
     setup: Any,
     logs: Any,

@@ -18,6 +18,7 @@ from echelon.arrays import Floats
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS, PER_BODY
+from echelon.doors import public
 from echelon.errors import InputError
 from echelon.hints import nearest_of
 from echelon.identification.rows.rows import ModelRows, RowBlock, Rows
@@ -28,6 +29,7 @@ from echelon.observe.observation import Layout
 LABEL = "_payload"  # ends the names of a payload's parameters: ``M_payload``
 
 
+@public
 @dataclass(frozen=True)
 class Payload:
     """A load that is rigidly on a body.

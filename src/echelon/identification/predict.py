@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Floats
+from echelon.doors import public
 from echelon.errors import InputError
 from echelon.identification.rows.plan import Plan
 from echelon.identification.rows.rows import ModelRows
@@ -54,6 +55,7 @@ class Prediction:
         return f"Prediction({self.source}: {len(self.time)} samples × {len(self.outputs)} outputs)"
 
 
+@public
 def predict_log(plan: Plan, values: npt.ArrayLike, path: str | Path) -> Prediction:
     """Predict the outputs of a log, at every row of it.
 

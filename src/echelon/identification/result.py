@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from echelon.arrays import Floats
+from echelon.doors import public
 from echelon.errors import InputError, one_line
 from echelon.extras import extra
 from echelon.identification.conditioning import Conditioning
@@ -82,6 +83,7 @@ _SHOWN = 30  # base parameters in a notebook
 _MEASURED, _PREDICTED = "#4477aa", "#ee6677"
 
 
+@public
 @dataclass(frozen=True, repr=False)
 class Identification:
     """A fitted model with its evidence.

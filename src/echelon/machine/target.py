@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import ctypes.util
+import errno
 import hashlib
 import os
 import stat
@@ -194,6 +195,8 @@ def cache_folder() -> Path | None:
 
 def _unsafe(found: os.stat_result) -> str | None:
     """Why code from a folder or file must not be trusted, if there is a reason."""
+    if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
+        return "it is neither a file nor a folder"
     if os.name != "posix":
         return None  # the user's own folders are protected by the system's access lists
     if found.st_uid != os.geteuid():
@@ -206,7 +209,7 @@ def _unsafe(found: os.stat_result) -> str | None:
 def _stored(path: Path, key: str) -> bytes | None:
     """The code in an entry, if the entry is whole and was made for this key."""
     try:
-        with path.open("rb") as stream:
+        with open(path, "rb", opener=_without_links) as stream:
             if _unsafe(os.fstat(stream.fileno())) is not None:
                 return None
             content = stream.read()
@@ -218,11 +221,20 @@ def _stored(path: Path, key: str) -> bytes | None:
     return code if whole else None
 
 
+def _without_links(path: str, flags: int) -> int:
+    """Open a file itself, never what a symbolic link leads to, and wait for no one at the other end of a pipe."""
+    if os.path.islink(path):  # where the system has no such flag
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), path)
+    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
+
+
 def _store(path: Path, key: str, code: bytes) -> None:
     """Write an entry; without room or permission there is none, and the code is made again next time."""
     try:
+        if os.path.lexists(path) and not stat.S_ISREG(path.lstat().st_mode):
+            path.unlink()  # a link or pipe, through which code would be written to another place
         write_atomically(path, _MAGIC + key.encode() + b"\n" + hashlib.sha256(code).digest() + code, private=True)
-    except InputError as error:
+    except (InputError, OSError) as error:
         warnings.warn(f"compiled code is not kept: {error}", RuntimeWarning, stacklevel=2)
         return
     with suppress(OSError):  # another process may remove entries at the same time

@@ -15,6 +15,7 @@ from functools import cached_property
 from typing import Any, Protocol
 
 from echelon.conventions import LENGTH_DEGREE, PARAMETERS, PER_BODY, UNITS
+from echelon.doors import public
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction, inverse_matrix
@@ -23,6 +24,7 @@ from echelon.mechanism.coupling import Coupling
 from echelon.mechanism.effect import Effect, Side
 from echelon.mechanism.impossible import warn_of_impossible
 from echelon.mechanism.joint import GROUND, Body, Motion, MotionKind, Placement, Symbol, Vector
+from echelon.names import check_distinct, check_identifier, check_text, check_title, symbol_stem
 
 
 @dataclass(frozen=True)
@@ -128,6 +130,7 @@ def transmission(stated: Sequence[Actuator], coordinates: Sequence[str]) -> Tran
     return Transmission((*stated, *direct), inverse)
 
 
+@public
 @dataclass(frozen=True, repr=False)
 class Mechanism:
     """A tree of bodies, its drives, and what is measured.
@@ -187,6 +190,7 @@ class Mechanism:
         _check_closures(self)
         _check_effects(self)
         _check_outputs(self)
+        _check_names(self)
 
     def as_read(self, reading: Reading) -> Mechanism:
         """The same mechanism with how it was read; what :func:`dataclasses.replace` changes has no reading."""
@@ -254,7 +258,7 @@ class Mechanism:
     def joint_label(self, body: int) -> str:
         """The ending of names of effects at a body's joint: its label, or the joint's name if the label is shared."""
         shared = len(self.sharing[body]) > 1
-        return f"_{self.bodies[body].joint.name}" if shared else self.bodies[body].label
+        return symbol_stem(self.bodies[body].joint.name) if shared else self.bodies[body].label
 
     @cached_property
     def columns(self) -> tuple[Parameter, ...]:
@@ -477,3 +481,35 @@ def _check_outputs(mechanism: Mechanism) -> None:
             if channel.at not in valid:
                 problem = f"'{channel.at}' is not measurable here (valid: {', '.join(valid) or 'none'})"
                 raise InputError(problem, element=f"output '{output.name}'")
+
+
+def _check_names(mechanism: Mechanism) -> None:
+    """Refuse names because of which a row of a result could be read as another."""
+    for body in mechanism.bodies:
+        check_identifier(body.label, f"label of body '{body.name}'")
+    for name in mechanism.symbols:
+        check_identifier(name, f"symbol '{name}'", composed=True)
+    for effect in mechanism.effects:
+        check_identifier(effect.parameter, f"effect '{effect.parameter}'", composed=True)
+        check_text(effect.unit, f"unit of effect '{effect.parameter}'")
+    for output in mechanism.measured or ():
+        check_text(output.unit, f"unit of output '{output.name}'")
+    in_formulas = (*mechanism.parameters, *mechanism.symbols)
+    check_distinct(in_formulas, "parameters and symbols")
+    known = frozenset(in_formulas)
+    for what, names in _titles(mechanism).items():
+        for name in names:
+            check_title(name, f"{what} '{name}'", known)
+        check_distinct(names, f"{what} names")
+
+
+def _titles(mechanism: Mechanism) -> dict[str, list[str]]:
+    """Names that stand beside formulas, by what they name."""
+    return {
+        "body": [body.name for body in mechanism.bodies],
+        "joint": [body.joint.name for body in mechanism.bodies],
+        "coordinate": [motion.name for motion in mechanism.motions],
+        "actuator": [actuator.name for actuator in mechanism.actuators],
+        "output": [output.name for output in mechanism.measured or ()],
+        "loop": [closure.name for closure in mechanism.closures],
+    }

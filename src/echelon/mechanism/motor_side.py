@@ -7,19 +7,22 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
+from echelon.doors import public
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.sources import Readable, mechanism_of
 from echelon.mechanism.stated import symbol_values
 
 
+@public
 def joint_side(
-    mechanism: Mechanism, values: npt.ArrayLike, symbols: Mapping[str, float] | None = None
+    mechanism: Mechanism | Readable, values: npt.ArrayLike, symbols: Mapping[str, float] | None = None
 ) -> npt.NDArray[np.float64]:
     """Joint coordinates, velocities or accelerations from those at the motors.
 
     Parameters
     ----------
-    mechanism : Mechanism
+    mechanism : Mechanism or path-like
         With actuators θ = T q.
     values : array of shape (N, positions) or (N, velocities), or (N, independent velocities) with loops
         In the order of the mechanism's names, where the columns of driven coordinates hold the actuators in the order
@@ -43,6 +46,7 @@ def joint_side(
     >>> ec.joint_side(robot, [[0, 1.5, 0.5, 0, 0, 0, 0]]).tolist()
     [[0.0, 1.0, 0.5, 0.0, 0.0, 0.0, 0.0]]
     """
+    mechanism = mechanism_of(mechanism)
     driven, matrix = transmission_matrix(mechanism, symbols)
     result = np.array(values, dtype=float, ndmin=2)
     orders = (mechanism.velocities, mechanism.positions, mechanism.independent_velocities)

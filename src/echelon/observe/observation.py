@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from echelon.arrays import Floats, Integers
+from echelon.doors import public
 from echelon.errors import InputError
 from echelon.observe.triangle import Triangle, positive, upper_triangle
 from echelon.program.function import Argument, Function
@@ -88,6 +89,7 @@ def restricted(layout: Layout, parameters: Sequence[int]) -> tuple[Layout, list[
 _FEWEST_DIGITS = 1e-14  # smaller squares of pivots, with columns of norm 1, are mostly rounding errors
 
 
+@public
 @dataclass(frozen=True, repr=False)
 class Observation:
     """R-factors of the outputs' rows of [W y].
@@ -217,6 +219,7 @@ class Observation:
         return f"Observation({self.samples} samples × {m} outputs × {n} parameters)"
 
 
+@public
 @dataclass(frozen=True, repr=False)
 class NormalEquations:
     """Gram matrices of the outputs' rows of [W y].

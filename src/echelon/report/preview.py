@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Floats
+from echelon.doors import public
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import EchelonError, InputError, one_line
 from echelon.excite.excite import ExcitingTrajectory
@@ -62,6 +63,7 @@ _BYTES = 500_000  # of all signals together
 _PER_SAMPLE = 2 * 4 * 4 / 3  # bytes of time and value in base 64
 
 
+@public
 def preview_html(found: ExcitingTrajectory) -> str:
     """A page about an exciting trajectory, as one HTML file.
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from echelon.conventions import PARAMETERS, PER_BODY
+from echelon.doors import public
 from echelon.errors import InputError, one_line
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
@@ -60,6 +61,7 @@ _SETTINGS = {
 """Titles and units of settings of the preparation; others go by their names."""
 
 
+@public
 def report_html(identification: Identification) -> str:
     """A report about an identification, as one HTML file.
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.base.model import BaseModel
+from echelon.doors import public
 from echelon.errors import InputError
 from echelon.files import write_atomically
 from echelon.identification.estimators.estimate import Estimate
@@ -62,6 +63,7 @@ class IdentifiedModel:
         return f"IdentifiedModel({self.base.mechanism.name}: {self.base.rank} base parameters)"
 
 
+@public
 def save_identification(identification: Identification, path: str | os.PathLike[str]) -> None:
     """Write an identification to a JSON file of schema ``echelon.identified/1``, whole or not at all.
 
@@ -78,6 +80,7 @@ def save_identification(identification: Identification, path: str | os.PathLike[
     write_atomically(path, identification_to_json(identification))
 
 
+@public
 def load_identified(path: str | os.PathLike[str]) -> IdentifiedModel:
     """Read an identified model.
 

@@ -31,7 +31,7 @@ from echelon.logs.read_log import first_table, measured, opened
 from echelon.logs.units import factor
 from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism
-from echelon.setup.setup import Setup, load_setup, with_usual
+from echelon.setup.setup import Setup, setup_of, with_usual
 
 _FEW = 6  # joints that are named with where they rest; of more, only that they do
 _VECTOR = re.compile(r"(?<![A-Za-z])(ctrl|actuator_force)[\W_]*(\d+)\W*$", re.IGNORECASE)
@@ -45,8 +45,7 @@ def with_logs(
 
     Without ``usual`` it keeps the effects that it states, and joints at rest move elsewhere.
     """
-    setup = setup if isinstance(setup, Setup) else load_setup(setup)
-    setup = with_usual(setup) if usual else setup
+    setup = with_usual(setup_of(setup)) if usual else setup_of(setup)
     fitted, unseen = (joined(log_paths(some), setup.mechanism, setup.columns) for some in (logs, others))
     if setup.columns:
         return setup, fitted, unseen

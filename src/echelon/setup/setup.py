@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from echelon.doors import public
 from echelon.exact.expressions import PI, parse
 from echelon.exact.field import DEFAULT_SEED
 from echelon.exact.polynomial import symbol_of
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from echelon.formats.schema.schema_log import Column, ColumnEntry, Columns, LogEntry
 
 
+@public
 @dataclass(frozen=True)
 class Setup:
     """A robot, what its logs mean, and what is to be done with them.
@@ -92,6 +94,12 @@ class Setup:
         return replace(self, settings=self.settings.model_copy(update=changes))
 
 
+def setup_of(source: Any) -> Setup:
+    """A set-up as given, or what :func:`load_setup` makes of a robot or its file."""
+    return source if isinstance(source, Setup) else load_setup(source)
+
+
+@public
 def load_setup(robot: Any, *, prior: Any = None, model: str = "", **reading: Any) -> Setup:
     """Read a robot with its measurement set-up.
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from math import log10
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
+from threading import Thread
 from time import monotonic
 from typing import Any
 
@@ -102,13 +105,25 @@ def _started(context: Any, task: Task, seconds: float) -> _Running:
 
 
 def _work(task: Task, answer: Connection) -> None:
-    """In a process of its own."""
+    """In a process of its own, which ends with the one that started it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the first of them ends the others
+    Thread(target=_end_with_parent, daemon=True).start()
     try:
-        answer.send(build_exhibit(task))
+        row = build_exhibit(task)
     except EchelonError as error:
-        answer.send(_failed(task, str(error).replace(str(task.found.path), task.found.place)))
+        row = _failed(task, str(error).replace(str(task.found.path), task.found.place))
     except Exception as error:  # a mistake of ours: the others go on
-        answer.send(_failed(task, f"{type(error).__name__}: {error}"))
+        row = _failed(task, f"{type(error).__name__}: {error}")
+    with suppress(OSError):  # nobody waits for it any more
+        answer.send(row)
+
+
+def _end_with_parent() -> None:
+    """End this process at once, without a word, when the one that started it is gone."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)
 
 
 def _ended(one: _Running, seconds: float) -> Row | None:

@@ -20,6 +20,7 @@ from pydantic import BaseModel as Schema
 from pydantic import ConfigDict, Discriminator, Field
 
 from echelon.arrays import Floats
+from echelon.doors import public
 from echelon.errors import InputError, locating, one_line
 from echelon.excite.excite import ExcitingTrajectory
 from echelon.excite.files.samples import (
@@ -256,6 +257,7 @@ def kind_of(path: str | os.PathLike[str]) -> str:
     return suffix
 
 
+@public
 def read_trajectory(path: str | os.PathLike[str], coordinates: Sequence[str], units: Sequence[str]) -> Trajectory:
     """A trajectory from a file.
 
@@ -337,6 +339,7 @@ def design_to_json(found: ExcitingTrajectory) -> dict[str, Any]:
     return trajectory_to_json(found.trajectory, **plain_data(about))
 
 
+@public
 def write_trajectory(trajectory: Trajectory, path: str | os.PathLike[str], rate: float, repeats: int = 1) -> None:
     """Write a trajectory to a file, whole or not at all.
 

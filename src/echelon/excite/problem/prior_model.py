@@ -11,6 +11,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.base.derive import base_parameters
+from echelon.doors import public
 from echelon.errors import InputError
 from echelon.excite.problem.state_limits import EffortLimit, EffortModel, effort_output
 from echelon.formats.schema.schema_excite import EVERY, ExcitationEntry
@@ -20,19 +21,21 @@ from echelon.identification.rows.rows import ModelRows
 from echelon.identification.survey import survey
 from echelon.logs.finding import Finding, listed, note, warning
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.sources import Readable
 from echelon.observe.observation import Observation
 from echelon.results.identified import load_identified
 from echelon.setup.logs import with_logs
-from echelon.setup.setup import Setup
+from echelon.setup.setup import Setup, setup_of
 
 
-def information_of_logs(setup: Setup, logs: Sequence[str | os.PathLike[str]]) -> Floats:
+@public
+def information_of_logs(setup: Setup | Readable, logs: Sequence[str | os.PathLike[str]]) -> Floats:
     """The information matrix Σ Wᵀ diag(1/σ²) W of logs, prepared as for an identification.
 
     Parameters
     ----------
-    setup : Setup
-        With the outputs' noise σ in its section ``excitation``.
+    setup : Setup or path-like
+        A robot, or its file, with the outputs' noise σ in its section ``excitation``.
     logs : sequence of path
         Logs, or directories of logs.
 
@@ -46,6 +49,7 @@ def information_of_logs(setup: Setup, logs: Sequence[str | os.PathLike[str]]) ->
     InputError
         If a log cannot be read, or coordinates are held, so that other parameters are seen.
     """
+    setup = setup_of(setup)
     entry = setup.excitation
     if entry.move is not None or entry.hold:
         problem = "logs determine other parameters than a trajectory that holds coordinates; let all of them move"

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Floats
+from echelon.doors import public
 from echelon.errors import InputError
 from echelon.extras import extra
 
@@ -248,6 +249,7 @@ SHORTEST_STEP = 1e-9  # between samples, s; clocks count no finer
 LARGEST = 1e12  # position, velocity, acceleration or jerk, SI, that no robot comes near to
 
 
+@public
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """A motion of some coordinates.

@@ -33,7 +33,7 @@ from echelon.formats.literal import MOTIONS, LiteralMotion, StatedCoupling, move
 from echelon.formats.schema.robot_schema import BodyEntry, ModifiedRow, RobotDescription, StandardRow
 from echelon.formats.schema.schema_types import AxisJoint, CustomJoint, HelicalJoint, MotionStep
 from echelon.formats.schema.schema_types import Joint as Entry
-from echelon.formats.snapping import ReadingOptions, gravity_vector, symbol_stem
+from echelon.formats.snapping import ReadingOptions, gravity_vector
 from echelon.hints import nearest, nearest_of, unused
 from echelon.mechanism.impossible import stated_impossibilities
 from echelon.mechanism.joint import (
@@ -58,6 +58,7 @@ from echelon.mechanism.joint import (
 )
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import placement_matrix
+from echelon.names import symbol_stem
 
 
 def build_description(

@@ -10,7 +10,6 @@ from __future__ import annotations
 import keyword
 import math
 import re
-import unicodedata
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -41,6 +40,7 @@ from echelon.mechanism.joint import IDENTITY, ORIGIN, Matrix, Placement, Symbol,
 from echelon.mechanism.mechanism import Mechanism, Snap
 from echelon.mechanism.stated import geometry as geometry_of
 from echelon.mechanism.stated import symbol_roles
+from echelon.names import check_identifier
 
 if TYPE_CHECKING:
     from echelon.formats.schema.robot_schema import Inertial, RobotDescription
@@ -352,10 +352,10 @@ def _unusable(name: str) -> str:
         return f"is a word of the expression language (a Python keyword): use another name, such as {name}_ or {name}1"
     if not name.isidentifier():
         return "is not a possible symbol: letters, digits and _ only, not beginning with a digit, such as l1 or d_4"
-    if unicodedata.normalize("NFKC", name) != name:
-        return f"is written with compatibility characters: write {unicodedata.normalize('NFKC', name)}"
-    if any(c.isdigit() and not c.isascii() for c in name):
-        return "is written with other digits than 0 to 9"
+    try:
+        check_identifier(name, "", composed=True)
+    except InputError as error:
+        return f"cannot be a symbol: {error.problem}"
     return ""
 
 

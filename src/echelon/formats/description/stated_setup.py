@@ -30,7 +30,7 @@ from echelon.formats.schema.schema_setup import (
     WrenchOutput,
 )
 from echelon.formats.schema.schema_types import Frame, LoopEntry
-from echelon.formats.snapping import ReadingOptions, symbol_stem
+from echelon.formats.snapping import ReadingOptions
 from echelon.formats.usual_effects import effect_label, floating_velocities, slides
 from echelon.hints import nearest_of
 from echelon.inputs import step_into
@@ -47,6 +47,7 @@ from echelon.mechanism.mechanism import (
     plain,
     wrench_output,
 )
+from echelon.names import symbol_stem
 
 FindPart = Callable[[str | None, str], tuple[int, Placement]]
 """The body that carries a part and where the part sits on it, by the part's name and the element that names it."""
@@ -123,7 +124,7 @@ class Additions:
         spin = f"{rotor.name}.spin"
         kind = "xyz".index(rotor.axis[-1])
         motion = Motion(MotionKind.ROTATION, spin, kind, -1 if rotor.axis.startswith("-") else 1)
-        label = rotor.label or f"_{rotor.name}"
+        label = rotor.label or symbol_stem(rotor.name)
         placed = self.expressions.frame(rotor.frame, f"{path}.frame", label)
         parent, rides = self.find(rotor.on, f"{path}.on")
         joint = Joint(rotor.name, "rotor", merge((rides @ placed, motion)))
@@ -218,7 +219,7 @@ class Additions:
 
     def _wrench(self, entry: WrenchOutput, path: str) -> list[Output]:
         body, rides = self.find(entry.wrench, f"{path}.wrench")
-        frame = rides @ self.expressions.frame(entry.frame, f"{path}.frame", f"_{entry.name or entry.wrench}")
+        frame = rides @ self.expressions.frame(entry.frame, f"{path}.frame", symbol_stem(entry.name or entry.wrench))
         name = entry.name or entry.wrench
         on_parent = entry.fixed_to == "parent"
         return [wrench_output(name, component, body, frame, on_parent=on_parent) for component in entry.components]

@@ -15,12 +15,14 @@ from typing import Any
 import numpy as np
 
 from echelon.arrays import Floats, Integers
+from echelon.doors import public
 from echelon.errors import InputError
 from echelon.extras import extra
 from echelon.observe.observation import Layout, Observation
 from echelon.observe.triangle import Triangle
 
 
+@public
 @dataclass(frozen=True, repr=False)
 class Estimate:
     """Estimated parameters.

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property, partial, reduce
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -65,6 +65,7 @@ class RowBlock:
         return RowBlock(self.source, self.segment, times, matrices, y)
 
 
+@runtime_checkable
 class Rows(Protocol):
     """Rows that can be gone through as often as a method needs; every pass gives the same blocks."""
 

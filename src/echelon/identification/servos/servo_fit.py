@@ -26,6 +26,7 @@ import numpy as np
 from echelon.arrays import Floats, one_thread
 from echelon.base.derive import base_parameters, base_structure
 from echelon.base.model import BaseModel
+from echelon.doors import public
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.servos.servo_limits import Limits
@@ -97,6 +98,7 @@ class ServoLimit:
         return f"the servo of '{self.joint}' {what} (±{2 * self.std:.2g}), as in {self.share:.0%} of the samples"
 
 
+@public
 @dataclass(frozen=True, repr=False)
 class ServoFit:
     """A robot with servos, fitted to positions and commands.
@@ -150,6 +152,7 @@ class ServoFit:
         return f"ServoFit({self.base.mechanism.name}: {self.base.rank} parameters, R² at least {worst:.3f})"
 
 
+@public
 def fit_servos(setup: Any, logs: Any, *, on_step: Callable[[str], None] | None = None) -> ServoFit:
     """Fit servo gains, friction and base parameters to measured positions and position commands.
 
