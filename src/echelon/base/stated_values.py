@@ -209,13 +209,13 @@ def at_stated_values(mechanism: Mechanism) -> Mechanism:
     values = stated_values(mechanism)
     if not values.names:
         return mechanism
-    with_units = replace(mechanism, symbols={**mechanism.symbols, **values.units})
+    with_units = replace(mechanism, symbols={**mechanism.symbols, **{name: values.units[name] for name in UNITS}})
     put_in = substituted(with_units, values.put_in(values.names))
     terms = " ".join(action.term for effect in put_in.effects for action in effect.actions)
     in_geometry = symbol_roles(put_in).symbols
     used = {name for name in values.units if name in in_geometry or (name in UNITS and name in terms)}
-    left = {name: symbol for name, symbol in put_in.symbols.items() if name in used or name not in values.units}
-    return replace(put_in, symbols=left)
+    left = {name: symbol for name, symbol in put_in.symbols.items() if name not in values.units}
+    return replace(put_in, symbols={**left, **{name: values.units[name] for name in used}})
 
 
 def stated_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:

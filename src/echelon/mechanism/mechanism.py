@@ -17,6 +17,7 @@ from typing import Any, Protocol
 from echelon.conventions import LENGTH_DEGREE, PARAMETERS, PER_BODY, UNITS
 from echelon.doors import public
 from echelon.errors import InputError
+from echelon.exact.expressions import PER_PI, PI
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction, inverse_matrix
 from echelon.mechanism.closure import Closure
@@ -487,7 +488,7 @@ def _check_names(mechanism: Mechanism) -> None:
     """Refuse names because of which a row of a result could be read as another."""
     for body in mechanism.bodies:
         check_identifier(body.label, f"label of body '{body.name}'")
-    for name in mechanism.symbols:
+    for name in mechanism.symbols.keys() - {PI, PER_PI}:  # which no file can call a symbol of its own
         check_identifier(name, f"symbol '{name}'", composed=True)
     for effect in mechanism.effects:
         check_identifier(effect.parameter, f"effect '{effect.parameter}'", composed=True)
