@@ -99,5 +99,7 @@ def test_what_is_left_out_is_noted(tmp_path: Path) -> None:
 def test_without_sensors_there_is_nothing_to_measure(tmp_path: Path) -> None:
     with pytest.raises(ec.InputError, match=r"robot\.xml: the file has no force sensors"):
         load(tmp_path, model(BODIES, tail='<sensor><jointpos joint="a"/></sensor>'), measured="file")
-    with pytest.raises(ec.InputError, match="measured is 'drives' or 'file', not 'all'"):
+    with pytest.raises(
+        ec.InputError, match="argument 'measured' of load: needs one of 'drives', 'file'; found str 'all'"
+    ):
         load(tmp_path, model(BODIES), measured="all")
