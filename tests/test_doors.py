@@ -16,14 +16,11 @@ from echelon.doors import kind_of, public
 from echelon.errors import InputError
 from support.paths import EXAMPLES
 
-LATER = {"load_base", "load_linear_base", "save_base", "verify"}
-"""Functions whose module gets its doors together with its other changes."""
-
 
 def callables() -> Iterator[Any]:
     for name in ec.__all__:
         member = getattr(ec, name)
-        if inspect.isfunction(member) and name not in LATER:
+        if inspect.isfunction(member):
             yield pytest.param(member, id=name)
         elif inspect.isclass(member) and not issubclass(member, Exception):
             for key, method in vars(member).items():

@@ -20,6 +20,7 @@ from echelon.base.matrix import BaseMatrix, StatedNumbers, coefficient_value
 from echelon.base.model import BaseModel
 from echelon.base.stated_values import SpecialValues
 from echelon.base.structure import find_structure
+from echelon.doors import public
 from echelon.errors import CertificateError, EchelonError, InputError
 from echelon.exact.expressions import parse
 from echelon.exact.field import random_generator
@@ -290,6 +291,7 @@ def _same_values(stated: Mapping[str, float | None], derived: Mapping[str, float
     return stated.keys() == derived.keys() and all(same(stated[name], derived[name]) for name in stated)
 
 
+@public
 def save_base(model: BaseModel | LinearBase, path: str | os.PathLike[str]) -> None:
     """Write a model to a JSON file, whole or not at all.
 
@@ -306,6 +308,7 @@ def save_base(model: BaseModel | LinearBase, path: str | os.PathLike[str]) -> No
     write_atomically(path, to_json(model))
 
 
+@public
 def load_base(path: str | os.PathLike[str]) -> BaseModel:
     """Read a model from a JSON file.
 
@@ -327,6 +330,7 @@ def load_base(path: str | os.PathLike[str]) -> BaseModel:
     return _read(path, from_json)
 
 
+@public
 def load_linear_base(path: str | os.PathLike[str]) -> LinearBase:
     """Read the set of a linear model from a JSON file.
 
@@ -374,6 +378,7 @@ _SEED_BITS = 128
 _SAME = 1e-6  # logarithms; sums of them may round differently elsewhere
 
 
+@public
 def verify(
     model: BaseModel | LinearBase | str | os.PathLike[str],
     seed: int | None = None,
