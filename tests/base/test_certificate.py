@@ -12,13 +12,16 @@ import pytest
 import sympy
 
 import echelon as ec
-from echelon.base.certificate import certify
+from echelon.base.certificate import _Checks, certify
+from echelon.base.derive import model_at_stated_values
 from echelon.base.matrix import BaseMatrix
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction
+from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.linear_forms import inverse_dynamics_regressor, virtual_power_form
 from support import textbook_arms as arms
+from support.descriptions import read_description
 from support.paths import ROOT
 
 Rows = list[dict[int, RationalFunction]]
@@ -201,3 +204,42 @@ def test_symbols_of_nobody_are_found(base: ec.BaseModel) -> None:
         rows[0][59] = rows[0][59] + stray
 
     assert "M6" in refuted(base, changed(base.matrix, change))
+
+
+def test_a_column_that_no_check_reaches_is_an_error(base: ec.BaseModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever check forgets a column: here the identity is asked for all others."""
+    asked = _Checks._identity
+    monkeypatch.setattr(_Checks, "_identity", lambda checks, columns: asked(checks, sorted(columns)[1:]))
+    assert "no check reaches XX1" in refuted(base, base.matrix)
+
+
+def test_the_certificate_counts_the_columns_that_each_check_reached(base: ec.BaseModel, linkage: ec.BaseModel) -> None:
+    assert base.certificate.columns == {"minor": 36, "identity": 24}
+    assert linkage.certificate.columns == {"minor": 8, "identity": 22, "balls": 22}
+    assert base.certificate.holds == "at the stated values"
+    assert linkage.certificate.holds == "at the stated values, near the assembly pose"
+    general = ec.base_parameters(arms.rx90(), generic=True).certificate
+    assert general.holds == "for general values of the symbols"
+
+
+def test_special_lengths_of_loops_count_in_the_minor() -> None:
+    """A parallelogram whose lengths are four symbols: the general set has 8, at the stated values there are 3."""
+    text = """echelon: 1
+name: parallelogram
+symbols: {l1: 0.4, l2: 0.15, l3: 0.4, l4: 0.15}
+gravity: [0, -9.81, 0]
+bodies:
+  - {name: crank, joint: {type: revolute, axis: z}}
+  - {name: coupler, parent: crank, joint: {type: revolute, axis: z, origin: {xyz: [l2, 0, 0]}}}
+  - {name: rocker, joint: {type: revolute, axis: z, origin: {xyz: [l1, 0, 0]}}}
+loops:
+  - {joint: revolute, connects: [coupler, rocker], at: {xyz: [l3, 0, 0]}, on_second: {xyz: [l4, 0, 0]}, axis: z}
+assembly: {crank: 1.0, coupler: -1.0, rocker: 1.0}
+"""
+    mechanism = read_description(text, "parallelogram.yaml", ReadingOptions())
+    general = ec.base_parameters(mechanism, generic=True)
+    assert (general.rank, ec.base_parameters(mechanism).rank) == (8, 3)
+    forms = virtual_power_form(mechanism)
+    assert certify(forms, general.matrix, seed=7).rank == 8
+    with pytest.raises(ec.CertificateError, match="span only 3 dimensions at the stated values"):
+        certify(forms, general.matrix, 7, model_at_stated_values(mechanism))

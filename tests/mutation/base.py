@@ -2,24 +2,60 @@
 
 from mutation.fault import Fault
 
-CERTIFICATE, ORDER = "base/certificate.py", "base/matrix.py"
+CERTIFICATE, PRIMES, BALLS = "base/certificate.py", "base/prime_checks.py", "base/ball_checks.py"
+ORDER = "base/matrix.py"
 CLAIMS = "claims/test_false_claims.py"
 
 FAULTS = (
     Fault(
-        CERTIFICATE,
+        PRIMES,
         "if (actual.get(column, 0) - claimed.get(column, 0)) % p:",
         "if column in actual and (actual[column] - claimed.get(column, 0)) % p:",
         "a false claim about an invisible parameter",
         CLAIMS,
     ),
-    Fault(CERTIFICATE, "0, : self.sampler.regions]", "0, :1]", "one region is looked at", CLAIMS),
+    Fault(PRIMES, "0, : self.sampler.regions]", "0, :1]", "one region is looked at", CLAIMS),
     Fault(
         CERTIFICATE,
-        "if minor.rank < matrix.rank:\n        raise",
-        "if minor.rank < 0:\n        raise",
+        "if minor.rank < self.matrix.rank:",
+        "if minor.rank < 0:",
         "dependent parameters pass as base parameters",
         "base/test_certificate.py",
+    ),
+    Fault(
+        CERTIFICATE,
+        "if missed or minor is None:",
+        "if minor is None:",
+        "a column that no check reaches",
+        "base/test_certificate.py::test_a_column_that_no_check_reaches_is_an_error",
+    ),
+    Fault(
+        CERTIFICATE,
+        "if stated.fractions_of_pi:",
+        "if False:",
+        "sums of fractions of pi",
+        "base/test_stated_values.py::test_sums_of_fractions_of_pi_are_not_passed_over",
+    ),
+    Fault(
+        BALLS,
+        "if False in zero:",
+        "if not zero:",
+        "what is left of a column in ball arithmetic",
+        "results/test_false_sets.py",
+    ),
+    Fault(
+        BALLS,
+        "return bool(difference < _LOOSEST * abs(found)) and not difference > numbers.radius",
+        "return True",
+        "rounded coefficients are the solved ones",
+        "base/test_budget.py",
+    ),
+    Fault(
+        PRIMES,
+        "if rank(table, field) > matrix.rank:",
+        "if rank(table, field) < 0:",
+        "columns of numbers that are independent",
+        "results/test_false_sets.py",
     ),
     Fault(
         CERTIFICATE,

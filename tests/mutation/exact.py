@@ -33,8 +33,8 @@ FAULTS = (
     ),
     Fault(
         FIELD,
-        "return (1 - square) * scale",
-        "return (1 + square) * scale",
+        "cosine, sine = (1 - square) * scale",
+        "cosine, sine = (1 + square) * scale",
         "circle points",
         "exact/test_field.py::test_circle_is_the_half_angle_formula",
     ),
