@@ -48,7 +48,8 @@ def test_float_ranks_of_loops_do_not_depend_on_the_unit_of_length() -> None:
     text = (EXAMPLES / "loops/four_bar.yaml").read_text()
     lengths = {"0.4,": "400,", "0.15,": "150,", "0.35,": "350,", "0.3,": "300,", "-9.81": "-9810"}
     in_millimetres = reduce(lambda known, pair: known.replace(*pair), lengths.items(), text)
-    one, other = (numeric_ranks(ec.load(robot)).singular for robot in (text, in_millimetres))
+    with pytest.warns(ec.DoubtWarning, match="millimetres"):
+        one, other = (numeric_ranks(ec.load(robot)).singular for robot in (text, in_millimetres))
     np.testing.assert_allclose(one[:8], other[:8], rtol=1e-6)
 
 
