@@ -11,21 +11,22 @@ Precision is raised until it tells.  What needs more is refused, not accepted.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import log10
 from typing import Any
 
 import flint
 import numpy as np
 
-from echelon.arrays import independent_columns
-from echelon.base.ball_rows import Balls, ball_rows, stated_generators
+from echelon.arrays import Floats, independent_columns
+from echelon.base.ball_rows import Balls, ball_rows, ball_values, stated_generators
 from echelon.base.ball_tables import combinations_of, doubles, vanishes
 from echelon.base.matrix import BaseMatrix
 from echelon.errors import CertificateError, InputError
 from echelon.exact.rational import RationalFunction
 from echelon.program.arithmetics import ball
 from echelon.program.operations import Op
+from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.regressor.linear_forms import LinearForms
 
 _SURPLUS = 6
@@ -36,6 +37,10 @@ _OTHERS = 4
 """Closed poses beyond those that determine the coefficients of mechanisms with loops."""
 _LOOSEST = 1e-20
 """Relative error of a coefficient beyond which a comparison means nothing."""
+_USUAL_SPAN = 128
+"""Binary digits between values that the precision of an attempt is made for."""
+_LARGEST_SPAN = 8192
+"""Binary digits between values, above which a set is refused rather than compared for minutes."""
 _FIRM = 1e-9
 """Share of a column that double precision surely shows beside others."""
 _LOG10_2 = log10(2.0)
@@ -96,7 +101,11 @@ def check_in_balls(
         If the set is too large, incomplete or wrong, or the highest precision does not tell.
     """
     check = _Check(regressor, matrix, sorted(columns), at, rng)
+    span = check.bits_of_span()
+    if span > _LARGEST_SPAN:
+        raise CertificateError(f"values in the model span {span} binary digits, too many to compare them")
     for attempt in _ATTEMPTS:
+        attempt = replace(attempt, bits=attempt.bits + span)
         with flint.ctx.workprec(attempt.bits):
             evidence = check.evidence(attempt)
         if evidence is not None:
@@ -119,6 +128,18 @@ class _Check:
         self.matrix, self.others, self.at, self.rng = matrix, others, at, rng
         self.forms = regressor.columns([*matrix.pivots, *others])
         self.loops = regressor.loops
+
+    def bits_of_span(self) -> int:
+        """Binary digits between the largest and the smallest value that occurs on the way to the entries.
+
+        With as many more, no term is lost beside another one, as e^-1000 would be beside 1.
+        """
+        program = self.forms.program
+        nodes = program.needed(self.forms.entries.values())
+        with flint.ctx.workprec(_ATTEMPTS[0].bits):
+            values = ball_values(self.forms, nodes, self.at, self.rng)
+        exponents = [_exponent(x.abs_lower()) for x in values if x.is_finite() and not x.contains(0)]
+        return max(0, max(exponents, default=0) - min(exponents, default=0) - _USUAL_SPAN)
 
     def evidence(self, attempt: _Attempt) -> BallEvidence | None:
         """What one attempt shows; None if it does not tell."""
@@ -220,10 +241,13 @@ class _Check:
 def _size(column: Balls) -> Any:
     """A power of two of the size of a column's largest entry; 1 where all entries may be zero."""
     largest = max((x.abs_lower() for x in column), default=flint.arb(0))
-    if not largest > 0:
-        return flint.arb(1)
-    mantissa, exponent = largest.mid().man_exp()
-    return flint.arb(2) ** (int(exponent) + int(mantissa).bit_length())
+    return flint.arb(2) ** _exponent(largest) if largest > 0 else flint.arb(1)
+
+
+def _exponent(x: Any) -> int:
+    """Binary exponent of a number that is not zero."""
+    mantissa, exponent = x.mid().man_exp()
+    return int(exponent) + int(mantissa).bit_length()
 
 
 def _log10(bound: Any, bits: int) -> float:
@@ -231,3 +255,29 @@ def _log10(bound: Any, bits: int) -> float:
     if not bound > 0:
         return -bits * _LOG10_2
     return float((bound.log() / flint.arb(10).log()).mid())
+
+
+def has_plain_signs(regressor: LinearForms, rng: np.random.Generator) -> bool:
+    """Whether all signs are those of combinations of speeds, both sides of which random closed states reach.
+
+    A combination is zero at rest, twice as large at twice the speeds, and depends on nothing else.
+    """
+    program = regressor.program
+    needed = program.needed(regressor.entries.values())
+    arguments = [program.lhs[node] for node in needed if program.ops[node] in (Op.SIGN, Op.ABS)]
+    schedule = Schedule(program, arguments)
+    names = {node: program.inputs[node].name for node in schedule.leaves}
+    drawn = {node: rng.standard_normal(1) for node in schedule.leaves}
+    other = {node: rng.standard_normal(1) for node in schedule.leaves}
+    constant = {node for node in schedule.leaves if program.inputs[node].role == "symbol"}
+    moving = {node for node, name in names.items() if name.startswith("qd[")}
+
+    def arguments_at(speeds: float) -> Floats:
+        moved = {node: speeds * drawn[node] for node in moving}
+        fixed = {node: drawn[node] for node in constant}
+        return np.asarray(schedule.run(FloatArithmetic(), {**other, **fixed, **moved}, 1))
+
+    once, twice, rest = arguments_at(1.0), arguments_at(2.0), arguments_at(0.0)
+    other = {node: rng.standard_normal(1) for node in schedule.leaves}
+    elsewhere = arguments_at(1.0)
+    return bool((rest == 0).all() and np.allclose(twice, 2 * once) and np.allclose(elsewhere, once))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -47,6 +47,17 @@ def ball_rows(
     for (row, column), value in zip(forms.entries, found, strict=True):
         table[:, row, column] = value
     return table.reshape(states * forms.shape[0], forms.shape[1])
+
+
+def ball_values(forms: LinearForms, nodes: Sequence[int], at: Mapping[str, str], rng: np.random.Generator) -> Balls:
+    """Values of nodes of the forms' program at one random state, shape (nodes,)."""
+    schedule = Schedule(forms.program, nodes)
+    if forms.loops is None:
+        leaves = _free_states(forms, schedule, at, 1, rng)
+    else:
+        leaves = ClosedBalls(forms.program, forms.loops, at, forms.loops.real(rng, 1)).leaves(schedule, rng)
+    found: Balls = schedule.run(BallArithmetic(), leaves, 1)[:, 0]
+    return found
 
 
 def _free_states(

@@ -28,7 +28,7 @@ from math import log10
 
 import numpy as np
 
-from echelon.base.ball_checks import BallEvidence, check_in_balls
+from echelon.base.ball_checks import BallEvidence, check_in_balls, has_plain_signs
 from echelon.base.matrix import BaseMatrix
 from echelon.base.prime_checks import FEWEST_POINTS, Identity, Minor, check_spanned, find_minor
 from echelon.errors import CertificateError, InputError, UnknownRelationsError
@@ -100,7 +100,8 @@ class Certificate:
         how = f"mod {self.minor_prime}" if self.minor_prime else "in ball arithmetic"
         text = f"rank {self.rank} proved from below by a non-zero minor{where} {how}; completeness X·N = 0 checked "
         text += "; ".join(self._completeness)
-        return f"{text}, {self.regions_note}" if self.regions_note else text
+        text += f", {self.regions_note}" if self.regions_note else ""
+        return f"{text}; not checked: {'; '.join(self.unchecked)}" if self.unchecked else text
 
     @property
     def _completeness(self) -> list[str]:
@@ -141,6 +142,7 @@ class AtStatedValues:
     everywhere: bool  # whether all symbols have a value
     # whether angles are fractions of π such as π/7, whose sines satisfy relations that random residues do not
     fractions_of_pi: bool = False
+    approximate: tuple[str, ...] = ()  # symbols of which only rounded values are known, which count as general
 
     @property
     def says_something(self) -> bool:
@@ -229,7 +231,18 @@ class _Checks:
         missed = [name for column, name in enumerate(matrix.parameters) if column not in reached]
         if missed or minor is None:
             raise CertificateError(f"no check reaches {', '.join(missed[:4]) or 'the representatives'}")
-        regions, note = (0, self._signs_at_random_states) if not self.primes else self.regressor.sampler().signs
+        regions, note = 0, ""
+        if self.primes:
+            sampler = self.regressor.sampler()
+            regions, note = sampler.signs
+            self.unchecked += [sampler.unseen_regions] if sampler.unseen_regions else []
+            if self.stated is None and sampler.sign_constants:
+                names = ", ".join(sampler.sign_constants)
+                self.unchecked.append(f"other signs of what depends on {names}, which decide about regions")
+        elif self._has_signs:
+            note = "signs as they are at random states of all speeds"
+            if not has_plain_signs(self.regressor, self.rng):
+                self.unchecked.append("regions of signs that random closed states do not reach")
         return Certificate(
             matrix.rank,
             seed,
@@ -282,6 +295,9 @@ class _Checks:
             if stated.fractions_of_pi:
                 self._require_in_balls(stated)
             self.at_values = stated.says_something
+            if stated.approximate:
+                self.at_values = False
+                self._minor_in_balls(stated, f"only rounded values are known of {', '.join(stated.approximate)}")
         except (InputError, UnknownRelationsError) as error:  # primes cannot stand for the functions there
             self._take(find_minor(self.regressor, matrix.pivots, self.rng))
             self._minor_in_balls(stated, str(error))
@@ -330,7 +346,9 @@ class _Checks:
         self.degree = identity.sampler.order
         self.log10_error = sum(log10(self.order) - log10(p) for p in primes)
         self.reached[IDENTITY] = formulas
-        if special or rounded:
+        # effects may be so flat at the pose where curves begin that no coefficient shows them
+        effects = regressor.loops is not None and bool(regressor.loops.mechanism.effects)
+        if special or rounded or (effects and stated is not None and stated.everywhere):
             self.at_closed_states(required=bool(self.numbers))
         elif stated is not None:
             self.at_values = stated.says_something
@@ -362,11 +380,11 @@ class _Checks:
         self.reached[BALLS] = others
 
     @property
-    def _signs_at_random_states(self) -> str:
-        """Words about regions of signs where states are random; empty without signs."""
+    def _has_signs(self) -> bool:
+        """Whether signs occur in some entry."""
         program = self.regressor.program
         functions = {program.ops[node] for node in program.needed(self.regressor.entries.values())}
-        return "signs as they are at random states of all speeds" if functions & {Op.SIGN, Op.ABS} else ""
+        return bool(functions & {Op.SIGN, Op.ABS})
 
     # -- all --------------------------------------------------------------------------------------------------------
 

@@ -58,6 +58,7 @@ from echelon.mechanism.sources import Readable, loaded, mechanism_of
 from echelon.mechanism.stated import (
     all_symbols,
     has_values,
+    inexact_symbols,
     largest_denominator,
     stated_values,
     symbol_roles,
@@ -409,4 +410,5 @@ def model_at_stated_values(mechanism: Mechanism, recorded: LinearForms | None = 
 
     values, texts = stated_values(mechanism), value_texts(mechanism, all_symbols(mechanism))
     fractions_of_pi = any(turns for _, _, turns in values.multiples.values())
-    return AtStatedValues(record, texts, bool(values.names), has_values(mechanism), fractions_of_pi)
+    approximate = tuple(sorted(inexact_symbols(mechanism)))
+    return AtStatedValues(record, texts, bool(values.names), has_values(mechanism), fractions_of_pi, approximate)

@@ -31,7 +31,7 @@ from echelon.exact.field import (
     rank,
     substituted,
 )
-from echelon.exact.polynomial import is_trigonometric, multiple_of
+from echelon.exact.polynomial import is_trigonometric, multiple_of, symbol_of
 from echelon.program.schedule import FieldSampler, Size, polynomial_size, size_bound
 from echelon.regressor.linear_forms import LinearForms
 
@@ -144,8 +144,23 @@ class Identity:
                 rows = self.matrix.modulo(symbols, field)
             except DegenerateSampleError:
                 continue
+            self._refuse_other_roles()
             return Point(field, values, dict(zip(self.matrix.pivots, rows, strict=True)))
         raise CertificateError("every random point is singular")
+
+    def _refuse_other_roles(self) -> None:
+        """Refuse a symbol that is an angle in the model and a plain number in the set, or the other way round.
+
+        One residue stands for both, the tangent of half of an angle and the number, so that they would seem related.
+        """
+        circular = {symbol_of(g) for g in self.matrix.generators if is_trigonometric(g)}
+        plain = {g for g in self.matrix.generators if not is_trigonometric(g)}
+        angles = self.sampler.angles
+        numbers = set(self.sampler.symbols) - angles
+        if confused := (plain & (circular | angles)) | (circular & numbers):
+            raise CertificateError(
+                f"'{min(confused)}' is an angle and a plain number at once, in the model and the set"
+            )
 
     def minor(self, point: Point) -> Minor:
         """The largest minor of the representatives at a point."""

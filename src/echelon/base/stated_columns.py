@@ -69,9 +69,11 @@ class StatedColumns:
         needed = self._needed(columns)
         names = {s for relation in needed for s in relation.symbols}
         plain = names <= all_symbols(self.mechanism)  # and not functions of constants, such as exp(k)
-        at = self._stated(names if plain else all_symbols(self.mechanism))
+        used = self._stated(names if plain else all_symbols(self.mechanism))
+        at = value_texts(self.mechanism, all_symbols(self.mechanism))
         meaning = StatedNumbers(tuple(sorted(columns)), at, 0.0)
-        values = self._exact(pairs, needed, meaning) if self._may_be_exact and plain else None
+        known = replace(meaning, at=used).exact(symbol_roles(self.mechanism).angles)
+        values = self._exact(pairs, needed, known) if self._may_be_exact and plain and known is not None else None
         if values is None:
             values, radius = self._from_balls(pairs, needed, at)
             meaning = replace(meaning, radius=radius)
@@ -180,11 +182,10 @@ class StatedColumns:
         found = by_pivots(dense[:, list(self.order)], field)
         return {self.order[k]: {self.order[p]: x for p, x in pivots.items()} for k, pivots in found.items()}
 
-    def _exact(self, pairs: Sequence[Pair], needed: Sequence[Relation], meaning: StatedNumbers) -> list[Number] | None:
-        """Exact values, or None where the stated values have no residues."""
-        values = meaning.exact(symbol_roles(self.mechanism).angles)
-        if values is None:
-            return None
+    def _exact(
+        self, pairs: Sequence[Pair], needed: Sequence[Relation], values: Mapping[str, Number]
+    ) -> list[Number] | None:
+        """Exact values, or None where these are no short fractions."""
 
         def evaluate(field: PrimeField, _: Mapping[str, Residues]) -> Residues:
             geometry = {s: np.array([field.embed(v)], dtype=np.int64) for s, v in values.items()}

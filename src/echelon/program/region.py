@@ -246,6 +246,13 @@ class RegionReport:
     ended: str
     remarks: tuple[str, ...] = ()  # signs of which only one side is known, and constants that were given a value
 
+    @property
+    def unseen(self) -> str:
+        """Words about regions that may add something and were not visited; empty if there are none."""
+        if self.ended == COMPLETE:
+            return ""
+        return f"regions of signs beyond the {self.count} that were visited ({_ENDED[self.ended]})"
+
     def __str__(self) -> str:
         regions = f"in {self.count} region{'s' * (self.count != 1)} of signs"
         if self.ended == COMPLETE:
@@ -277,6 +284,12 @@ class RealPoints:
     def count(self) -> int:
         """Number of regions."""
         return len(self._search.regions)
+
+    @property
+    def constants(self) -> list[str]:
+        """Constants that surfaces depend on, sorted."""
+        drawn = self._constants_used()
+        return sorted(self.program.inputs[n].name for n in self._surfaces.inputs if n in drawn)
 
     @cached_property
     def report(self) -> RegionReport:

@@ -67,6 +67,18 @@ class FunctionSampler(FieldSampler):
             return 0, ""
         return self._region.count, str(self._region.report)
 
+    @property
+    def unseen_regions(self) -> str:
+        """Words about regions of signs that may add something and were not visited; empty if there are none."""
+        if self._region is None or not self._region.has_signs:
+            return ""
+        return self._region.report.unseen
+
+    @property
+    def sign_constants(self) -> list[str]:
+        """Constants that signs depend on, so that regions are those of one value of each."""
+        return self._region.constants if self._region is not None and self._region.has_signs else []
+
     def real_states(self, rng: np.random.Generator, states: int) -> dict[str, Floats]:
         """Real values of inputs by name, at states of all regions in turn; empty where any values will do."""
         if self._region is None:

@@ -215,6 +215,16 @@ class FieldSampler:
         return 0, ""
 
     @property
+    def unseen_regions(self) -> str:
+        """Words about regions of signs that may add something and were not visited; empty if there are none."""
+        return ""
+
+    @property
+    def sign_constants(self) -> list[str]:
+        """Constants that signs depend on, so that regions are those of one value of each."""
+        return []
+
+    @property
     def symbols(self) -> list[str]:
         """Constants that the outputs depend on, sorted."""
         return sorted({self.program.inputs[n].name for n in self._inputs if self._is_symbol(n)} | self.angles)

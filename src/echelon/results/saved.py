@@ -6,7 +6,7 @@ import json
 import os
 import secrets
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from math import isclose
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -30,7 +30,7 @@ from echelon.files import write_atomically
 from echelon.formats.linear_document import linear_document
 from echelon.formats.snapping import ReadingOptions
 from echelon.inputs import parse_json, read_content
-from echelon.mechanism.stated import value_texts
+from echelon.mechanism.stated import all_symbols, value_texts
 from echelon.regressor.linear_forms import virtual_power_form
 from echelon.version import __version__
 
@@ -198,7 +198,7 @@ def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
     certificate = _certificate(record, source)
     model = BaseModel(mechanism, matrix, certificate, record.reading, record.seed, record.special, record.generic)
     _check_derived(record, model, mechanism.name, [output.name for output in mechanism.outputs])
-    if matrix.numbers and matrix.numbers.at != value_texts(mechanism, matrix.numbers.at):
+    if matrix.numbers and matrix.numbers.at != value_texts(mechanism, all_symbols(mechanism)):
         raise CertificateError("'numbers' are for other values than those stated by the model")
     return model
 
@@ -276,6 +276,9 @@ def _check_derived(
     if special and model.rank != (special.generic_rank if model.generic else special.rank):
         raise CertificateError(f"'special' is about another rank than the {model.rank} of the set")
     known = _stated(model) if isinstance(model, BaseModel) else model.model.values
+    largest = getattr(record, "largest_coefficient", None)
+    if isinstance(model, BaseModel) and not _same(largest, model.largest_coefficient):
+        raise CertificateError("'largest_coefficient' contradicts the terms of the base parameters")
     for row, derived in zip(record.base, _base_rows(model, known), strict=True):
         shown = {t.parameter: t.value for t in row.terms}
         true_values = {term["parameter"]: term["value"] for term in derived["terms"]}
@@ -285,10 +288,11 @@ def _check_derived(
 
 
 def _same_values(stated: Mapping[str, float | None], derived: Mapping[str, float | None]) -> bool:
-    def same(a: float | None, b: float | None) -> bool:
-        return a is b if a is None or b is None else isclose(a, b, rel_tol=1e-9, abs_tol=1e-12)
+    return stated.keys() == derived.keys() and all(_same(stated[name], derived[name]) for name in stated)
 
-    return stated.keys() == derived.keys() and all(same(stated[name], derived[name]) for name in stated)
+
+def _same(a: float | None, b: float | None) -> bool:
+    return a is b if a is None or b is None else isclose(a, b, rel_tol=1e-9, abs_tol=1e-12)
 
 
 @public
@@ -427,30 +431,39 @@ def verify(
         at_constants = None if model.generic else linear_at_stated_values(model.model)
         return certify(model.model.regressor, model.matrix, fresh, at_constants)
     modes: tuple[int, ...] = ()
+    doubts = list[str]()
     forms = virtual_power_form(model.mechanism)
     at_values = model_at_stated_values(model.mechanism, forms)
     if model.generic:
         progress("structure at the stated values")
         found = specialised(model.mechanism, random_generator(fresh), at_values, generic=True)
         _check_special(model, found.special)
+        if found.undecided:
+            doubts.append(f"the number at the stated values ({found.undecided})")
     if forms.loops is not None:
         progress("structure")
         structure = find_structure(model.mechanism, np.random.default_rng(recorded.seed))
         forms, modes = structure.on_curves(forms), structure.modes
+        doubts += [structure.doubt] if structure.doubt else []
     stated = None if model.generic else at_values
     progress("repeating the recorded check")
     _compare(recorded, certify(forms, model.matrix, recorded.seed, stated, modes))
     progress("checking every column at new points")
-    return certify(forms, model.matrix, fresh, stated, modes)
+    certificate = certify(forms, model.matrix, fresh, stated, modes)
+    return replace(certificate, unchecked=(*certificate.unchecked, *doubts))
 
 
 def _check_special(model: BaseModel | LinearBase, found: SpecialValues | None) -> None:
     """Refuse a set for general values that does not say what the stated values change."""
-    stated = None if model.special is None else model.special.rank
-    true = None if found is None else found.rank
-    if stated != true:
-        shown = f"only {true} base parameters" if true is not None else f"{model.rank} base parameters as in general"
-        raise CertificateError(f"the set does not say that there are {shown} at the stated values of the symbols")
+    if model.special == found:
+        return
+    if found is None:
+        raise CertificateError("'special' says that the stated values change the answer, which they do not")
+    relations = ", ".join(found.relations)
+    raise CertificateError(
+        f"the set does not say that there are only {found.rank} base parameters at the stated values of the symbols, "
+        f"because {relations}"
+    )
 
 
 def _compare(recorded: Certificate, repeated: Certificate) -> None:

@@ -196,6 +196,11 @@ class CurveSampler(FunctionSampler):
         report = self._closed_regions[1]
         return (report.count, str(report)) if self._sign_leaves else (0, "")
 
+    @property
+    def unseen_regions(self) -> str:
+        """Words about regions of signs that may add something and were not visited; empty if there are none."""
+        return self._closed_regions[1].unseen if self._sign_leaves else ""
+
     @cached_property
     def _closed_regions(self) -> tuple[npt.NDArray[np.int64], RegionReport]:
         """Signs that occur together on closed configurations, (regions, nodes that are signs), and what is said."""
