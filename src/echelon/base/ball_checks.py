@@ -39,6 +39,8 @@ _LOOSEST = 1e-20
 """Relative error of a coefficient beyond which a comparison means nothing."""
 _USUAL_SPAN = 128
 """Binary digits between values that the precision of an attempt is made for."""
+_USUAL_EXPONENT = 48
+"""Binary exponent of constants that, without exponentials, leave values within the usual span."""
 _LARGEST_SPAN = 8192
 """Binary digits between values, above which a set is refused rather than compared for minutes."""
 _FIRM = 1e-9
@@ -136,6 +138,12 @@ class _Check:
         """
         program = self.forms.program
         nodes = program.needed(self.forms.entries.values())
+        constants = [
+            ball(program.constants[n]) for n in nodes if program.ops[n] == Op.CONSTANT and program.constants[n]
+        ]
+        usual = all(abs(_exponent(x)) < _USUAL_EXPONENT for x in constants)
+        if usual and Op.EXP not in {program.ops[n] for n in nodes}:
+            return 0
         with flint.ctx.workprec(_ATTEMPTS[0].bits):
             values = ball_values(self.forms, nodes, self.at, self.rng)
         exponents = [_exponent(x.abs_lower()) for x in values if x.is_finite() and not x.contains(0)]

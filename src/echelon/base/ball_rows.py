@@ -46,7 +46,17 @@ def ball_rows(
     table = np.full((states, *forms.shape), flint.arb(0), dtype=object)
     for (row, column), value in zip(forms.entries, found, strict=True):
         table[:, row, column] = value
-    return table.reshape(states * forms.shape[0], forms.shape[1])
+    return _of_one_size(table.reshape(states * forms.shape[0], forms.shape[1]))
+
+
+def _of_one_size(table: Balls) -> Balls:
+    """Rows divided by powers of two, so that their largest entries are alike at all speeds."""
+    for row in table:
+        largest = max((x.abs_upper() for x in row), default=flint.arb(0))
+        if largest > 0:
+            mantissa, exponent = largest.mid().man_exp()
+            row /= flint.arb(2) ** (int(exponent) + int(mantissa).bit_length())
+    return table
 
 
 def ball_values(forms: LinearForms, nodes: Sequence[int], at: Mapping[str, str], rng: np.random.Generator) -> Balls:

@@ -191,7 +191,7 @@ def base_parameters(
         recorded = virtual_power_form(own)
         stated = model_at_stated_values(own, recorded)
     forms = structure.on_curves(recorded)
-    certificate = certify(forms, matrix, seed, None if generic else stated, structure.modes)
+    certificate = certify(forms, matrix, seed, None if generic else stated, structure.modes, structure.where_modes_meet)
     stated_rank = structure.rank if found.special is None else found.special.rank
     reading = report_reading(mechanism, stated_rank, rng, recorded, None if generic else matrix)
     if matrix is not classical:

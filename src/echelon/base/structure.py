@@ -101,6 +101,11 @@ class Structure:
     @property
     def doubt(self) -> str:
         """What speaks against the rank; empty if nothing does."""
+        return self.where_modes_meet or (self.balls.doubt if self.balls else "")
+
+    @property
+    def where_modes_meet(self) -> str:
+        """What a singular assembly pose leaves open; empty if it is regular."""
         if self.singular:
             ranks = ", ".join(map(str, sorted(set(self.modes))))
             taken = f"the lowest rank that was seen was taken ({ranks})" if ranks else "what shows near it was counted"
@@ -108,7 +113,7 @@ class Structure:
                 "the assembly pose is singular: more motions are possible there than near it, and ways of assembly may "
                 f"meet; {taken}: state a pose away from it"
             )
-        return self.balls.doubt if self.balls else ""
+        return ""
 
     def on_curves(self, forms: LinearForms) -> LinearForms:
         """Forms with loops where the structure holds: in its assembly mode, with as many coefficients as show it.

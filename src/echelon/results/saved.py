@@ -431,7 +431,7 @@ def verify(
         at_constants = None if model.generic else linear_at_stated_values(model.model)
         return certify(model.model.regressor, model.matrix, fresh, at_constants)
     modes: tuple[int, ...] = ()
-    doubts = list[str]()
+    doubts, singular = list[str](), ""
     forms = virtual_power_form(model.mechanism)
     at_values = model_at_stated_values(model.mechanism, forms)
     if model.generic:
@@ -444,12 +444,13 @@ def verify(
         progress("structure")
         structure = find_structure(model.mechanism, np.random.default_rng(recorded.seed))
         forms, modes = structure.on_curves(forms), structure.modes
-        doubts += [structure.doubt] if structure.doubt else []
+        singular = structure.where_modes_meet
+        doubts += [structure.doubt] if structure.doubt and not singular else []
     stated = None if model.generic else at_values
     progress("repeating the recorded check")
-    _compare(recorded, certify(forms, model.matrix, recorded.seed, stated, modes))
+    _compare(recorded, certify(forms, model.matrix, recorded.seed, stated, modes, singular))
     progress("checking every column at new points")
-    certificate = certify(forms, model.matrix, fresh, stated, modes)
+    certificate = certify(forms, model.matrix, fresh, stated, modes, singular)
     return replace(certificate, unchecked=(*certificate.unchecked, *doubts))
 
 

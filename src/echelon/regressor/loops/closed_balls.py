@@ -148,6 +148,11 @@ class ClosedBalls:
         return flint.arb(1)
 
     @property
+    def _fastest(self) -> int:
+        """Doublings of speeds that are tried: none where exponentials would vanish or overflow."""
+        return 0 if Op.EXP in self.program.ops else _MOST_DOUBLINGS
+
+    @property
     def _has_signs(self) -> bool:
         """Whether signs of speeds may occur, as of friction or dead zones."""
         return not {Op.SIGN, Op.ABS}.isdisjoint(self.program.ops)
@@ -157,7 +162,7 @@ class ClosedBalls:
         there, chosen = self.poses
         jacobian, q = self._closure(there, self._names)[1], {name: np.tile(x, motions) for name, x in there.items()}
         shape, count = (len(self._names), motions, len(chosen)), motions * len(chosen)
-        pace = self._pace * _all_speeds(rng, shape[1:]) if self._has_signs else self._pace
+        pace = self._pace * _all_speeds(rng, shape[1:], self._fastest) if self._has_signs else self._pace
         rates = _zeros(shape) if at_rest else jacobian.completed(chosen, random_balls(rng, shape) * pace)
         values = _inputs("q", q) | _inputs("qd", _flat(self._names, rates))
         if any(name.startswith("qdd[") for name in names):
@@ -311,9 +316,9 @@ def _power_of_two(exponent: int) -> Any:
     return flint.arb(2) ** exponent
 
 
-def _all_speeds(rng: np.random.Generator, shape: tuple[int, ...]) -> Balls:
-    """Random powers of two of all magnitudes, which take speeds beyond dead zones and limits on either side."""
-    powers = rng.integers(-_MOST_DOUBLINGS, _MOST_DOUBLINGS + 1, size=shape)
+def _all_speeds(rng: np.random.Generator, shape: tuple[int, ...], fastest: int) -> Balls:
+    """Random powers of two, which take half of the speeds beyond dead zones and limits on either side."""
+    powers = rng.integers(-_MOST_DOUBLINGS, fastest + 1, size=shape) * rng.integers(2, size=shape)
     return np.asarray(np.frompyfunc(lambda n: _power_of_two(int(n)), 1, 1)(powers))
 
 

@@ -1,0 +1,161 @@
+"""Sets that were made to deceive the checks themselves: each is refused, or named as not checked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+import echelon as ec
+from echelon.base.certificate import Certificate, certify
+from echelon.base.derive import model_at_stated_values
+from echelon.base.matrix import StatedNumbers
+from echelon.exact.expressions import parse
+from echelon.exact.polynomial import Polynomial
+from echelon.exact.rational import RationalFunction
+from echelon.formats.snapping import ReadingOptions
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.stated import all_symbols, value_texts
+from echelon.regressor.linear_forms import virtual_power_form
+from echelon.results.saved import from_json, to_json
+from support.descriptions import read_description
+
+ARM = """symbols: {l1: 0.5, alpha: 0.3, k: -1}
+modified_dh: [{joint: revolute}, {joint: revolute, alpha: alpha, a: l1}]
+effects: [{parameter: P, unit: N·m, acts: [{at: j1, term: '%s'}]}]
+"""
+FOUR_BAR = """gravity: [0, -9.81, 0]
+bodies:
+  - {name: crank, joint: {type: revolute, axis: z}}
+  - {name: coupler, parent: crank, joint: {type: revolute, axis: z, origin: {xyz: [0, 0.3, 0]}}}
+  - {name: rocker, joint: {type: revolute, axis: z, origin: {xyz: [0.7, 0, 0]}}}
+loops:
+  - {joint: revolute, connects: [coupler, rocker], at: {xyz: [0.6, 0.2, 0]}, on_second: {xyz: [-0.1, 0.5, 0]}, axis: z}
+effects:
+  - {parameter: P, unit: N·m, acts: [{at: crank, term: '%s'}]}
+  - {parameter: Q, unit: N·m, acts: [{at: crank, term: '%s'}]}
+"""
+
+
+def robot(text: str) -> Mechanism:
+    return read_description(f"echelon: 1\nname: robot\n{text}", "robot.yaml", ReadingOptions())
+
+
+def verified(model: ec.BaseModel) -> Certificate:
+    """The certificate of a set that is given one as `derive` would, saved, and read back."""
+    stated = None if model.generic else model_at_stated_values(model.mechanism)
+    own = certify(virtual_power_form(model.mechanism), model.matrix, model.seed, stated)
+    return ec.verify(from_json(to_json(replace(model, certificate=own))))
+
+
+def rewritten(model: ec.BaseModel, change: Callable[[RationalFunction], RationalFunction]) -> ec.BaseModel:
+    rows = tuple({c: change(value) for c, value in row.items()} for row in model.matrix.rows)
+    return replace(model, matrix=replace(model.matrix, rows=rows))
+
+
+HALF_TANGENTS: dict[str, dict[str, str]] = {
+    "an angle as a number": {"cos(alpha)": "(1 - alpha^2)/(1 + alpha^2)", "sin(alpha)": "2*alpha/(1 + alpha^2)"},
+    "a length as an angle": {"l1": "sin(l1)/(1 + cos(l1))"},
+}
+
+
+@pytest.mark.parametrize("case", HALF_TANGENTS)
+def test_one_residue_does_not_stand_for_an_angle_and_a_number(case: str) -> None:
+    """cos(alpha) is (1 - t²)/(1 + t²) for t = tan(alpha/2), and not for t = alpha."""
+
+    def quotient(text: str) -> RationalFunction:
+        above, _, below = text.partition("/")
+        return RationalFunction(parse(above), parse(below or "1"))
+
+    others = {name: quotient(text) for name, text in HALF_TANGENTS[case].items()}
+
+    def change(value: RationalFunction) -> RationalFunction:
+        known = {g: others.get(g, RationalFunction(Polynomial.generator(g))) for g in value.generators()}
+        return value.evaluate(known, RationalFunction)
+
+    with pytest.raises(ec.CertificateError, match="an angle and a plain number"):
+        verified(rewritten(ec.base_parameters(robot(ARM % "qd")), change))
+
+
+@pytest.mark.parametrize("term", ["sin(q)^40", "(1 - cos(q))^20", "qd*sin(q)^30"])
+def test_effects_that_are_flat_at_the_pose_are_not_passed_over(term: str) -> None:
+    """No coefficient along a curve from q = 0 shows them up to order 25."""
+    with pytest.raises(ec.CertificateError, match="effect of Q"):
+        ec.base_parameters(robot(FOUR_BAR % ("qd", term)))
+
+
+def in_balls(model: ec.BaseModel, column: str, representative: str) -> ec.BaseModel:
+    """A column said to equal another one, in a model that is said to close in ball arithmetic only."""
+    place = model.parameters.index
+    dropped = place(column)
+    rows = {p: dict(row) for p, row in zip(model.matrix.pivots, model.matrix.rows, strict=True) if p != dropped}
+    rows[place(representative)][dropped] = RationalFunction(1)
+    values = model.B_float()
+    for i, pivot in enumerate(model.matrix.pivots):
+        for c in model.matrix.rows[i].keys() & rows.get(pivot, {}).keys():
+            assert float(values[i, c]) == pytest.approx(float(model.matrix.rows[i][c].evaluate({}, float)))
+    others = tuple(c for c in range(len(model.parameters)) if c not in rows)
+    at = value_texts(model.mechanism, all_symbols(model.mechanism))
+    pivots = tuple(p for p in model.matrix.order if p in rows)
+    matrix = replace(
+        model.matrix, pivots=pivots, rows=tuple(rows[p] for p in pivots), numbers=StatedNumbers(others, at, 1e-35)
+    )
+    return replace(model, mechanism=replace(model.mechanism, closed_in_balls=True), matrix=matrix)
+
+
+def test_tiny_terms_are_not_lost_beside_others_in_ball_arithmetic() -> None:
+    base = ec.base_parameters(robot(FOUR_BAR % ("qd", "qd + 1e-200*q")))
+    with pytest.raises(ec.CertificateError, match="effect of Q"):
+        verified(in_balls(base, "Q", "P"))
+
+
+def test_regions_that_closed_states_hardly_meet_are_named() -> None:
+    base = ec.base_parameters(robot(FOUR_BAR % ("sign(q)", "sign(q - 1e-3)")))
+    try:
+        found = verified(in_balls(base, "Q", "P"))
+    except ec.CertificateError:
+        return
+    assert any("regions of signs" in what for what in found.unchecked)
+
+
+def test_friction_in_loops_is_checked_as_a_whole() -> None:
+    """Both signs of speeds are met at random closed states."""
+    for found in (
+        ec.base_parameters(robot(FOUR_BAR % ("qd", "sign(qd)"))),
+        ec.base_parameters(replace(robot(FOUR_BAR % ("qd", "sign(qd)")), closed_in_balls=True)),
+    ):
+        assert ec.verify(found).unchecked == ()
+
+
+def test_regions_that_no_search_reaches_are_named() -> None:
+    base = ec.base_parameters(robot(ARM % "max(exp(-1e6*(q - 0.234)^2) - 0.5, 0)"))
+    assert any("regions of signs" in what for what in ec.verify(base).unchecked)
+
+
+def test_signs_of_constants_are_not_general() -> None:
+    """max(k, 0) is nothing at k = -1, and something in general."""
+    base = ec.base_parameters(robot(ARM % "max(k, 0)*qd"), generic=True)
+    assert any("depends on k" in what for what in ec.verify(base).unchecked)
+
+
+@pytest.mark.parametrize("pose", ["crank: 1e-9, coupler: -1e-9, rocker: 1e-9", "crank: 0, coupler: 0, rocker: 0"])
+def test_a_flat_parallelogram_is_not_valid_as_a_whole(pose: str) -> None:
+    """Two ways of assembly meet there."""
+    text = f"""symbols: {{l1: 0.4, l2: 0.15, l3: 0.4, l4: 0.15}}
+gravity: [0, -9.81, 0]
+bodies:
+  - {{name: crank, joint: {{type: revolute, axis: z}}}}
+  - {{name: coupler, parent: crank, joint: {{type: revolute, axis: z, origin: {{xyz: [l2, 0, 0]}}}}}}
+  - {{name: rocker, joint: {{type: revolute, axis: z, origin: {{xyz: [l1, 0, 0]}}}}}}
+loops:
+  - {{joint: revolute, connects: [coupler, rocker], at: {{xyz: [l3, 0, 0]}}, on_second: {{xyz: [l4, 0, 0]}}, axis: z}}
+assembly: {{{pose}}}
+"""
+    assert any("singular" in what for what in ec.verify(ec.base_parameters(robot(text))).unchecked)
+
+
+def test_a_largest_coefficient_that_is_another_is_refused() -> None:
+    text = to_json(ec.base_parameters(robot(ARM % "qd")))
+    with pytest.raises(ec.CertificateError, match="largest_coefficient"):
+        from_json(text.replace('"largest_coefficient": 1.0', '"largest_coefficient": 1000000000.0'))
