@@ -358,9 +358,10 @@ class _Checks:
         # effects may be so flat at the pose where curves begin that no coefficient shows them
         effects = regressor.loops is not None and bool(regressor.loops.mechanism.effects)
         compared = special or rounded or (effects and stated is not None and stated.everywhere)
-        if compared and not rounded and self._has_signs and not has_plain_signs(regressor, self.rng):
+        hidden = compared and self._has_signs and not has_plain_signs(regressor, self.rng)
+        if hidden:
             self.unchecked.append("real closed states, of which random ones do not reach all regions of signs")
-        elif compared and (rounded or not self.doubt):
+        if compared and (rounded or not (hidden or self.doubt)):
             self.at_closed_states(required=bool(self.numbers))
         elif stated is not None:
             self.at_values = stated.says_something
