@@ -167,7 +167,10 @@ MISTAKES: dict[str, tuple[Callable[[Case], object], str]] = {
         r"of each kind; got q \(5, 3\), qd \(11, 3\)",
     ),
     "axes": (lambda c: c.base.regressor(*(a[:, None] for a in c.state)), r"got q \(11, 1, 3\), qd \(11, 1, 3\)"),
-    "text": (lambda c: c.base.regressor([["a"] * 3], c.qd, c.qdd), "q holds <U1 values; expected real numbers"),
+    "text": (
+        lambda c: c.base.regressor([["a"] * 3], c.qd, c.qdd),
+        "argument 'q' of regressor: needs an array of numbers",
+    ),
     "parameters": (lambda c: c.base.predict(*c.state, c.values[1:]), r"parameters has shape \(7,\); expected \(8,\)"),
     "no threads": (lambda c: c.base.regressor(*c.state, threads=0), "threads is 0; expected at least 1"),
 }

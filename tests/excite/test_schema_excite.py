@@ -172,7 +172,7 @@ def test_numbers_of_python_are_accepted() -> None:
         ("{duration: 0}", "excitation.duration: Input should be greater than 0"),
         ("{rate: inf}", "excitation.rate: 'inf' is not a finite number"),
         ("{rate: l1}", "excitation.rate: needs a number or an expression of numbers and pi, found 'l1'"),
-        ("{rate: 10/0}", "only division by a non-zero number is possible"),
+        ("{rate: 10/0}", "only division by a non-zero number"),
         ("{rate: 1e999}", "'1e999' is beyond the range of double precision"),
         ("{rate: true}", "excitation.rate: needs a number or an expression of numbers and pi, found 'true'"),
         ("{rate: }", "excitation.rate: needs a number such as 0.5 or 2*pi, found nothing"),

@@ -47,7 +47,7 @@ LOOP = (ROOT / "examples" / "loops" / "four_bar.yaml").read_text(encoding="utf-8
 LINEAR = (ROOT / "examples" / "linear" / "arrhenius.yaml").read_text(encoding="utf-8")
 CLAIMED = "ZZ1 + l1^2*M2\nMX1 + l1*M2\nMY1\nZZ2\nMX2\n"
 LANGUAGES = ("c", "cpp", "cuda", "python", "jax", "casadi", "matlab", "julia", "rust")
-SCHEMAS = ("description", "base-model", "identified", "trajectory")
+SCHEMAS = ("description", "base-model", "linear-base", "identified", "trajectory")
 
 COMMANDS = {
     "text": "derive arm.yaml",

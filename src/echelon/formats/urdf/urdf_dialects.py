@@ -42,7 +42,7 @@ _X: Triple = (1, 0, 0)
 _POSE_NUMBERS = 6
 
 
-class Loops(ExactXml):
+class UrdfLoops(ExactXml):
     """The closures that a URDF document states."""
 
     def __init__(self, root: Any, source: str, position: Mapping[str, int]) -> None:

@@ -27,7 +27,7 @@ from echelon.formats.literal import (
     numeric_placement,
 )
 from echelon.formats.urdf.exact_xml import ExactXml
-from echelon.formats.urdf.urdf_dialects import LOOP_KINDS, WITHOUT_AXIS, Couplings, Loops, independence
+from echelon.formats.urdf.urdf_dialects import LOOP_KINDS, WITHOUT_AXIS, Couplings, UrdfLoops, independence
 from echelon.formats.urdf.urdf_vocabulary import URDF
 from echelon.formats.vocabulary import unread
 from echelon.hints import in_quotes
@@ -75,7 +75,7 @@ class UrdfReader(ExactXml):
             raise self.error(f"{problem}: {self._cut(parents, lost[0])}")
         position = {name: i for i, name in enumerate(order)}
         links = tuple(self._link(name, parents.get(name), position) for name in order)
-        closures = tuple(Loops(self.root, self.source, position).closures())
+        closures = tuple(UrdfLoops(self.root, self.source, position).closures())
         independent = independence(self.joints, lambda element, problem: self.error(problem, element))
         couplings = (*self._couplings(), *self._relations(parents, independent)) if mimics else ()
         has_mimics = any(joint.find("mimic") is not None for joint in self.joints.values())
