@@ -410,5 +410,6 @@ def model_at_stated_values(mechanism: Mechanism, recorded: LinearForms | None = 
 
     values, texts = stated_values(mechanism), value_texts(mechanism, all_symbols(mechanism))
     fractions_of_pi = any(turns for _, _, turns in values.multiples.values())
-    approximate = tuple(sorted(inexact_symbols(mechanism)))
+    rounded = [name for name in inexact_symbols(mechanism) if mechanism.symbols[name].tangent_squared is None]
+    approximate = tuple(sorted(rounded))
     return AtStatedValues(record, texts, bool(values.names), has_values(mechanism), fractions_of_pi, approximate)
