@@ -57,6 +57,8 @@ class _Attempt:
     times: int  # as many rows as are needed, that many times
 
 
+_MINOR_ONLY = _Attempt(128, share_poses=True, times=1)
+"""The first attempt where no coefficients are compared."""
 _ATTEMPTS = (
     _Attempt(512, share_poses=True, times=1),
     _Attempt(512, share_poses=False, times=2),
@@ -106,7 +108,7 @@ def check_in_balls(
     span = check.bits_of_span()
     if span > _LARGEST_SPAN:
         raise CertificateError(f"values in the model span {span} binary digits, too many to compare them")
-    for attempt in _ATTEMPTS:
+    for attempt in _ATTEMPTS if columns else (_MINOR_ONLY, *_ATTEMPTS):
         attempt = replace(attempt, bits=attempt.bits + span)
         with flint.ctx.workprec(attempt.bits):
             evidence = check.evidence(attempt)

@@ -303,10 +303,7 @@ class _Checks:
             self._take(find_minor(stated.forms, matrix.pivots, self.rng))
             if stated.fractions_of_pi:
                 self._require_in_balls(stated)
-            self.at_values = stated.says_something
-            if stated.approximate:
-                self.at_values = False
-                self._minor_in_balls(stated, f"only rounded values are known of {', '.join(stated.approximate)}")
+            self.at_values = stated.says_something and not stated.approximate
         except (InputError, UnknownRelationsError) as error:  # primes cannot stand for the functions there
             self._take(find_minor(self.regressor, matrix.pivots, self.rng))
             self._minor_in_balls(stated, str(error))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from echelon.base.ball_checks import check_in_balls
 from echelon.base.certificate import Certificate, certify
 from echelon.base.derive import model_at_stated_values, silent, specialised
 from echelon.base.linear_base import LinearBase, definitions_in, linear_special
@@ -451,6 +452,14 @@ def verify(
     _compare(recorded, certify(forms, model.matrix, recorded.seed, stated, modes, singular))
     progress("checking every column at new points")
     certificate = certify(forms, model.matrix, fresh, stated, modes, singular)
+    if stated is not None and stated.approximate and forms.loops is None:
+        progress("minor at rounded values")
+        try:
+            check_in_balls(forms, model.matrix, (), stated.texts, random_generator(fresh))
+        except CertificateError as error:
+            doubts.append(f"independence at the rounded values of {', '.join(stated.approximate)} ({error})")
+        else:
+            certificate = replace(certificate, at_values=True)
     return replace(certificate, unchecked=(*certificate.unchecked, *doubts))
 
 
