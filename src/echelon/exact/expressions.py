@@ -201,6 +201,7 @@ class _Reader:
 
     def __init__(self, text: str, symbols: Collection[str] | None) -> None:
         self.text, self.symbols = text, symbols
+        self._bytes = text.encode()  # the offsets in a syntax tree are those of bytes
 
     def read(self, node: ast.expr) -> Polynomial:
         match node:
@@ -218,8 +219,14 @@ class _Reader:
                 return self._call(name, self.read(argument))
         raise ValueError(f"'{ast.get_source_segment(self.text, node)}' is not allowed in an expression")
 
+    def _source(self, node: ast.Constant) -> str:
+        """The text of a node; of long expressions in one line without a look at all of it."""
+        if node.end_lineno == 1 and node.end_col_offset is not None:
+            return self._bytes[node.col_offset : node.end_col_offset].decode()
+        return ast.get_source_segment(self.text, node) or ""
+
     def _number(self, node: ast.Constant) -> Polynomial:
-        literal = ast.get_source_segment(self.text, node) or ""
+        literal = self._source(node)
         if literal.isdecimal() and len(literal) <= _LONGEST_DECIMAL:  # parts of quotients may be beyond all doubles
             return Polynomial.constant(int(literal))
         return Polynomial.constant(parse_decimal(literal))

@@ -7,6 +7,7 @@ import os
 import secrets
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, fields, replace
+from functools import cache
 from math import isclose
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -212,8 +213,8 @@ def _matrix(record: BaseModelRecord | LinearBaseRecord, parameters: Sequence[str
     stated = record.numbers
     numbers = None
     try:
-        parsed = _parser(getattr(record, "definitions", {}))
-        rows = tuple(_row(row, column, parsed) for row in record.base)
+        read = _coefficients(getattr(record, "definitions", {}))
+        rows = tuple(_row(row, column, read) for row in record.base)
         pivots = tuple(column[row.name] for row in record.base)
         order = tuple(column[name] for name in record.order)
         if stated is not None:
@@ -237,6 +238,20 @@ def _certificate(record: BaseModelRecord | LinearBaseRecord, source: str) -> Cer
         raise InputError("primes are decimal numbers", source=source, element="certificate") from None
 
 
+def _coefficients(names: Collection[str]) -> Callable[[str, str], RationalFunction]:
+    """A reader of quotients, given by numerator and denominator, each of which is read once wherever it stands.
+
+    Some names, such as ``log[T0]``, are symbols though no identifiers.
+    """
+    parsed = _parser(names)
+
+    @cache
+    def quotient(above: str, below: str) -> RationalFunction:
+        return RationalFunction(parsed(above), parsed(below))
+
+    return quotient
+
+
 def _parser(names: Collection[str]) -> Callable[[str], Polynomial]:
     """A reader of expressions in which some names, such as ``log[T0]``, are symbols though no identifiers."""
     stand_ins = {name: f"definition_{k}_of_{len(names)}" for k, name in enumerate(sorted(names, key=len, reverse=True))}
@@ -254,9 +269,9 @@ def _parser(names: Collection[str]) -> Callable[[str], Polynomial]:
 
 
 def _row(
-    record: BaseParameterRecord, column: Mapping[str, int], parsed: Callable[[str], Polynomial]
+    record: BaseParameterRecord, column: Mapping[str, int], read: Callable[[str, str], RationalFunction]
 ) -> dict[int, RationalFunction]:
-    row = {column[t.parameter]: RationalFunction(parsed(t.coefficient), parsed(t.denominator)) for t in record.terms}
+    row = {column[t.parameter]: read(t.coefficient, t.denominator) for t in record.terms}
     if not all(row.values()):
         raise CertificateError(f"a coefficient in {record.name} is zero")
     if len(row) < len(record.terms):
