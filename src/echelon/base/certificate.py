@@ -120,10 +120,9 @@ class Certificate:
         if len(self.modes) > 1:
             modes = ", ".join(map(str, self.modes))
             found.append(f"for the assembly mode of the stated pose (modes with {modes} were found)")
-        in_balls = self.log10_residual is not None
-        exact = "" if in_balls else ", exactly"
         if self.numbers and not self.in_balls:
-            found.append(f"{self.numbers} columns of numbers at the stated values only{exact}")
+            exactly = ", exactly" if self.log10_residual is None else ""
+            found.append(f"{self.numbers} columns of numbers at the stated values only{exactly}")
         if self.log10_residual is not None:
             closed = "closed states" if self.order or self.in_balls else "states"
             found.append(
@@ -358,9 +357,9 @@ class _Checks:
         hidden = compared and self._has_signs and not has_plain_signs(regressor, self.rng)
         if hidden:
             self.unchecked.append("real closed states, of which random ones do not reach all regions of signs")
-        if compared and (rounded or not (hidden or self.doubt)):
+        if compared and (self.numbers or not (hidden or self.doubt)):
             self.at_closed_states(required=bool(self.numbers))
-        elif stated is not None:
+        elif stated is not None and not compared:
             self.at_values = stated.says_something
 
     def in_balls_only(self) -> None:
