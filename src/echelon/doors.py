@@ -92,7 +92,7 @@ class _Door:
 
     @cached_property
     def kinds(self) -> dict[str, Kind]:
-        """What each argument must be."""
+        """The check of each argument."""
         given = signature(self.function).parameters.values()
         named = [p for p in given if p.kind not in (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD)]
         found = {p.name: self._kind(p.annotation) for p in named if p.annotation is not Parameter.empty}
@@ -120,14 +120,14 @@ class _Door:
 
 @dataclass(frozen=True)
 class Kind:
-    """What an annotation accepts, and what that is called."""
+    """Check and description of the values that an annotation accepts."""
 
     words: str
     accepts: Callable[[Any], bool]
 
 
 def kind_of(annotation: Any) -> Kind | None:
-    """What an annotation means; None where it accepts everything."""
+    """The check of an annotation; None where it accepts everything."""
     if annotation is Any or annotation is object:
         return None
     origin, parts = get_origin(annotation), get_args(annotation)

@@ -139,7 +139,7 @@ def check_distinct(names: Iterable[str], what: str) -> None:
 
 
 def skeleton(name: str) -> str:
-    """What a name looks like: names that look the same have the same skeleton.
+    """Skeleton of a name, which names that look the same share.
 
     >>> skeleton("Μ2"), skeleton("left  arm"), skeleton("α2")
     ('M2', 'left arm', 'α2')

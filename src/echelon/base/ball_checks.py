@@ -69,7 +69,7 @@ _ATTEMPTS = (
 
 @dataclass(frozen=True)
 class BallEvidence:
-    """What showed that columns are the claimed combinations of independent ones."""
+    """Evidence that columns are the claimed combinations of independent ones."""
 
     states: int  # real states whose rows determine the coefficients
     log10_residual: float  # bound on what is left in further rows, beside the largest entry of the column
@@ -152,7 +152,7 @@ class _Check:
         return max(0, max(exponents, default=0) - min(exponents, default=0) - _USUAL_SPAN)
 
     def evidence(self, attempt: _Attempt) -> BallEvidence | None:
-        """What one attempt shows; None if it does not tell."""
+        """Evidence of one attempt; None if it does not tell."""
         rank, bits = self.matrix.rank, attempt.bits
         try:
             table, states = self._rows(attempt)

@@ -161,7 +161,7 @@ def firm_first(
 def reconstruction_error(
     mechanism: Mechanism, forms: LinearForms, pivots: Sequence[int], matrix: Floats, rng: np.random.Generator
 ) -> float:
-    """What X̄ B misses of X at random states of a mechanism without loops: the most of any column, relative to it."""
+    """Largest share of a column of X that X̄ B misses at random states of a mechanism without loops."""
     stacked, rounding = _at_states(mechanism, forms, rng, _FEWEST_ROWS, None)
     missed = np.linalg.norm(stacked - stacked[:, list(pivots)] @ matrix, axis=0)
     sizes = np.linalg.norm(stacked, axis=0)

@@ -105,7 +105,7 @@ class Structure:
 
     @property
     def where_modes_meet(self) -> str:
-        """What a singular assembly pose leaves open; empty if it is regular."""
+        """Doubt about a singular assembly pose; empty if it is regular."""
         if self.singular:
             ranks = ", ".join(map(str, sorted(set(self.modes))))
             taken = f"the lowest rank that was seen was taken ({ranks})" if ranks else "what shows near it was counted"

@@ -25,7 +25,7 @@ _OF_XML = ("xmlns", "xmlns:", "xml:", "xsi:")  # how attributes begin that are a
 
 
 class Otherwise(Enum):
-    """What becomes of a name that an element's vocabulary does not have."""
+    """Fate of a name that an element's vocabulary does not have."""
 
     REFUSED = "refused"
     LISTED = "listed"
@@ -46,7 +46,7 @@ class Element:
     advice: Mapping[str, str] = field(default_factory=dict)
 
     def fate(self, name: str) -> Otherwise | None:
-        """What becomes of a name; None if it is read."""
+        """Fate of a name; None if it is read."""
         if name in self.inside or name.removeprefix("@") in self.attributes.split():
             return None
         if name in self.harmless.split():

@@ -42,7 +42,7 @@ def mechanism_of(source: Mechanism | Readable) -> Mechanism:
 
 
 def loaded(source: Any) -> Any:
-    """What a path, a name or a text stands for; refuses everything else."""
+    """The model that a path, a name or a text stands for; everything else is refused."""
     import echelon  # the face knows where files are read; this room does not
 
     return echelon.load_model(source)

@@ -287,7 +287,7 @@ def _comments(title: str, texts: Sequence[str]) -> list[str]:
 
 
 def _trial(body: str, folder: Path, paths: Sequence[Path]) -> tuple[tuple[str, ...], bool]:
-    """What reading the logs with the set-up shows, and whether they can be read."""
+    """Findings of reading the logs with the set-up, and whether they can be read."""
     try:
         setup = load_setup(RobotFile(body.encode(), "setup.yaml", True, folder))
         lines = []

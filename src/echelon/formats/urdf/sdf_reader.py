@@ -389,7 +389,7 @@ class _Reader(_Frames):
         return tuple(reversed(motions) if backwards else motions)
 
     def _pitch(self, joint: _Joint) -> Polynomial:
-        """How far a screw travels along its axis, m/rad."""
+        """Travel of a screw along its axis, m/rad."""
         per_turn, old = (joint.data.findtext(tag) for tag in ("screw_thread_pitch", "thread_pitch"))
         if per_turn is None and old is not None:  # radians per metre, positive for a left-handed thread
             radians = self.number(old, f"{joint.element} thread_pitch")

@@ -142,7 +142,7 @@ class UrdfReader(ExactXml):
         return self.error(f"{problem}: {self._beside(name)}", f"joint '{name}'")
 
     def _cut(self, parents: dict[str, str], link: str) -> str:
-        """What to do about a cycle above a link: which of its joints a description can state as a loop."""
+        """Advice about a cycle above a link: the joint that a description can state as a loop."""
         seen: list[str] = []
         while link not in seen:
             seen.append(link)
