@@ -11,6 +11,7 @@ import pytest
 import echelon as ec
 from echelon.logs.columns.by_values import with_units
 from echelon.logs.columns.column_map import Channel
+from echelon.logs.columns.column_names import meaning
 from echelon.logs.columns.conversion import recording
 from echelon.logs.files.log_file import Table
 from support.column_maps import MOTORS, PENDULUM, TX40, guess_columns, random_columns
@@ -225,3 +226,9 @@ def test_outputs_may_be_missing_where_they_are_not_needed() -> None:
     found = guess_columns(["t", "q1", "q2", "qd1", "qd2", "qd_ref1"], PENDULUM, outputs=False)
     assert not found.outputs
     assert list(found.velocities) == ["j1", "j2"]
+
+
+def test_numbers_of_thousands_of_digits_are_no_joints() -> None:
+    """Python refuses to read them as integers."""
+    assert meaning("q_" + "7" * 5000, {}) is None
+    assert meaning("q_7", {}) is not None
