@@ -33,6 +33,7 @@ from echelon.base.matrix import BaseMatrix
 from echelon.base.prime_checks import FEWEST_POINTS, Identity, Minor, check_spanned, find_minor
 from echelon.errors import CertificateError, InputError, UnknownRelationsError
 from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, random_generator
+from echelon.mechanism.stated import StatedValues
 from echelon.program.operations import Op
 from echelon.regressor.linear_forms import LinearForms
 from echelon.regressor.loops.curves import CurveSampler
@@ -142,11 +143,28 @@ class AtStatedValues:
     # whether angles are fractions of π such as π/7, whose sines satisfy relations that random residues do not
     fractions_of_pi: bool = False
     approximate: tuple[str, ...] = ()  # symbols of which only rounded values are known, which count as general
+    # X for general values and values to draw there, where that is the same as recording it with these put in
+    drawn: tuple[LinearForms, StatedValues] | None = None
 
     @property
     def says_something(self) -> bool:
         """Whether it is a robot at hand, and not one of which no symbol has a value."""
         return self.special or self.everywhere
+
+    def minor(self, columns: tuple[int, ...], rng: np.random.Generator) -> Minor:
+        """A non-zero minor of some columns at the values.
+
+        Raises
+        ------
+        InputError
+            If an entry divides by zero there.
+        UnknownRelationsError
+            If finite fields cannot stand for the functions there.
+        """
+        if self.drawn is None:
+            return find_minor(self.forms, columns, rng)
+        forms, values = self.drawn
+        return find_minor(forms, columns, rng, values)
 
     @cached_property
     def forms(self) -> LinearForms:
@@ -299,7 +317,7 @@ class _Checks:
             self._take(find_minor(self.regressor, matrix.pivots, self.rng))
             return
         try:
-            self._take(find_minor(stated.forms, matrix.pivots, self.rng))
+            self._take(stated.minor(matrix.pivots, self.rng))
             if stated.fractions_of_pi:
                 self._require_in_balls(stated)
             self.at_values = stated.says_something and not stated.approximate

@@ -25,7 +25,6 @@ from echelon.base.matrix import BaseMatrix, column_order, reordered
 from echelon.base.model import BaseModel
 from echelon.base.modes import alike
 from echelon.base.numeric_ranks import firm_first
-from echelon.base.prime_checks import find_minor
 from echelon.base.reading_report import doubt_of_loops, report_reading
 from echelon.base.stated_columns import StatedColumns
 from echelon.base.stated_values import RelationSearch, SpecialValues, at_stated_values
@@ -387,7 +386,7 @@ def _is_general_with_loops(mechanism: Mechanism, structure: Structure, rng: np.r
 def _is_general(structure: Structure, stated: AtStatedValues, rng: np.random.Generator) -> bool:
     """Whether the general representatives are proved independent at the stated values."""
     try:
-        return find_minor(stated.forms, structure.pivots, rng).rank == structure.rank
+        return stated.minor(structure.pivots, rng).rank == structure.rank
     except (InputError, UnknownRelationsError):  # what that means is found with the structure there
         return False
 
@@ -412,4 +411,9 @@ def model_at_stated_values(mechanism: Mechanism, recorded: LinearForms | None = 
     fractions_of_pi = any(turns for _, _, turns in values.multiples.values())
     rounded = [name for name in inexact_symbols(mechanism) if mechanism.symbols[name].tangent_squared is None]
     approximate = tuple(sorted(rounded))
-    return AtStatedValues(record, texts, bool(values.names), has_values(mechanism), fractions_of_pi, approximate)
+    everywhere = has_values(mechanism)
+    # functions of constants are other constants, whose values are those of the model with the values put in
+    terms = " ".join(action.term for effect in mechanism.effects for action in effect.actions)
+    plain = recorded is not None and not any(name in terms for name in values.names)
+    drawn = (recorded, values) if recorded is not None and plain else None
+    return AtStatedValues(record, texts, bool(values.names), everywhere, fractions_of_pi, approximate, drawn)

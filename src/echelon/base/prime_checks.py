@@ -32,6 +32,7 @@ from echelon.exact.field import (
     substituted,
 )
 from echelon.exact.polynomial import is_trigonometric, multiple_of, symbol_of
+from echelon.mechanism.stated import StatedValues
 from echelon.program.schedule import FieldSampler, Size, polynomial_size, size_bound
 from echelon.regressor.linear_forms import LinearForms
 
@@ -55,18 +56,23 @@ class Minor:
     states: int  # number of random states whose rows contain it
 
 
-def find_minor(regressor: LinearForms, columns: tuple[int, ...], rng: np.random.Generator) -> Minor:
-    """A non-zero minor of some columns, all of them if they are independent; as block triangular as it can be."""
+def find_minor(
+    regressor: LinearForms, columns: tuple[int, ...], rng: np.random.Generator, values: StatedValues | None = None
+) -> Minor:
+    """A non-zero minor of some columns, all of them if they are independent; as block triangular as it can be.
+
+    Symbols have their values where some are given, and general ones elsewhere.
+    """
     doubled, best = 1, Minor(-1, 0, 0)
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng, ARRAY_BITS)
         try:
-            settled = regressor.blocks.independent(columns, field, _child(rng)) if regressor.blocks else set()
+            settled = regressor.blocks.independent(columns, field, _child(rng), values) if regressor.blocks else set()
             rest = tuple(p for p in columns if p not in settled)
             sampler = regressor.columns(rest).sampler()
             regions = sampler.regions
             states = doubled * max(2 + len(rest) // max(1, regressor.shape[0]), regions)
-            residues = _evaluated(sampler, field, rng, states)
+            residues = _evaluated(sampler, field, rng, states, values)
         except DegenerateSampleError:
             continue
         found = Minor(len(settled) + rank(regressor.columns(rest).stacked(residues)[0], field), field.p, states)
@@ -79,10 +85,16 @@ def find_minor(regressor: LinearForms, columns: tuple[int, ...], rng: np.random.
     return best
 
 
-def _evaluated(sampler: FieldSampler, field: PrimeField, rng: np.random.Generator, states: int) -> Residues:
-    """Outputs at random states and one random geometry."""
-    own = _child(rng)
-    geometry = {name: field.draw(own, (1,)) for name in sampler.symbols}
+def _evaluated(
+    sampler: FieldSampler,
+    field: PrimeField,
+    rng: np.random.Generator,
+    states: int,
+    values: StatedValues | None = None,
+) -> Residues:
+    """Outputs at random states and one geometry, random where there are no values."""
+    own, names = _child(rng), sampler.symbols
+    geometry = values.draw(names, field, own) if values else {name: field.draw(own, (1,)) for name in names}
     return sampler.evaluate(field, own, states, geometry)
 
 

@@ -19,6 +19,7 @@ from echelon.exact.field import PrimeField, rank
 from echelon.mechanism.effect import Side
 from echelon.mechanism.joint import ALL, GROUND
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.stated import StatedValues
 from echelon.program.sampling import FunctionSampler
 from echelon.program.schedule import FieldSampler
 from echelon.program.tape import Program
@@ -131,7 +132,9 @@ class BlockRows:
     entries: tuple[Mapping[tuple[int, int], int], ...]
     carried: tuple[tuple[int, ...], ...]  # for every block, those whose columns its rows contain besides
 
-    def independent(self, columns: Collection[int], field: PrimeField, rng: np.random.Generator) -> set[int]:
+    def independent(
+        self, columns: Collection[int], field: PrimeField, rng: np.random.Generator, values: StatedValues | None = None
+    ) -> set[int]:
         """Columns proved to be independent of one another and of all others, modulo a prime."""
         present = set(columns)
         chosen = [{key: n for key, n in entries.items() if key[1] in present} for entries in self.entries]
@@ -139,7 +142,8 @@ class BlockRows:
         nodes = [n for entries in chosen for n in entries.values()]
         plain = FieldSampler.suits(self.program, nodes)
         sampler = FieldSampler(self.program, nodes) if plain else FunctionSampler(self.program, nodes)
-        geometry = {name: field.draw(rng, (1,)) for name in sampler.symbols}
+        names = sampler.symbols
+        geometry = values.draw(names, field, rng) if values else {name: field.draw(rng, (1,)) for name in names}
         states = max(map(len, owned), default=0) + _SURPLUS_ROWS
         residues = iter(sampler.evaluate(field, rng, states, geometry)[:, 0])
         full = []

@@ -147,7 +147,8 @@ def readable_topics(channels: Iterable[tuple[str, int, str]]) -> dict[str, str]:
     """Topics, and why they cannot be read: by topic, messages and reason of every channel, all of which must be."""
     counts: Counter[str] = Counter()
     reasons: dict[str, str] = {}
-    for topic, count, reason in channels:
+    for stated, count, reason in channels:
+        topic = str(stated)  # the metadata of a bag may say anything
         counts[topic] += count
         reasons[topic] = reasons.get(topic) or reason
     return {topic: reason if counts[topic] else "its topic has no messages" for topic, reason in reasons.items()}
