@@ -384,5 +384,7 @@ def test_sums_of_fractions_of_pi_are_not_passed_over() -> None:
     arm = "modified_dh: [{joint: revolute}, {joint: prismatic, alpha: a, a: l}, {joint: revolute, alpha: %s, a: l}]"
     with pytest.raises(ec.CertificateError, match="pi - beta"):
         ec.base_parameters(read("symbols: {a: 3*pi/7, b: 4*pi/7, l: 0.3}\n" + arm % "b"))
+    with pytest.warns(ec.DoubtWarning, match="pi - beta"):
+        ec.base_structure(read("symbols: {a: 3*pi/7, b: 4*pi/7, l: 0.3}\n" + arm % "b"))
     assert ec.base_parameters(read("symbols: {a: 3*pi/7, l: 0.3}\n" + arm % "pi - a")).rank == 7
     assert ec.base_parameters(read("symbols: {a: pi/7, b: 2*pi/7, l: 0.3}\n" + arm % "b")).rank == 11

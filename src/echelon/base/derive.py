@@ -16,6 +16,7 @@ from typing import Any, overload
 
 import numpy as np
 
+from echelon.base.ball_checks import check_in_balls
 from echelon.base.ball_relations import BallRelations, ball_relations
 from echelon.base.certificate import AtStatedValues, certify
 from echelon.base.closed_form import assembled, closed_columns, relations
@@ -39,6 +40,7 @@ from echelon.base.structure import (
 from echelon.doors import NotNegative, public
 from echelon.errors import (
     BrokenRelationsError,
+    CertificateError,
     DegenerateSampleError,
     DoubtWarning,
     EchelonError,
@@ -340,7 +342,8 @@ def _specialised(
     else:
         structure = find_structure(mechanism, rng)
         if _is_general(structure, stated, rng):
-            return SpecialisedMechanism(mechanism, structure)
+            related = stated.fractions_of_pi and not _shown_in_balls(mechanism, structure, stated, rng)
+            return SpecialisedMechanism(mechanism, structure, undecided=_FRACTIONS_OF_PI if related else "")
         at_values, undecided = _at_values(mechanism, rng)
     if at_values is None:
         return SpecialisedMechanism(mechanism, structure, undecided=undecided)
@@ -389,6 +392,26 @@ def _is_general(structure: Structure, stated: AtStatedValues, rng: np.random.Gen
         return stated.minor(structure.pivots, rng).rank == structure.rank
     except (InputError, UnknownRelationsError):  # what that means is found with the structure there
         return False
+
+
+_FRACTIONS_OF_PI = (
+    "for general angles: sums of fractions of π make fewer at the stated values, which are not read from these; write "
+    "one angle in terms of the other, such as  alpha: pi - beta"
+)
+
+
+def _shown_in_balls(
+    mechanism: Mechanism, structure: Structure, stated: AtStatedValues, rng: np.random.Generator
+) -> bool:
+    """Whether the representatives are independent at the true sines of fractions of π."""
+    others = set(range(structure.parameters)) - set(structure.pivots)
+    rows = tuple({pivot: RationalFunction(1)} for pivot in structure.pivots)
+    matrix = BaseMatrix(mechanism.parameters, structure.pivots, rows, (*structure.pivots, *sorted(others)))
+    try:
+        check_in_balls(virtual_power_form(mechanism), matrix, (), stated.texts, rng)
+    except CertificateError:
+        return False
+    return True
 
 
 def model_at_stated_values(mechanism: Mechanism, recorded: LinearForms | None = None) -> AtStatedValues:

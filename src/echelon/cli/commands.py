@@ -226,7 +226,7 @@ def predict(
     run_predict(model, log, output_file(output, force), as_json=as_json)
 
 
-VALID, REFUTED, NOT_COVERED = 0, 1, 3
+VALID, REFUTED = 0, 1
 
 
 Schema = Literal["description", "base-model", "linear-base", "identified", "trajectory"]
