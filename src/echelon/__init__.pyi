@@ -8,7 +8,6 @@ from echelon.base.match import Match as Match
 from echelon.base.match import match as match
 from echelon.base.matrix import Identifiability as Identifiability
 from echelon.base.model import BaseModel as BaseModel
-from echelon.base.modes import assembly_modes as assembly_modes
 from echelon.base.numeric_comparison import NumericComparison as NumericComparison
 from echelon.base.numeric_comparison import compare_numeric as compare_numeric
 from echelon.base.row_space import RecordedRows as RecordedRows

@@ -19,8 +19,8 @@ import flint
 import numpy as np
 
 from echelon.arrays import Floats, independent_columns
-from echelon.base.ball_rows import Balls, ball_rows, ball_values, stated_generators
-from echelon.base.ball_tables import combinations_of, doubles, vanishes
+from echelon.base.ball_rows import ball_rows, ball_values, stated_generators
+from echelon.base.ball_tables import Balls, combinations_of, doubles, vanishes
 from echelon.base.matrix import BaseMatrix
 from echelon.errors import CertificateError, InputError
 from echelon.exact.rational import RationalFunction
@@ -184,7 +184,7 @@ class _Check:
             regions = self.forms.sampler().regions
             return ball_rows(self.forms, self.at, states + regions, self.rng), states
         mechanism = self.loops.mechanism
-        motions = max(1, len(mechanism.independent_velocities)) if attempt.share_poses else 1
+        motions = self.loops.motions if attempt.share_poses else 1
         # the mass matrix and gravity show at rest, which takes less time; all other forces of bodies follow from them
         at_rest = mechanism.measures_every_force and not mechanism.effects
         many = ball_rows(self.forms, self.at, states, self.rng, motions, at_rest=at_rest)

@@ -8,16 +8,14 @@ from typing import Any
 
 import flint
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
+from echelon.base.ball_tables import Balls
 from echelon.exact.polynomial import generator_values
 from echelon.program.arithmetics import BallArithmetic, ball, stated_ball
 from echelon.program.schedule import Schedule
 from echelon.regressor.linear_forms import LinearForms
-from echelon.regressor.loops.closed_balls import BALL_STEPS, ClosedBalls, random_balls
-
-Balls = npt.NDArray[Any]
-"""Array of ``arb``."""
+from echelon.regressor.loops.closed_balls import BALL_STEPS, random_balls
 
 
 def stated_generators(generators: Iterable[str], at: Mapping[str, str]) -> dict[str, Any]:
@@ -33,16 +31,40 @@ def ball_rows(
     motions: int = 1,
     *,
     at_rest: bool = False,
+    poses: Floats | None = None,
 ) -> Balls:
-    """Entries of forms at random states, in all regions of signs; with loops some motions at each pose, from rest."""
-    schedule = Schedule(forms.program, list(forms.entries.values()))
+    """Entries of forms at random states, in all regions of signs.
+
+    With loops these are some motions, perhaps from rest, through each of some random poses, or of the given ones in
+    double precision.
+    """
+    schedule = forms.schedule
     if forms.loops is None:
         leaves = _free_states(forms, schedule, at, states, rng)
     else:
-        real = forms.loops.real(rng, -(-states // motions))
-        leaves = ClosedBalls(forms.program, forms.loops, at, real).leaves(schedule, rng, motions, at_rest=at_rest)
-        states = -(-states // motions) * motions
-    found = schedule.run(BallArithmetic(), leaves, states)
+        poses = forms.loops.poses(rng, -(-states // motions)) if poses is None else poses
+        leaves = forms.loops.closed([at], poses).leaves(schedule, rng, motions, at_rest=at_rest)
+        states = len(poses) * motions
+    return _table(forms, leaves, states)
+
+
+def rows_at_values(
+    forms: LinearForms, at: Sequence[Mapping[str, str]], poses: Floats, rng: np.random.Generator, motions: int
+) -> list[Balls]:
+    """Entries of forms of mechanisms with loops at each of some values of the symbols: one table for each.
+
+    They are those of some motions through closed poses next to the given ones, shape (poses, positions).
+    """
+    assert forms.loops is not None
+    states = len(at) * len(poses) * motions
+    table = _table(forms, forms.loops.closed(at, poses).leaves(forms.schedule, rng, motions), states)
+    split = table.reshape(motions, len(at), len(poses) * forms.shape[0], forms.shape[1])
+    return [split[:, k].reshape(-1, forms.shape[1]) for k in range(len(at))]
+
+
+def _table(forms: LinearForms, leaves: Mapping[int, Balls], states: int) -> Balls:
+    """All entries at some states, (states · rows, columns)."""
+    found = forms.schedule.run(BallArithmetic(), leaves, states)
     table = np.full((states, *forms.shape), flint.arb(0), dtype=object)
     for (row, column), value in zip(forms.entries, found, strict=True):
         table[:, row, column] = value
@@ -65,7 +87,7 @@ def ball_values(forms: LinearForms, nodes: Sequence[int], at: Mapping[str, str],
     if forms.loops is None:
         leaves = _free_states(forms, schedule, at, 1, rng)
     else:
-        leaves = ClosedBalls(forms.program, forms.loops, at, forms.loops.real(rng, 1)).leaves(schedule, rng)
+        leaves = forms.loops.closed([at], forms.loops.poses(rng, 1)).leaves(schedule, rng)
     found: Balls = schedule.run(BallArithmetic(), leaves, 1)[:, 0]
     return found
 

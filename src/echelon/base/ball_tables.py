@@ -1,4 +1,4 @@
-"""Tables of balls: columns as combinations of others, what counts as zero, and balls as decimals."""
+"""Tables of balls: columns as combinations of others, what counts as zero, and balls as exact numbers or decimals."""
 
 from __future__ import annotations
 
@@ -8,14 +8,19 @@ from typing import Any
 
 import flint
 import numpy as np
+import numpy.typing as npt
 
 from echelon.arrays import Floats, pivoted_qr
-from echelon.base.ball_rows import Balls
-from echelon.exact.polynomial import Number, simplest
+from echelon.exact.polynomial import Number, Rational, simplest, surd
+
+Balls = npt.NDArray[Any]
+"""Array of ``arb``."""
 
 _DIGITS = 40
-_LARGEST_DENOMINATOR = 10**9
-_SURELY = 1e-15  # how rarely chance may put a short fraction into a ball
+"""Significant digits of coefficients that are no short exact numbers."""
+_SURPLUS_BITS = 40
+"""Bits by which an exact number must be shorter than the digits of a ball that hold it: chance is below 2^-40."""
+_RADICANDS = (1, 2, 3, 6)
 
 
 def doubles(table: Balls) -> Floats:
@@ -39,12 +44,11 @@ def combinations_of(
     if not pivots:
         return table[:0, others], table[:most, others]
     square, further = independent_rows(table[:, pivots])
-    if not others and _matrix(table[np.ix_(square, pivots)]).det().contains(
-        0
-    ):  # FLINT solves for nothing without a look
+    chosen = table[np.ix_(square, pivots)]
+    if not others and _matrix(chosen).det().contains(0):  # FLINT solves for nothing without a look
         return None
     try:
-        solution = _array(_matrix(table[np.ix_(square, pivots)]).solve(_matrix(table[np.ix_(square, others)])))
+        solution = _array(_matrix(chosen).solve(_matrix(table[np.ix_(square, others)])))
     except ZeroDivisionError:
         return None
     return solution, left_of(table[further[:most]], pivots, others, solution)
@@ -55,6 +59,19 @@ def left_of(table: Balls, pivots: Sequence[int], others: Sequence[int], solution
     if not pivots:
         return table[:, others]
     return _array(_matrix(table[:, others]) - _matrix(table[:, pivots]) * _matrix(solution))
+
+
+def solved_for(basis: Balls, columns: Sequence[int]) -> Balls | None:
+    """Rows that span the same, with the identity in some columns; None if the precision does not show it to be one."""
+    if not columns:
+        return basis
+    try:
+        found = _array(_matrix(basis[:, list(columns)]).solve(_matrix(basis)))
+    except ZeroDivisionError:
+        return None
+    found[:, list(columns)] = flint.arb(0)
+    found[range(len(columns)), list(columns)] = flint.arb(1)
+    return found
 
 
 def _matrix(table: Balls) -> Any:
@@ -77,24 +94,77 @@ def ball_error(x: Any) -> float:
     return float(x.rad())
 
 
+def exact_number(x: Any, irrational: tuple[bool, bool] = (False, False)) -> Number | None:
+    """The one number a + b√2 + c√3 + d√6 with short rational parts in a ball; None if none is short enough.
+
+    ``irrational`` says whether √2 and √3 may occur.  An integer relation between the number and the roots is looked for
+    by lattice reduction (Lenstra, Lenstra and Lovász, 1982).
+    """
+    if x.contains(0):  # it was shown to vanish before
+        return 0
+    bits = _accuracy(x)
+    found: Number | None = _fraction(x, bits)
+    if found is None and any(irrational):
+        found = _short_surd(x, bits, irrational)
+    return found
+
+
+def _accuracy(x: Any) -> int:
+    """Binary digits behind the point that a ball holds."""
+    radius = x.rad()
+    if not radius > 0:
+        return int(flint.ctx.prec)
+    mantissa, exponent = radius.man_exp()
+    return min(int(flint.ctx.prec), -(int(exponent) + int(mantissa).bit_length()))
+
+
+def _fraction(x: Any, bits: int) -> Number | None:
+    longest = (bits - _SURPLUS_BITS) // 2
+    if longest < 1:
+        return None
+    middle, power = x.mid().man_exp()
+    value = int(middle) * Fraction(2) ** int(power)
+    found = value.limit_denominator(1 << longest)
+    short = (abs(found.numerator) * found.denominator).bit_length() + _SURPLUS_BITS < bits
+    return simplest(found) if short and x.contains(flint.fmpq(found.numerator, found.denominator)) else None
+
+
+def _short_surd(x: Any, bits: int, irrational: tuple[bool, bool]) -> Number | None:
+    possible = (True, irrational[0], irrational[1], all(irrational))
+    radicands = [n for n, here in zip(_RADICANDS, possible, strict=True) if here]
+    roots = [flint.arb(n).sqrt() for n in radicands]
+    values = [x, *roots]
+    count = len(values)
+    scale = bits * count // (count + 1)  # so that a relation as short as can be told from chance has the shortest row
+    rows = [[int(i == j) for j in range(count)] + [_scaled_integer(value, scale)] for i, value in enumerate(values)]
+    shortest, *parts = [int(n) for n in flint.fmpz_mat(rows).lll().tolist()[0][:count]]
+    height = max(abs(n).bit_length() for n in (shortest, *parts))
+    if not shortest or height * count + _SURPLUS_BITS > bits:
+        return None
+    relation = shortest * x + sum((n * root for n, root in zip(parts, roots, strict=True)), flint.arb(0))
+    if not relation.contains(0):
+        return None
+    known = {n: simplest(Fraction(-part, shortest)) for n, part in zip(radicands, parts, strict=True)}
+    return surd(*(known.get(n, 0) for n in _RADICANDS))
+
+
+def _scaled_integer(x: Any, bits: int) -> int:
+    middle, power = x.mid().man_exp()
+    return int(int(middle) * Fraction(2) ** (int(power) + bits))
+
+
+def in_decimals(x: Any) -> tuple[Rational, float]:
+    """A ball rounded to a fixed number of significant digits, and a bound on the error."""
+    number = simplest(Fraction(x.mid().str(_DIGITS, radius=False)))
+    return number, abs(float(number)) * 10.0 ** (1 - _DIGITS) + 2 * ball_error(x)
+
+
 def rounded(values: Sequence[Any]) -> tuple[list[Number], float]:
-    """Values to a fixed number of digits, as short fractions where these are next to them, and the largest error."""
-    rounded: list[Number] = []
-    radius = 0.0
+    """Balls as short fractions where they are such, else in decimals, and the largest error."""
+    found, radius = list[Number](), 0.0
     for value in values:
-        fraction = _short_fraction(value)
-        if fraction is None:
-            fraction = Fraction(value.mid().str(_DIGITS, radius=False))
-        rounded.append(simplest(fraction))
-        radius = max(radius, abs(float(fraction)) * 10.0 ** (1 - _DIGITS) + 2 * ball_error(value))
-    return rounded, radius
-
-
-def _short_fraction(value: Any) -> Fraction | None:
-    """The short fraction in a ball that is so small that none is there by chance."""
-    if value.contains(0):  # it is smaller than the error allowed before
-        return Fraction(0)
-    middle, power = value.mid().man_exp()
-    found = (int(middle) * Fraction(2) ** int(power)).limit_denominator(_LARGEST_DENOMINATOR)
-    small = ball_error(value) < _SURELY / _LARGEST_DENOMINATOR**2
-    return found if small and value.contains(flint.fmpq(found.numerator, found.denominator)) else None
+        exact = exact_number(value)
+        number, error = (exact, 0.0) if exact is not None else in_decimals(value)
+        found.append(number)
+        radius = max(radius, error)
+    return found, radius

@@ -12,8 +12,8 @@ arithmetic.  (Closed poses modulo p continue to p-adic ones, so it is a proof wi
   (:mod:`echelon.base.prime_checks`), in each known region of signs (:mod:`echelon.program.region`);
 - coefficients that are numbers: exact ones are compared at the stated values modulo primes.  Of rounded ones the ranks
   modulo primes show that they exist, and ball arithmetic what they are (:mod:`echelon.base.ball_checks`);
-- loops whose lengths have values may be special, so that all columns are also checked there, at real closed states;
-  loops that no prime closes are checked at such states only.
+- loops: all columns at real closed states in ball arithmetic, at the stated values of the symbols, and formulas at
+  random other values, too.
 
 The set was derived from energies; the check uses the inverse dynamics (as rows uᵀX for arbitrary u, see
 :mod:`echelon.regressor.linear_forms`), so the two do not share their formulas.
@@ -24,21 +24,23 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import log10
 
 import numpy as np
 
 from echelon.base.ball_checks import BallEvidence, check_in_balls, has_plain_signs
 from echelon.base.matrix import BaseMatrix
 from echelon.base.prime_checks import FEWEST_POINTS, Identity, Minor, check_spanned, find_minor
-from echelon.errors import CertificateError, InputError, UnknownRelationsError
-from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, random_generator
+from echelon.base.real_states import RealStates
+from echelon.errors import CertificateError, DegenerateSampleError, InputError, UnknownRelationsError
+from echelon.exact.field import CERTIFICATE_BITS, random_generator
 from echelon.mechanism.stated import StatedValues
 from echelon.program.operations import Op
-from echelon.regressor.linear_forms import LinearForms
-from echelon.regressor.loops.curves import CurveSampler
+from echelon.regressor.linear_forms import LinearForms, Rows
 
-_CURVES = 5
+_OTHER_VALUES = 4
+"""Random values of the symbols, of more than 30 bits each, at which formulas of mechanisms with loops are compared."""
+_ATTEMPTS = 8
+"""Random values that are tried until the loops close at one."""
 _LARGEST_RADIUS = 1e-30
 """Error of a rounded coefficient, beside the largest coefficient, above which a set in numbers says too little."""
 
@@ -59,7 +61,6 @@ class Certificate:
     identity_primes: tuple[int, ...]  # primes modulo which X · N = 0 held at a random point each
     degree: int  # bound on the degree of the identity
     log10_error: float  # decimal logarithm of a bound on the probability that X · N = 0 is false
-    order: int = 0  # with loops, the number of coefficients compared along each curve; 0 without
     # whether the minor is non-zero at the stated values of the symbols, and not only for general ones
     at_values: bool = False
     regions: int = 0  # regions of signs that were visited, by the minor and at every point; 0 without signs
@@ -70,8 +71,7 @@ class Certificate:
     # where nothing was checked in ball arithmetic
     log10_residual: float | None = None
     ball_states: int = 0  # real states at which coefficients were solved for in ball arithmetic
-    # with loops, the ranks of all assembly modes that were found; the set is for the one of the stated pose
-    modes: tuple[int, ...] = ()
+    other_values: int = 0  # with loops, random values of the symbols at which formulas were checked, too
     columns: Mapping[str, int] = field(default_factory=dict)  # number of columns that each kind of check reached
     unchecked: tuple[str, ...] = ()  # claims that no check reached; the set is not valid as a whole then
 
@@ -84,7 +84,7 @@ class Certificate:
     def holds(self) -> str:
         """For whom the set was shown to hold: for which values of the symbols, and where."""
         values = "at the stated values" if self.at_values else "for general values of the symbols"
-        return f"{values}, near the assembly pose" if self.order or self.in_balls else values
+        return f"{values}, near the assembly pose" if self.in_balls else values
 
     @property
     def assumptions(self) -> tuple[str, ...]:
@@ -94,7 +94,7 @@ class Certificate:
             found.append("Generic constants")
         if self.regions_note:
             found.append("Regions of signs")
-        return (*found, "Closed loops") if self.order or self.in_balls else tuple(found)
+        return (*found, "Closed loops") if self.in_balls else tuple(found)
 
     def __str__(self) -> str:
         where = " at the stated values" if self.at_values and not self.in_balls else ""
@@ -108,27 +108,21 @@ class Certificate:
     def _completeness(self) -> list[str]:
         """How X · N = 0 was checked."""
         found = []
-        if self.order:
-            found.append(
-                f"along {len(self.identity_primes)} closed curves, each modulo its own prime of {ARRAY_BITS} bits: "
-                f"what shows up to order {self.order} is missed with probability below 1e{int(self.log10_error)}"
-            )
-        elif self.identity_primes:
+        if self.identity_primes:
             found.append(
                 f"modulo {len(self.identity_primes)} primes of {CERTIFICATE_BITS} bits, error probability below "
                 f"1e{int(self.log10_error)}"
             )
-        if len(self.modes) > 1:
-            modes = ", ".join(map(str, self.modes))
-            found.append(f"for the assembly mode of the stated pose (modes with {modes} were found)")
         if self.numbers and not self.in_balls:
             exactly = ", exactly" if self.log10_residual is None else ""
             found.append(f"{self.numbers} columns of numbers at the stated values only{exactly}")
         if self.log10_residual is not None:
-            closed = "closed states" if self.order or self.in_balls else "states"
+            closed = "closed states" if self.in_balls else "states"
             found.append(
                 f"in ball arithmetic at {self.ball_states} {closed}, residual below 1e{int(self.log10_residual)}"
             )
+        if self.other_values:
+            found.append(f"formulas also at {self.other_values} other values of the symbols")
         return found
 
 
@@ -183,7 +177,6 @@ def certify(
     matrix: BaseMatrix,
     seed: int,
     stated: AtStatedValues | None = None,
-    modes: tuple[int, ...] = (),
     doubt: str = "",
 ) -> Certificate:
     """Check a base parameter set against a regressor.
@@ -197,8 +190,6 @@ def certify(
     seed : int
     stated : AtStatedValues, optional
         The model at its stated values; a set for general values if omitted.
-    modes : tuple of int
-        With loops, the ranks of all assembly modes that are known.
     doubt : str
         With loops, why states near the assembly pose may be in several modes, so that they cannot be compared.
 
@@ -221,11 +212,9 @@ def certify(
     checks = _Checks(regressor, matrix, stated, rng, doubt)
     if regressor.loops is None:
         checks.of_tree()
-    elif regressor.loops.mechanism.closed_in_balls:
-        checks.in_balls_only()
     else:
-        checks.along_curves()
-    return checks.certificate(seed, modes)
+        checks.at_real_states()
+    return checks.certificate(seed)
 
 
 class _Checks:
@@ -247,10 +236,10 @@ class _Checks:
         self.minor: Minor | None = None
         self.at_values = False
         self.primes: tuple[int, ...] = ()
-        self.degree, self.log10_error, self.order = 0, 0.0, 0
+        self.degree, self.log10_error, self.other_values = 0, 0.0, 0
         self.balls: BallEvidence | None = None
 
-    def certificate(self, seed: int, modes: tuple[int, ...]) -> Certificate:
+    def certificate(self, seed: int) -> Certificate:
         """The evidence, if every column was reached."""
         matrix, minor, balls = self.matrix, self.minor, self.balls
         reached = set[int]().union(*self.reached.values())
@@ -277,14 +266,13 @@ class _Checks:
             self.primes,
             self.degree,
             self.log10_error,
-            order=self.order,
             at_values=self.at_values,
             regions=regions,
             regions_note=note,
             numbers=len(self.numbers),
             log10_residual=balls.log10_residual if balls else None,
             ball_states=balls.states if balls else 0,
-            modes=modes,
+            other_values=self.other_values,
             columns={kind: len(columns) for kind, columns in self.reached.items()},
             unchecked=tuple(self.unchecked),
         )
@@ -346,65 +334,44 @@ class _Checks:
 
     # -- loops ------------------------------------------------------------------------------------------------------
 
-    def along_curves(self) -> None:
-        """Check along curves of closed poses modulo primes, and where lengths have values also at real closed states.
-
-        Closed poses may take long to find, so the first one shows the minor, too.  Lengths cannot be chosen freely
-        modulo a prime: there they have any values.
-        """
-        matrix, regressor, stated = self.matrix, self.regressor, self.stated
-        special = stated is not None and stated.special
-        rounded = matrix.numbers is not None and matrix.numbers.radius > 0
-        formulas = self._others() - self.numbers if special or rounded else self._others()
-        identity = Identity(regressor, matrix, formulas, self.rng)
-        assert isinstance(identity.sampler, CurveSampler)
-        first = identity.point(ARRAY_BITS, states=2 + matrix.rank // max(1, regressor.shape[0]))
-        minor = identity.minor(first)
-        if minor.rank < matrix.rank:
-            minor = find_minor(regressor, matrix.pivots, self.rng)
-        self._take(minor)
-        identity.compare(first)
-        primes = (first.field.p, *(identity.holds_modulo(ARRAY_BITS) for _ in range(_CURVES - 1)))
-        self.primes, self.order = primes, identity.sampler.order
-        self.degree = identity.sampler.order
-        self.log10_error = sum(log10(self.order) - log10(p) for p in primes)
-        self.reached[IDENTITY] = formulas
-        # effects may be so flat at the pose where curves begin that no coefficient shows them
-        effects = regressor.loops is not None and bool(regressor.loops.mechanism.effects)
-        compared = special or rounded or (effects and stated is not None and stated.everywhere)
-        hidden = compared and self._has_signs and not has_plain_signs(regressor, self.rng)
-        if hidden:
-            self.unchecked.append("real closed states, of which random ones do not reach all regions of signs")
-        if compared and (self.numbers or not (hidden or self.doubt)):
-            self.at_closed_states(required=bool(self.numbers))
-        elif stated is not None and not compared:
-            self.at_values = stated.says_something
-
-    def in_balls_only(self) -> None:
-        """Check at real closed states where no prime closes the loops; formulas would need other values, too."""
-        formulas = {column for row in self.matrix.rows for column in row} - {*self.matrix.pivots, *self.numbers}
-        if formulas:
-            name = self.matrix.parameters[min(formulas)]
-            raise CertificateError(
-                f"the coefficients of {name} are not said to be numbers, and no check reaches others"
-            )
-        self.at_closed_states(required=True)
-
-    def at_closed_states(self, *, required: bool) -> None:
-        """Check all columns at real closed states, with stated values of the symbols."""
-        stated = self.stated
-        if stated is None or not stated.everywhere:
-            if required:
-                raise CertificateError("columns of numbers hold at stated values only, and not all symbols have one")
-            if stated is not None:
-                self.unchecked.append("independence at the stated values (some symbols of the loops have no value)")
-            return
+    def at_real_states(self) -> None:
+        """Check all columns at real closed states: at the stated values of the symbols, and formulas at others, too."""
+        matrix, stated = self.matrix, self.stated
         others = self._others()
-        self.balls = check_in_balls(self.regressor, self.matrix, others, stated.texts, self.rng)
-        if self.minor is None or stated.special:
-            self._take(Minor(self.matrix.rank, 0, self.balls.states))
-        self.at_values = True
-        self.reached[BALLS] = others
+        everywhere = stated is not None and stated.everywhere
+        if self.numbers and not everywhere:
+            raise CertificateError("columns of numbers hold at stated values only, and not all symbols have one")
+        if matrix.symbols or not everywhere:
+            self._at_other_values(others - self.numbers)
+        if stated is not None and everywhere:
+            self._take_balls(check_in_balls(self.regressor, matrix, others, stated.texts, self.rng), others)
+            self.at_values = True
+        elif stated is not None:
+            self.unchecked.append("independence at the stated values (some symbols of the loops have no value)")
+
+    def _at_other_values(self, formulas: set[int]) -> None:
+        """Compare formulas at random values of the symbols, each of which a false one satisfies by rare chance."""
+        states = RealStates(Rows(self.regressor, 0))
+        for _ in range(_OTHER_VALUES if states.symbols else 1):
+            evidence = self._near(states, formulas)
+            self._take_balls(evidence, formulas)
+        self.other_values = _OTHER_VALUES
+
+    def _near(self, states: RealStates, formulas: set[int]) -> BallEvidence:
+        """Evidence at random values of the symbols at which the loops close."""
+        for _ in range(_ATTEMPTS):
+            try:
+                return check_in_balls(self.regressor, self.matrix, formulas, states.elsewhere(self.rng), self.rng)
+            except DegenerateSampleError:
+                continue
+        raise CertificateError("the loops do not close at random values of the symbols near the stated ones")
+
+    def _take_balls(self, evidence: BallEvidence, columns: set[int]) -> None:
+        """Keep evidence in balls, with the largest residual of all."""
+        largest = max(evidence.log10_residual, self.balls.log10_residual if self.balls else evidence.log10_residual)
+        self.balls = BallEvidence(evidence.states, largest)
+        self._take(Minor(self.matrix.rank, 0, evidence.states))
+        self.reached[BALLS] = self.reached.get(BALLS, set()) | columns
 
     @property
     def _has_signs(self) -> bool:

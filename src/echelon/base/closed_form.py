@@ -20,10 +20,13 @@ from functools import cached_property, partial
 import numpy as np
 
 from echelon.base.matrix import BaseMatrix, StatedNumbers
+from echelon.base.prime_states import PrimeStates
+from echelon.base.real_states import RealStates
+from echelon.base.samplers import states_of
 from echelon.base.structure import Structure, floating_pair, joint_frame, pair_columns, pair_signature
 from echelon.conventions import PER_BODY
-from echelon.errors import ClosedFormError, DegenerateSampleError
-from echelon.exact.field import Geometry, PrimeField, Residues, T, solve_batched, substituted
+from echelon.errors import ClosedFormError
+from echelon.exact.field import Geometry, PrimeField, Residues, T, substituted
 from echelon.exact.interpolation import MOST_PRIMES, interpolate
 from echelon.exact.polynomial import Polynomial, Surd, as_polynomial, parts_of
 from echelon.exact.rational import ONE, RationalFunction, cost_of_products, sum_of_products
@@ -32,12 +35,7 @@ from echelon.inertia import move
 from echelon.mechanism.joint import Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import SymbolRoles, symbol_roles
-from echelon.program.schedule import FieldSampler
 from echelon.regressor.linear_forms import LinearForms, Rows, energy_form, rows_of
-from echelon.regressor.loops.curves import CurveSampler
-
-_MOST_TIMES = 32
-"""So many times as many points where regions of signs need them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +51,14 @@ class Kernel:
     degrees: Sequence[int] | None
 
     @cached_property
-    def sampler(self) -> FieldSampler:
-        """Evaluates the rows modulo primes."""
-        return self.rows.forms.sampler()
+    def sampler(self) -> PrimeStates | RealStates:
+        """Solves the rows for the coefficients at any values of the symbols."""
+        return states_of(self.rows)
+
+    @property
+    def symbols(self) -> list[str]:
+        """Symbols that the coefficients may depend on."""
+        return self.sampler.symbols
 
     @cached_property
     def pairs(self) -> list[tuple[int, int]]:
@@ -69,13 +72,8 @@ class Kernel:
 
     @cached_property
     def cost(self) -> float:
-        """Operations of one evaluation modulo a prime."""
-        forms = self.rows.forms
-        program = len(forms.program.needed(list(forms.entries.values())))
-        elimination = (self.unknowns + 1) * self.unknowns * (self.unknowns + len(self.targets))
-        if isinstance(self.sampler, CurveSampler):
-            return self.sampler.cost(program, self.unknowns + 1) + elimination
-        return (self.unknowns + 1) * program + elimination
+        """Operations modulo primes that take as long as one evaluation."""
+        return self.sampler.cost(len(self.sources))
 
     def unknown(self, rng: np.random.Generator) -> UnknownFunctions:
         """The coefficients of :attr:`pairs` as functions of the symbols."""
@@ -89,31 +87,12 @@ class Kernel:
             return found
 
         return UnknownFunctions(
-            evaluate,
-            self.sampler.symbols,
-            roles.angles,
-            lengths,
-            [degrees[k] for k in chosen],
-            roles.irrational,
-            self.cost,
+            evaluate, self.symbols, roles.angles, lengths, [degrees[k] for k in chosen], roles.irrational, self.cost
         )
 
     def coefficients(self, field: PrimeField, geometry: Geometry, rng: np.random.Generator) -> Residues:
         """Coefficients at given geometries: array of shape (sources · targets, geometries)."""
-        first, unknowns = self.rows.auxiliary, self.unknowns
-        # one more equation than unknowns: a false relation contradicts itself
-        states = max(unknowns + 1, self.sampler.regions)
-        most = states if self.sampler.regions == 1 else _MOST_TIMES * states
-        while True:
-            matrix = self.rows.forms.stacked(self.sampler.evaluate(field, rng, states, geometry))
-            try:
-                solution = solve_batched(matrix[:, :, :unknowns], matrix[:, :, unknowns:], field)
-            except DegenerateSampleError:
-                states = 2 * states  # a region of signs may need more points
-                if states > most:
-                    raise
-                continue
-            return solution[:, first:].reshape(len(solution), -1).T
+        return self.sampler.coefficients(field, geometry, rng, len(self.sources))
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +117,7 @@ class Relation:
     @cached_property
     def symbols(self) -> frozenset[str]:
         """Symbols that the coefficients may depend on."""
-        return frozenset((*self.kernel.sampler.symbols, *self.frame.symbols()))
+        return frozenset((*self.kernel.symbols, *self.frame.symbols()))
 
     def changes(self, kinds: Iterable[int], number: Callable[[Polynomial], T]) -> dict[int, dict[int, T]]:
         """Parameters of the whole body about the kernel's frame, as combinations of those about its own."""
@@ -166,14 +145,9 @@ class Relation:
         return {self.columns[t]: {self.columns[k]: v for k, v in c.items()} for t, c in found if c is not None}
 
 
-def relations(mechanism: Mechanism, structure: Structure, *, in_numbers: bool = False) -> list[Relation]:
-    """The relations of all dependent columns that do not vanish.
-
-    Where their coefficients are to be numbers, and finding a closed pose costs more than eliminating all columns at
-    once, those that take part of the whole robot are one.
-    """
-    together = bool(mechanism.closures) and (in_numbers or not symbol_roles(mechanism).symbols)
-    return [*_across_joints(mechanism, structure), *_across_robot(mechanism, structure, together)]
+def relations(mechanism: Mechanism, structure: Structure) -> list[Relation]:
+    """The relations of all dependent columns that do not vanish."""
+    return [*_across_joints(mechanism, structure), *_across_robot(mechanism, structure)]
 
 
 def _across_joints(mechanism: Mechanism, structure: Structure) -> Iterable[Relation]:
@@ -202,15 +176,13 @@ def _vanishing(columns: Sequence[int], placement: Placement, zero: frozenset[int
     return found if placement.is_identity or parent <= found else found - parent
 
 
-def _across_robot(mechanism: Mechanism, structure: Structure, together: bool) -> Iterable[Relation]:
+def _across_robot(mechanism: Mechanism, structure: Structure) -> Iterable[Relation]:
+    rows = rows_of(mechanism)
+    together = rows.forms.loops is not None  # to close them costs more than to solve for more columns
     groups: dict[int | None, list[int]] = {}
     for column, support in structure.by_robot.items():
         if support:
             groups.setdefault(None if together else mechanism.columns[column].body, []).append(column)
-    if not groups:
-        return
-    rows = rows_of(mechanism)
-    rows = Rows(structure.on_curves(rows.forms), rows.auxiliary)
     for targets in groups.values():
         sources = sorted({c for t in targets for c in structure.by_robot[t]})
         degrees = _degrees(mechanism, sources, targets)
@@ -284,7 +256,7 @@ def closed_columns(
     for relation in found:
         kernels.setdefault(relation.kernel, []).append(relation)
     total = sum(len(relation.targets) for relation in found)
-    for kernel in sorted(kernels, key=lambda k: k.cost * (1 + len(k.sampler.symbols))):
+    for kernel in sorted(kernels, key=lambda k: k.cost * (1 + len(k.symbols))):
         report(f"closed forms: {len(raw) - len(zero)} of {total} columns")
         combinations = _interpolated(kernel, rng, work, share)
         for relation in kernels[kernel]:
@@ -303,7 +275,7 @@ def _interpolated(kernel: Kernel, rng: np.random.Generator, work: Work, most: fl
     """The targets whose coefficients all have closed forms within a share of the work."""
     share = work.share(most)
     try:
-        most_primes = MOST_PRIMES if kernel.sampler.symbols else _PRIMES_OF_NUMBERS
+        most_primes = MOST_PRIMES if kernel.symbols else _PRIMES_OF_NUMBERS
         functions = interpolate(kernel.unknown(rng), rng, share, most_primes)
     except ClosedFormError:
         return {}

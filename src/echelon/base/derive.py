@@ -10,46 +10,37 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, overload
 
 import numpy as np
 
 from echelon.base.ball_checks import check_in_balls
-from echelon.base.ball_relations import BallRelations, ball_relations
 from echelon.base.certificate import AtStatedValues, certify
 from echelon.base.closed_form import assembled, closed_columns, relations
 from echelon.base.firm_pivots import doubt_of_coefficients, exchange_note, firm_order
 from echelon.base.linear_base import LinearBase, linear_base_parameters
 from echelon.base.matrix import BaseMatrix, column_order, reordered
 from echelon.base.model import BaseModel
-from echelon.base.modes import alike
-from echelon.base.numeric_ranks import firm_first
 from echelon.base.reading_report import doubt_of_loops, report_reading
+from echelon.base.real_matrix import in_numbers
+from echelon.base.real_states import RealStates
 from echelon.base.stated_columns import StatedColumns
-from echelon.base.stated_values import RelationSearch, SpecialValues, at_stated_values
+from echelon.base.stated_values import RelationSearch, SpecialValues, at_stated_values, stated_structure, with_values
 from echelon.base.structure import (
-    LEFT_TO_BALLS,
-    SEARCH,
     Structure,
-    dependent_columns,
     find_structure,
-    in_balls_instead,
 )
 from echelon.doors import NotNegative, public
 from echelon.errors import (
-    BrokenRelationsError,
     CertificateError,
-    DegenerateSampleError,
+    ClosedFormError,
     DoubtWarning,
     EchelonError,
     InputError,
-    OtherModeError,
-    SingularPoseError,
     UnknownRelationsError,
 )
-from echelon.exact.field import DEFAULT_SEED, PrimeField, random_generator
+from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.exact.interpolation import MOST_PRIMES
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction
@@ -60,12 +51,10 @@ from echelon.mechanism.stated import (
     all_symbols,
     has_values,
     inexact_symbols,
-    largest_denominator,
     stated_values,
     symbol_roles,
     value_texts,
 )
-from echelon.mechanism.substitute import substituted
 from echelon.models import LinearModel, model_of
 from echelon.regressor.linear_forms import LinearForms, rows_of, virtual_power_form
 
@@ -191,13 +180,12 @@ def base_parameters(
     if own is not mechanism:
         recorded = virtual_power_form(own)
         stated = model_at_stated_values(own, recorded)
-    forms = structure.on_curves(recorded)
-    certificate = certify(forms, matrix, seed, None if generic else stated, structure.modes, structure.where_modes_meet)
+    certificate = certify(recorded, matrix, seed, None if generic else stated, structure.where_modes_meet)
     stated_rank = structure.rank if found.special is None else found.special.rank
     reading = report_reading(mechanism, stated_rank, rng, recorded, None if generic else matrix)
     if matrix is not classical:
         reading = replace(reading, notes=(*reading.notes, exchange_note(own, classical, matrix)))
-    if doubt := found.doubt or reading.doubt or ("" if generic else doubt_of_coefficients(own, matrix, forms)):
+    if doubt := found.doubt or reading.doubt or ("" if generic else doubt_of_coefficients(own, matrix, recorded)):
         reading = replace(reading, doubt=doubt)
     return BaseModel(own, matrix, certificate, reading, seed, found.special, generic)
 
@@ -211,11 +199,8 @@ def base_matrix(
     report: Callable[[str], None],
 ) -> BaseMatrix:
     """B for a column order."""
-    if (balls := _balls(mechanism, structure, order)) is not None:
-        order = (*balls.pivots, *(column for column in order if column not in balls.pivots))
-        return assembled(mechanism.parameters, balls.pivots, dict(balls.columns), order, balls.meaning)
-    if mechanism.closures and not symbol_roles(mechanism).symbols:
-        order = firm_first(mechanism, order, structure.pivots, rng)  # rounding may break what is special
+    if structure.real is not None and not symbol_roles(mechanism).symbols:
+        return in_numbers(mechanism, structure.real, order)
     work = Work.of(budget)
     found = relations(mechanism, structure)
     zero = [column for column, support in structure.by_robot.items() if not support]
@@ -230,10 +215,14 @@ def base_matrix(
         if other is not None:
             return other
     report("numbers in place of closed forms")
+    if structure.real is not None:
+        if not has_values(mechanism):
+            raise ClosedFormError("coefficients have no closed forms within the budget, and symbols have no values")
+        return in_numbers(mechanism, RealStates(rows_of(mechanism)).independent(), order)
     # fractions that were not found although enough work was left are longer than anybody reads
-    cheap = (r for r in found if not r.kernel.sampler.symbols and MOST_PRIMES * r.kernel.cost < work.operations)
+    cheap = (r for r in found if not r.kernel.symbols and MOST_PRIMES * r.kernel.cost < work.operations)
     short = all(closed.keys() >= {*r.targets} for r in cheap)
-    stated = StatedColumns(mechanism, relations(mechanism, structure, in_numbers=True), zero, order, rng, exact=short)
+    stated = StatedColumns(mechanism, found, zero, order, rng, exact=short)
     if order != classical:  # an exchange of representatives mixes the columns
         pivots = set(stated.pivots)
         closed, open_columns = {}, [c for c in classical if c not in pivots]
@@ -244,18 +233,6 @@ def base_matrix(
 def _symbols_of(row: Mapping[int, RationalFunction]) -> set[str]:
     """Symbols, and functions of them, that occur in the coefficients of a column."""
     return {symbol for coefficient in row.values() for symbol in coefficient.symbols()}
-
-
-def _balls(mechanism: Mechanism, structure: Structure, order: tuple[int, ...]) -> BallRelations | None:
-    """What balls show where no exact pose is known, or where it has so many digits that no coefficient is short."""
-    if structure.balls is not None:
-        return structure.balls if sorted(order) == list(order) else ball_relations(mechanism, structure.rank, order)
-    if not mechanism.closures or stated_values(mechanism).names or largest_denominator(mechanism) < _LONG:
-        return None
-    with suppress(SingularPoseError):
-        found = ball_relations(mechanism, structure.rank, order)
-        return found if len(found.pivots) == structure.rank else None
-    return None
 
 
 def base_of(source: BaseModel | Mechanism | Readable) -> BaseModel:
@@ -287,7 +264,11 @@ def base_structure(mechanism: Mechanism | Readable, *, generic: bool = False, se
     -------
     Structure
     """
-    answer = specialised(mechanism_of(mechanism), random_generator(seed), generic=generic)
+    model, rng = mechanism_of(mechanism), random_generator(seed)
+    if model.closures and not generic:
+        answer = SpecialisedMechanism(model, stated_structure(model, rng))
+    else:
+        answer = specialised(model, rng, generic=generic)
     if doubt := answer.doubt or doubt_of_loops(answer.mechanism, answer.structure.rank):
         warnings.warn(doubt, DoubtWarning, stacklevel=3)  # of the caller, behind the door
     return answer.structure
@@ -315,75 +296,34 @@ def specialised(
     mechanism: Mechanism, rng: np.random.Generator, stated: AtStatedValues | None = None, *, generic: bool = False
 ) -> SpecialisedMechanism:
     """A mechanism for its stated values, and its structure there; ``stated`` spares recording the model again."""
-    try:
-        found = _specialised(mechanism, rng, stated or model_at_stated_values(mechanism), generic)
-        if found.structure.tells_mode or found.structure.singular or not has_values(mechanism):
-            return found
-        raise OtherModeError(alike(mechanism))
-    except LEFT_TO_BALLS as error:
-        if generic:
-            raise
-        return SpecialisedMechanism(*in_balls_instead(mechanism, rng, error))
-
-
-def _specialised(
-    mechanism: Mechanism, rng: np.random.Generator, stated: AtStatedValues, generic: bool
-) -> SpecialisedMechanism:
     values = stated_values(mechanism)
-    if mechanism.closed_in_balls:
-        return SpecialisedMechanism(mechanism, find_structure(mechanism, rng))
+    structure = find_structure(mechanism, rng)
     if not values.names:
-        return SpecialisedMechanism(mechanism, find_structure(mechanism, rng, SEARCH))
-    if mechanism.closures:
-        at_values, undecided = _at_values(mechanism, rng)
-        if at_values is not None and _is_general_with_loops(mechanism, at_values, rng):
-            return SpecialisedMechanism(mechanism, at_values)
-        structure = find_structure(mechanism, rng)
-    else:
-        structure = find_structure(mechanism, rng)
+        return SpecialisedMechanism(mechanism, structure)
+    if not mechanism.closures:
+        stated = stated or model_at_stated_values(mechanism)
         if _is_general(structure, stated, rng):
             related = stated.fractions_of_pi and not _shown_in_balls(mechanism, structure, stated, rng)
             return SpecialisedMechanism(mechanism, structure, undecided=_FRACTIONS_OF_PI if related else "")
-        at_values, undecided = _at_values(mechanism, rng)
-    if at_values is None:
+    try:
+        at_values = stated_structure(mechanism, rng)
+    except EchelonError as error:
+        if mechanism.closures:
+            raise
+        undecided = f"for general symbols, since at the stated values {error}"
         return SpecialisedMechanism(mechanism, structure, undecided=undecided)
     if at_values.pivots == structure.pivots:
         return SpecialisedMechanism(mechanism, structure)
 
     def pivots_of(put_in: Mapping[str, Polynomial]) -> tuple[int, ...]:
-        return find_structure(substituted(mechanism, put_in), rng).pivots
+        return find_structure(with_values(mechanism, put_in), rng).pivots
 
     relations = RelationSearch(values, at_values.pivots, pivots_of).find()
-    own = substituted(mechanism, relations.put_in(values))
+    own = with_values(mechanism, relations.put_in(values))
     special = SpecialValues(structure.rank, at_values.rank, relations.texts(values))
     if generic:
         return SpecialisedMechanism(mechanism, structure, special)
     return SpecialisedMechanism(own, find_structure(own, rng), special)
-
-
-def _at_values(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Structure | None, str]:
-    """The structure at the stated values, or why it could not be found."""
-    try:
-        return find_structure(at_stated_values(mechanism), rng), ""
-    except (OtherModeError, BrokenRelationsError):
-        raise
-    except EchelonError as error:
-        return None, f"for general symbols, since at the stated values {error}"
-
-
-def _is_general_with_loops(mechanism: Mechanism, structure: Structure, rng: np.random.Generator) -> bool:
-    """Whether the structure at the stated values holds for general ones, too, as it does at a random point."""
-    if structure.accepted is not None:
-        return False
-    columns = sorted({*structure.pivots, *structure.by_robot})
-    rows = rows_of(mechanism).columns(columns)
-    field = PrimeField.random(rng)
-    try:
-        found = dependent_columns(rows, rows.forms.sampler(structure.order), rows.forms.shape[1], field, rng)
-    except (DegenerateSampleError, SingularPoseError):
-        return False
-    supports = {columns[k]: tuple(columns[s] for s in support) for k, support in found.items()}
-    return supports == structure.by_robot
 
 
 def _is_general(structure: Structure, stated: AtStatedValues, rng: np.random.Generator) -> bool:

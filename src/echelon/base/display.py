@@ -217,7 +217,7 @@ def _size_text(model: _RobotSet | _LinearSet) -> str:
 def numbers_text(model: _RobotSet, numbers: StatedNumbers) -> str:
     """Which coefficients are numbers in place of closed forms, how exact they are, and how to ask for more."""
     within = "exact" if not numbers.radius else f"within {numbers.radius:.0e}"
-    if model.mechanism.closed_in_balls:  # no budget finds closed forms there
+    if model.mechanism.closures:
         return f"all coefficients are numbers at the stated values, found in ball arithmetic ({within})"
     names = " ".join(model.parameters[column] for column in numbers.columns)
     return (

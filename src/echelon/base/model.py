@@ -200,7 +200,7 @@ class BaseModel(BaseSet, Evaluation):
 
     def _is_rounding(self, coefficient: RationalFunction) -> bool:
         number = coefficient.numerator.number if coefficient.is_polynomial else None
-        return self.mechanism.closed_in_balls and number is not None and abs(float(number)) < _ROUNDED
+        return bool(self.mechanism.closures) and number is not None and abs(float(number)) < _ROUNDED
 
     @property
     def hidden(self) -> int:

@@ -14,13 +14,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import flint
 import numpy as np
 
+from echelon.base.ball_rows import stated_generators
+from echelon.base.ball_tables import Balls, vanishes
 from echelon.base.derive import base_parameters
+from echelon.base.elimination import eliminated
 from echelon.base.linear_base import LinearBase
 from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseModel
-from echelon.base.structure import find_structure
+from echelon.base.real_states import RealStates
 from echelon.doors import public
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank, reduced_echelon
@@ -28,7 +32,8 @@ from echelon.exact.interpolation import combine, rational
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.sources import Readable, loaded, mechanism_of
 from echelon.models import LinearModel
-from echelon.regressor.linear_forms import LinearForms, energy_form, power_form, virtual_power_form
+from echelon.program.arithmetics import ball
+from echelon.regressor.linear_forms import LinearForms, Rows, energy_form, power_form, virtual_power_form
 
 
 @public
@@ -77,8 +82,7 @@ def energy_regressor(mechanism: Mechanism | Readable) -> RecordedRows:
     if mechanism.effects:
         names = ", ".join(effect.parameter for effect in mechanism.effects[:4])
         raise InputError(f"effects such as {names} have no energy: leave them out of the description")
-    forms = _in_own_mode(mechanism, energy_form(mechanism))
-    return RecordedRows(f"energy of {mechanism.name}", forms, 1, mechanism.parameters)
+    return RecordedRows(f"energy of {mechanism.name}", energy_form(mechanism), 1, mechanism.parameters)
 
 
 @public
@@ -95,14 +99,7 @@ def power_regressor(mechanism: Mechanism | Readable) -> RecordedRows:
     RecordedRows
     """
     mechanism = mechanism_of(mechanism)
-    forms = _in_own_mode(mechanism, power_form(mechanism))
-    return RecordedRows(f"power of {mechanism.name}", forms, 0, mechanism.parameters)
-
-
-def _in_own_mode(mechanism: Mechanism, forms: LinearForms) -> LinearForms:
-    if not mechanism.closures:
-        return forms
-    return find_structure(mechanism, random_generator(DEFAULT_SEED)).on_curves(forms)
+    return RecordedRows(f"power of {mechanism.name}", power_form(mechanism), 0, mechanism.parameters)
 
 
 Model = Mechanism | BaseModel | LinearModel | LinearBase | RecordedRows | LinearForms
@@ -182,8 +179,10 @@ def same_row_space(a: Model | Readable, b: Model | Readable, *, seed: int = DEFA
     RowSpaces(different: dimensions 6 and 4, together 6; only the first sees MX1 + l1·M2)
     """
     rng = random_generator(seed)
-    first, second = _Side(a, rng), _Side(b, rng)
+    first, second = _Side(a), _Side(b)
     places = _places(first.names, second.names, first.columns, second.columns)
+    if first.states or second.states:
+        return _compared_in_balls(first, second, places, rng)
     seen: list[_Comparison] = []
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng)
@@ -227,7 +226,7 @@ class _Comparison:
 class _Side:
     """One of the models: its parameters, symbols, and how its rows are sampled."""
 
-    def __init__(self, model: Any, rng: np.random.Generator) -> None:
+    def __init__(self, model: Any) -> None:
         model = loaded(model) if isinstance(model, str | os.PathLike) else model
         self.model = model
         self.names: tuple[str, ...] = ()
@@ -237,8 +236,6 @@ class _Side:
             self.rows: Callable[..., Residues] = lambda field, _, at: model.matrix.dense_modulo(at, field)
         elif isinstance(model, Mechanism):
             self.names, forms, auxiliary = model.parameters, virtual_power_form(model), 0
-            if model.closures:
-                forms = find_structure(model, rng).on_curves(forms)
         elif isinstance(model, LinearModel):
             self.names, forms, auxiliary = model.parameters, model.regressor, 0
         elif isinstance(model, RecordedRows):
@@ -248,12 +245,30 @@ class _Side:
         else:
             kinds = "a mechanism, BaseModel, LinearModel, LinearBase, RecordedRows, LinearForms or the path of a model"
             raise InputError(f"{kinds} is needed, not {type(model).__name__}")
+        self.states: RealStates | None = None  # of mechanisms with loops
+        self.matrix = matrix
         if matrix is not None:
             self.symbols, self.columns = list(matrix.symbols), len(self.names)
             return
-        sampler = forms.sampler()
-        self.symbols, self.columns = sampler.symbols, forms.shape[1] - auxiliary
+        self.columns = forms.shape[1] - auxiliary
+        if forms.loops is not None:
+            self.states, self.symbols = RealStates(Rows(forms, auxiliary)), []
+            return
+        self.symbols = forms.sampler().symbols
         self.rows = lambda field, rng, at: row_space(forms, field, rng, at, auxiliary)
+
+    def in_balls(self, at: Mapping[str, str]) -> Balls:
+        """Rows that span the row space, at values of the symbols."""
+        if self.matrix is not None:
+            values = stated_generators(self.matrix.generators, at)
+            table = np.full(self.matrix.shape, flint.arb(0), dtype=object)
+            for target, row in zip(table, self.matrix.rows, strict=True):
+                for column, coefficient in row.items():
+                    target[column] = coefficient.evaluate(values, ball)
+            return table
+        if self.states is None:
+            raise InputError("only models with loops, and their sets, can be compared with models with loops")
+        return self.states.independent(at).basis
 
     def closed_form(self, pivot: str) -> str | None:
         """The base parameter of this representative, where there are closed forms."""
@@ -263,6 +278,46 @@ class _Side:
         return str(model.expressions[model.pivots.index(pivot)])
 
 
+def _compared_in_balls(first: _Side, second: _Side, places: Sequence[int], rng: np.random.Generator) -> RowSpaces:
+    """Row spaces of models of which one has loops, in ball arithmetic, at random values of symbols near stated ones."""
+    sides = (first, second)
+    states = next(side.states for side in sides if side.states is not None)
+    in_numbers = any(side.matrix is not None and side.matrix.numbers is not None for side in sides)
+    at = {**states.loops.values, **({} if in_numbers else states.elsewhere(rng))}
+    with flint.ctx.workprec(_BITS):
+        upper, lower = (side.in_balls(at) for side in sides)
+        lower = lower[:, list(places)]
+        both = [eliminated(table, _BITS) for table in (upper, lower, np.vstack([upper, lower]))]
+        ranks = [len(found.pivots) for found in both if found is not None]
+        if len(ranks) < len(both):
+            raise EchelonError(f"{_BITS} bits do not tell whether the models see the same")
+        names = first.names or second.names or tuple(f"p{k + 1}" for k in range(first.columns))
+        only = [
+            _unseen_in_balls(own, other, side, names) if ranks[2] > rank_of_other else ""
+            for own, other, side, rank_of_other in (
+                (upper, lower, first, ranks[1]),
+                (lower, upper, second, ranks[0]),
+            )
+        ]
+    return RowSpaces(ranks[0], ranks[1], ranks[2], only[0], only[1], ())
+
+
+def _unseen_in_balls(own: Balls, other: Balls, side: _Side, names: Sequence[str]) -> str:
+    """The first row of one side's echelon form that the other side does not see, as text."""
+    found, known = eliminated(own, _BITS), eliminated(other, _BITS)
+    assert found is not None
+    assert known is not None
+    ordered = found.in_order(range(own.shape[1]))
+    for pivot, row in zip(ordered.pivots, ordered.basis, strict=True):
+        together = eliminated(np.vstack([other, row[None]]), _BITS)
+        if together is None or len(together.pivots) > len(known.pivots):
+            present = [names[c] for c, x in enumerate(row) if vanishes(x, _BITS) is False]
+            return side.closed_form(names[pivot]) or f"a combination of {', '.join(present)}"
+    return ""
+
+
+_BITS = 1024
+"""Precision of comparisons in ball arithmetic; row spaces are known to half of it and more."""
 _FIRST_STATES, _SURPLUS_STATES = 32, 8
 
 

@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.base.ball_spaces import ball_spaces
+from echelon.base.ball_spaces import spaces_of
 from echelon.base.derive import silent
 from echelon.base.row_space import row_space
 from echelon.base.stated_values import at_stated_values
-from echelon.base.structure import settled_structure
 from echelon.doors import Count, NotNegative, public
 from echelon.errors import ClosedFormError, DegenerateSampleError, EchelonError, InputError
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank
@@ -170,15 +169,11 @@ def _spaces(
 ) -> _Spaces:
     progress("structure")
     numbers = {name: f"sensor {number} of {len(groups)}" for number, name in enumerate(groups, 1)}
-    structure = None
-    if mechanism.closures:
-        mechanism, structure = settled_structure(mechanism, rng)
-        if structure.balls:
-            said = "what {} sees ({}, in ball arithmetic)"
-            found = ball_spaces(mechanism, groups, rng, lambda name: progress(said.format(name, numbers[name])))
-            return _Spaces([(found.rank, found.bases)], _BALL)
     forms = {name: virtual_power_form(replace(mechanism, measured=group)) for name, group in groups.items()}
-    forms = {name: structure.on_curves(form) if structure else form for name, form in forms.items()}
+    if any(form.loops is not None for form in forms.values()):
+        said = "what {} sees ({}, in ball arithmetic)"
+        found = spaces_of(forms, lambda name: progress(said.format(name, numbers[name])))
+        return _Spaces([(found.rank, found.bases)], _BALL)
     bases = list[_Base]()
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng)

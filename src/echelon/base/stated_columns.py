@@ -15,8 +15,8 @@ import flint
 import numpy as np
 import numpy.typing as npt
 
-from echelon.base.ball_rows import Balls, ball_rows, stated_generators
-from echelon.base.ball_tables import ball_error, rounded
+from echelon.base.ball_rows import ball_rows, stated_generators
+from echelon.base.ball_tables import Balls, ball_error, rounded
 from echelon.base.closed_form import Kernel, Relation
 from echelon.base.matrix import StatedNumbers
 from echelon.errors import ClosedFormError

@@ -15,7 +15,7 @@ from itertools import combinations, product
 import numpy as np
 
 from echelon.base.matrix import BaseMatrix
-from echelon.base.structure import Structure, settled_structure
+from echelon.base.structure import Structure, find_structure
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
 from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle, decimal_text
 from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator
@@ -209,8 +209,7 @@ def at_stated_values(mechanism: Mechanism) -> Mechanism:
     values = stated_values(mechanism)
     if not values.names:
         return mechanism
-    with_units = replace(mechanism, symbols={**mechanism.symbols, **{name: values.units[name] for name in UNITS}})
-    put_in = substituted(with_units, values.put_in(values.names))
+    put_in = with_values(mechanism, values.put_in(values.names))
     terms = " ".join(action.term for effect in put_in.effects for action in effect.actions)
     in_geometry = symbol_roles(put_in).symbols
     used = {name for name in values.units if name in in_geometry or (name in UNITS and name in terms)}
@@ -218,9 +217,17 @@ def at_stated_values(mechanism: Mechanism) -> Mechanism:
     return replace(put_in, symbols={**left, **{name: values.units[name] for name in used}})
 
 
+def with_values(mechanism: Mechanism, put_in: Mapping[str, Polynomial]) -> Mechanism:
+    """The mechanism with expressions in place of symbols, which may be in terms of units of angles."""
+    units = stated_values(mechanism).units
+    return substituted(replace(mechanism, symbols={**mechanism.symbols, **{n: units[n] for n in UNITS}}), put_in)
+
+
 def stated_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
     """Structure at the stated values of all symbols that have one."""
-    return settled_structure(at_stated_values(mechanism), rng)[1]
+    if mechanism.closures:  # real states are those of the stated values
+        return find_structure(mechanism, rng, generic=False)
+    return find_structure(at_stated_values(mechanism), rng)
 
 
 def at_values(matrix: BaseMatrix, values: StatedValues) -> BaseMatrix:

@@ -110,7 +110,6 @@ def _rank_json(answer: SpecialisedMechanism, mimics: MimicRanks | None, moved: A
     robot, structure = answer.mechanism, answer.structure
     optional = {
         "special": answer.special and asdict(answer.special),
-        "modes": list(structure.modes) or None,
         "mimics": mimics and asdict(mimics),
         "assembled": moved and asdict(moved),
     }
@@ -142,9 +141,6 @@ def _rank_text(answer: SpecialisedMechanism, mimics: MimicRanks | None, moved: A
     lines += [f"note: {note}" for note in mechanism_notes(robot)]
     if doubt := answer.doubt or doubt_of_loops(robot, structure.rank):
         lines.append(f"doubt: {doubt}")
-    if len(structure.modes) > 1:
-        ranks = ", ".join(map(str, structure.modes))
-        lines.append(f"assembly modes: base parameters {ranks}; this is the one with {structure.rank}")
     return "".join(f"{one_line(line)}\n" for line in lines)
 
 

@@ -160,8 +160,6 @@ class Mechanism:
         for all of them (see :func:`echelon.regressor.loops.closing.close`).
     assembly : mapping of str to float
         Positions near which the loops close, which picks one of several ways to assemble them; zero where absent.
-    closed_in_balls : bool
-        Whether the loops are closed at real poses only, in ball arithmetic, as no pose modulo primes is known.
     reading : Reading, optional
         How it was read from a file; absent if it was not, or was changed since (:meth:`as_read`).
 
@@ -182,7 +180,6 @@ class Mechanism:
     closures: tuple[Closure, ...] = ()
     independent: tuple[str, ...] = ()
     assembly: Mapping[str, float] = field(default_factory=dict)
-    closed_in_balls: bool = False
     reading: Reading | None = field(init=False, default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""Power series and balls: what a program can be evaluated in beside floats and residues."""
+"""Balls: what a program can be evaluated in beside floats and residues."""
 
 from __future__ import annotations
 
@@ -11,33 +11,10 @@ import flint
 import numpy as np
 import numpy.typing as npt
 
-from echelon.exact import series
 from echelon.exact.expressions import parse, pi_generators
-from echelon.exact.field import PrimeField
 from echelon.exact.polynomial import Number, parts_of
 from echelon.program.operations import FUNCTIONS, Op
-from echelon.program.schedule import Array, ModularArithmetic
-
-
-class SeriesArithmetic(ModularArithmetic):
-    """Power series over GF(p), truncated to some order; the last axis holds the coefficients."""
-
-    def __init__(self, field: PrimeField, order: int) -> None:
-        super().__init__(field)
-        self.shape = (order,)
-
-    def constant(self, value: Number) -> Array:
-        """The residue as a series."""
-        return series.constant(np.array(self.field.embed(value)), self.shape[0])
-
-    def binary(self, op: int, a: Array, b: Array) -> Array:
-        """Elementwise operation on series."""
-        if op == Op.MUL:
-            return series.product(a, b, self.field)
-        if op == Op.DIV:
-            return series.product(a, series.inverse(b, self.field), self.field)
-        return super().binary(op, a, b)
-
+from echelon.program.schedule import Array
 
 _RADICANDS = (1, 2, 3, 6)
 
@@ -54,6 +31,7 @@ def ball(value: Number | float) -> Any:
 
 
 _ARC = "atan(sqrt(", "))"
+_TWICE = "2*atan(", ")"
 
 
 def arc_text(tangent_squared: Fraction) -> str:
@@ -61,16 +39,24 @@ def arc_text(tangent_squared: Fraction) -> str:
     return f"{_ARC[0]}{tangent_squared}{_ARC[1]}"
 
 
+def twice_arc_text(half_tangent: Fraction) -> str:
+    """The value of an angle by the tangent of its half, as text for :func:`stated_ball`."""
+    return f"{_TWICE[0]}{half_tangent}{_TWICE[1]}"
+
+
 def stated_ball(text: str) -> Any:
     """The ball of a stated value, at the precision of FLINT's context."""
+    if text.startswith(_TWICE[0]):
+        return 2 * ball(Fraction(text.removeprefix(_TWICE[0]).removesuffix(_TWICE[1]))).atan()
     if text.startswith(_ARC[0]):
         square = Fraction(text.removeprefix(_ARC[0]).removesuffix(_ARC[1]))
         return flint.arb(flint.fmpq(square.numerator, square.denominator)).sqrt().atan()
     return parse(text).evaluate(pi_generators(flint.arb.pi()), ball)
 
 
-_UNARY: dict[Op, Callable[[Any], Any]] = {op: methodcaller(op.name.lower()) for op in FUNCTIONS}
-_UNARY |= {Op.NEG: neg, Op.ABS: abs, Op.SIGN: methodcaller("sgn")}
+_METHODS: dict[Op, Callable[[Any], Any]] = {op: methodcaller(op.name.lower()) for op in FUNCTIONS}
+_METHODS |= {Op.NEG: neg, Op.ABS: abs, Op.SIGN: methodcaller("sgn")}
+_UNARY = {op: np.frompyfunc(function, 1, 1) for op, function in _METHODS.items()}
 
 
 class BallArithmetic:
@@ -103,7 +89,4 @@ class BallArithmetic:
 
     def unary(self, op: int, a: Array) -> Array:
         """Elementwise function."""
-        result = np.empty(a.shape, dtype=object)
-        for place in np.ndindex(a.shape):  # one by one, because power series would be taken for sequences
-            result[place] = _UNARY[Op(op)](a[place])
-        return result
+        return np.asarray(_UNARY[Op(op)](a))

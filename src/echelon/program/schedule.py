@@ -256,10 +256,6 @@ class FieldSampler:
         """Real values of inputs by name, at states of all regions in turn; empty where any values will do."""
         return {}
 
-    def with_order(self, order: int | None) -> FieldSampler:  # noqa: ARG002
-        """The sampler itself: without loops there are no curves that have an order."""
-        return self
-
     def evaluate(
         self, field: PrimeField, rng: np.random.Generator, states: int, geometry: Mapping[str, Residues]
     ) -> Residues:

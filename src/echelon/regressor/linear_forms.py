@@ -23,18 +23,19 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from functools import partial, reduce
+from functools import cached_property, partial, reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from echelon.errors import EchelonError
 from echelon.exact.field import Residues
 from echelon.exact.polynomial import Rational
 from echelon.mechanism.effect import Side
 from echelon.mechanism.joint import GROUND
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
-from echelon.program.schedule import FieldSampler
+from echelon.program.schedule import FieldSampler, Schedule
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.blocks import Block, BlockRows, blocks_of
 from echelon.regressor.steps import (
@@ -56,7 +57,7 @@ from echelon.regressor.steps import (
 )
 
 if TYPE_CHECKING:
-    from echelon.regressor.loops.closures import Loops
+    from echelon.regressor.loops.recorded_loops import Loops
 
 FEW_COLUMNS = 120
 """So many columns are eliminated at once in less time than block by block."""
@@ -75,7 +76,7 @@ class LinearForms:
     values: Mapping[str, Rational | float] = field(default_factory=dict)
     # the same columns are asked for again and again, and a schedule costs as much as an evaluation
     _restricted: dict[tuple[int, ...], LinearForms] = field(init=False, default_factory=dict, repr=False, compare=False)
-    _samplers: dict[int | None, FieldSampler] = field(init=False, default_factory=dict, repr=False, compare=False)
+    _samplers: list[FieldSampler] = field(init=False, default_factory=list, repr=False, compare=False)
 
     def columns(self, keep: Collection[int]) -> LinearForms:
         """The forms restricted to some columns, renumbered in the given order."""
@@ -86,23 +87,24 @@ class LinearForms:
             self._restricted[kept] = replace(self, entries=entries, shape=(self.shape[0], len(position)))
         return self._restricted[kept]
 
-    def sampler(self, order: int | None = None) -> FieldSampler:
+    def sampler(self) -> FieldSampler:
         """Evaluates all entries at random states modulo primes."""
         if not self._samplers:
             nodes = list(self.entries.values())
             if self.loops is not None:
-                from echelon.regressor.loops.curves import CurveSampler  # robots without loops do without it
-
-                self._samplers[None] = CurveSampler(self.program, nodes, self.loops)
-            elif FieldSampler.suits(self.program, nodes):
-                self._samplers[None] = FieldSampler(self.program, nodes)
+                raise EchelonError("closed states of loops are real ones, and no points of finite fields")
+            if FieldSampler.suits(self.program, nodes):
+                self._samplers.append(FieldSampler(self.program, nodes))
             else:
                 from echelon.program.sampling import FunctionSampler  # robots without friction do without it
 
-                self._samplers[None] = FunctionSampler(self.program, nodes, self.values)
-        if order not in self._samplers:
-            self._samplers[order] = self._samplers[None].with_order(order)
-        return self._samplers[order]
+                self._samplers.append(FunctionSampler(self.program, nodes, self.values))
+        return self._samplers[0]
+
+    @cached_property
+    def schedule(self) -> Schedule:
+        """All entries, ordered for evaluation in any arithmetic."""
+        return Schedule(self.program, list(self.entries.values()))
 
     def stacked(self, values: Residues) -> Residues:
         """Sampled entries as matrices, one for each geometry."""

@@ -11,8 +11,6 @@ from functools import cache
 from math import isclose
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
-
 from echelon.base.ball_checks import check_in_balls
 from echelon.base.certificate import Certificate, certify
 from echelon.base.derive import model_at_stated_values, silent, specialised
@@ -446,7 +444,6 @@ def verify(
             _check_special(model, linear_special(model.model, model.matrix.order, random_generator(fresh)))
         at_constants = None if model.generic else linear_at_stated_values(model.model)
         return certify(model.model.regressor, model.matrix, fresh, at_constants)
-    modes: tuple[int, ...] = ()
     doubts, singular = list[str](), ""
     forms = virtual_power_form(model.mechanism)
     at_values = model_at_stated_values(model.mechanism, forms)
@@ -458,15 +455,14 @@ def verify(
             doubts.append(f"the number at the stated values ({found.undecided})")
     if forms.loops is not None:
         progress("structure")
-        structure = find_structure(model.mechanism, np.random.default_rng(recorded.seed))
-        forms, modes = structure.on_curves(forms), structure.modes
+        structure = find_structure(model.mechanism, random_generator(recorded.seed), generic=False)
         singular = structure.where_modes_meet
         doubts += [structure.doubt] if structure.doubt and not singular else []
     stated = None if model.generic else at_values
     progress("repeating the recorded check")
-    _compare(recorded, certify(forms, model.matrix, recorded.seed, stated, modes, singular))
+    _compare(recorded, certify(forms, model.matrix, recorded.seed, stated, singular))
     progress("checking every column at new points")
-    certificate = certify(forms, model.matrix, fresh, stated, modes, singular)
+    certificate = certify(forms, model.matrix, fresh, stated, singular)
     if stated is not None and stated.approximate and forms.loops is None:
         progress("minor at rounded values")
         try:

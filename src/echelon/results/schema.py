@@ -106,11 +106,10 @@ class CertificateRecord(_Strict):
     identity_primes: list[str] = Field(description="81-bit primes as decimal text.")
     degree: int
     log10_error: float
-    order: int = 0
     at_values: bool = Field(False, description="Whether the minor was taken at the stated values of the symbols.")
     regions: int = Field(0, description="Regions of signs that were visited; 0 without signs.")
     regions_note: str = ""
-    modes: list[int] = Field([], description="With loops, ranks of all assembly modes that were found.")
+    other_values: int = Field(0, ge=0, description="With loops, other values at which formulas were checked.")
     numbers: int = Field(0, description="Columns of B that are numbers, checked at the stated values only.")
     log10_residual: float | None = Field(
         None, description="Bound on what is left at real states in ball arithmetic, beside the largest of a column."

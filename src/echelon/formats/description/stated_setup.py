@@ -56,7 +56,6 @@ ADDITIONS = (
     "loops",
     "independent",
     "assembly",
-    "closed_in_balls",
     "actuators",
     "rotors",
     "effects",
@@ -231,7 +230,7 @@ class Additions:
         closures = (*self.mechanism.closures, *self._closures())
         if not closures:
             problem = "there are no loops, so no coordinate depends on others through them"
-            for key in ("independent", "assembly", "closed_in_balls"):
+            for key in ("independent", "assembly"):
                 if key in self.robot.model_fields_set:
                     raise self.expressions.error(key, problem)
             return self.mechanism
@@ -240,9 +239,7 @@ class Additions:
         assembly = {**self.mechanism.assembly, **self._assembly()}
         symbols = {**self.mechanism.symbols, **self.expressions.named}
         opened = replace(self.mechanism, closures=closures, independent=(), assembly=assembly, symbols=symbols)
-        if self.robot.closed_in_balls:
-            opened = replace(opened, closed_in_balls=True)
-        elif self.robot.robot is not None or not self.robot.symbols:  # what has a name is as it is stated
+        if self.robot.robot is not None or not self.robot.symbols:  # what has a name is as it is stated
             from echelon.formats.loop_axes import with_exact_axes  # robots without loops load without it
 
             opened = with_exact_axes(opened, self.expressions.snapping)

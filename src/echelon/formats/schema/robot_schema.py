@@ -217,9 +217,6 @@ class RobotDescription(Model):
         "With loops, positions near which they close, rad or m; zero where not stated.",
         {"coupler": "1.2", "rocker": "2*pi/3"},
     )
-    closed_in_balls: bool = optional(
-        False, "With loops, whether they are closed at real poses only, in ball arithmetic. As Echelon writes it.", True
-    )
     actuators: dict[str, Expression | LinearTerms] = optional(
         {},
         "Transmission: actuator coordinates as combinations of joint coordinates. A coordinate that none "

@@ -74,7 +74,6 @@ def _loops(mechanism: Mechanism) -> dict[str, Any]:
         loops=[_loop(closure, mechanism) for closure in mechanism.closures],
         independent=list(mechanism.independent) or None,
         assembly={name: repr(float(value)) for name, value in mechanism.assembly.items()} or None,
-        closed_in_balls=mechanism.closed_in_balls or None,
     )
 
 

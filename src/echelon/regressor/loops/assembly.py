@@ -119,6 +119,13 @@ class OpenLoopsError(InputError):
 class Assembly(ClosedMotion):
     """Closed configurations, and motion there."""
 
+    def at(self, symbols: Mapping[str, Floats]) -> Assembly:
+        """The same mechanism at other values of its symbols, one for every configuration, in the same units."""
+        other = Assembly.__new__(Assembly)
+        other.__dict__ |= {name: value for name, value in vars(self).items() if name not in ("pose", "assembled")}
+        other.closures, other.symbols = self.closures.with_values(symbols), None
+        return other
+
     # -- configurations --------------------------------------------------------------------------------------------
 
     @cached_property
@@ -258,6 +265,15 @@ class Assembly(ClosedMotion):
             before[left] = np.where(largest(change) < _STILL, open_by[far], np.inf)
             q[left] = self._moved(q[left], change)
         return q, ~np.isin(np.arange(len(q)), left)
+
+    def step(self, q: Floats) -> Floats:
+        """Configurations after one Gauss–Newton step towards closed ones, shape (N, positions)."""
+        values, jacobian = self.closures.at(q)
+        return self._moved(q, _damped_steps(values, jacobian[:, :, : len(self.mechanism.velocities)]))
+
+    def opening_of(self, q: Floats) -> float:
+        """What closure equations miss most in some configurations, rad or characteristic lengths."""
+        return float(np.abs(self.closures.at(q)[0]).max(initial=0.0))
 
     def from_independent(self, q_independent: Floats) -> Floats:
         """Configurations (N, positions) at positions of the independent coordinates, followed from :attr:`pose`."""

@@ -8,11 +8,11 @@ for rounding of frames: they depend on the others on the component of poses that
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import flint
 import numpy as np
@@ -21,13 +21,14 @@ import numpy.typing as npt
 from echelon.arrays import Floats, Integers, pivoted_qr
 from echelon.errors import InputError
 from echelon.mechanism.joint import MotionKind
-from echelon.program.arithmetics import BallArithmetic, ball, stated_ball
+from echelon.program.arithmetics import BallArithmetic, ball
 from echelon.program.operations import Op
 from echelon.program.schedule import FloatArithmetic, Schedule
-from echelon.program.tape import Program
 from echelon.regressor.loops.closed_motion import NOISE
-from echelon.regressor.loops.closures import Loops
 from echelon.regressor.steps import quaternion_times
+
+if TYPE_CHECKING:
+    from echelon.regressor.loops.recorded_loops import Loops
 
 Balls = npt.NDArray[Any]
 """Array of ``arb``, poses last."""
@@ -38,9 +39,11 @@ Values = dict[str, Balls]
 _ITERATIONS = 16
 _RANK = 1e-6  # what counts as nothing among the pivots of a Jacobian in doubles
 BALL_STEPS = 256  # of random numbers, to one
+_FAR = 1e-3  # of the largest singular value: the smallest one of equations that are solved well
 _MISSED = 1e-11  # m or rad: by what equations that depend on others may miss, which are those of rounded frames
 _SPARE = 32  # bits between the last step and the box
 _LARGEST_EXPONENT, _SLOWEST = 40.0, 40
+_RATE = 2.0  # rad/s or m/s, of the largest random velocities
 _MOST_DOUBLINGS = 20  # of speeds where signs occur: from a millionth to a million of the usual ones
 
 _middle = np.frompyfunc(lambda x: x.mid(), 1, 1)
@@ -77,17 +80,18 @@ class _Jacobian:
     def chosen(self, given: Sequence[int] = (), rows: Sequence[int] = ()) -> _Choice:
         """Independent equations and freedoms, none of which is given.
 
-        The same equations everywhere if possible, perhaps some that are known: those that are left out may miss.
+        The same everywhere where possible, the equations perhaps some that are known: those that are left out may miss.
         """
         doubles = np.zeros((*self.shape, self.values.shape[1]))
         doubles[self.rows, self.columns] = np.frompyfunc(lambda x: float(x.mid()), 1, 1)(self.values)
         doubles[np.abs(doubles) < NOISE] = 0  # equations that hold whatever moves determine nothing
         solved = [k for k in range(self.shape[1]) if k not in given]
-        found, same = _Choice(), list(rows)
+        found, same, columns = _Choice(), list(rows), list[int]()
         for table in np.moveaxis(doubles, 2, 0):
-            columns = [solved[k] for k in _independent(table[:, solved])]
-            if not len(_independent(table[np.ix_(same, columns)])) == len(columns) == len(same):
-                same = _independent(table[:, columns].T)
+            if not _well_determined(table[:, solved], table[np.ix_(same, columns)]):
+                columns = [solved[k] for k in _independent(table[:, solved])]
+                if not len(_independent(table[np.ix_(same, columns)])) == len(columns) == len(same):
+                    same = _independent(table[:, columns].T)
             found.append((same, columns))
         return found
 
@@ -108,16 +112,15 @@ class _Jacobian:
 class ClosedBalls:
     """Closed states of a program's inputs."""
 
-    def __init__(self, program: Program, loops: Loops, at: Mapping[str, str], real: Mapping[str, Floats]) -> None:
-        """``at`` has exact values of symbols, ``real`` poses in doubles and what values are missing, by input."""
-        self.program, self.loops, self._real = program, loops, real
-        names = [given.name for given in program.inputs.values() if given.role == "symbol"]
-        self.symbols = {n: stated_ball(at[n]) if n in at else ball(float(real[n][0])) for n in names}
+    def __init__(self, loops: Loops, symbols: Values, poses: Floats) -> None:
+        """Keep values of the symbols at every pose, and poses in doubles, shape (poses, positions)."""
+        program = loops.equations.program
+        self.program, self.loops, self._real = program, loops, poses
+        self.symbols = symbols
         self._names = loops.mechanism.velocities
         motions = loops.mechanism.free_motions
         self._balls = [(m.positions, m.velocities) for m in motions if m.kind is MotionKind.BALL]
-        self._closing = Schedule(program, [*loops.equations.equations, *loops.equations.jacobian.values()])
-        self._speeds = Schedule(program, list((loops.speeds or {}).values()))
+        self._closing, self._speeds = loops.closing, loops.driven
         self._arithmetic = BallArithmetic()
 
     def leaves(
@@ -134,15 +137,20 @@ class ClosedBalls:
     @cached_property
     def _pace(self) -> Any:
         """How slowly things move, so that exponentials of speeds are more than nothing: 1, or a power of two."""
-        program, count = self.program, len(next(iter(self._real.values())))
+        program, count = self.program, len(self._real)
         exponents = [program.lhs[node] for node, op in enumerate(program.ops) if op == Op.EXP]
         schedule = Schedule(program, exponents)
         leaves = {node: program.inputs[node].name for node in schedule.leaves}
         moving = {node for node, name in leaves.items() if name.startswith("qd[")}
+        names = self.loops.mechanism.positions
+        positions = {f"q[{name}]": column for name, column in zip(names, self._real.T, strict=True)}
+        constants = {name: np.array([float(x.mid()) for x in value]) for name, value in self.symbols.items()}
+        known = positions | constants
         for halvings in range(_SLOWEST if moving else 0):
             pace = 0.5**halvings
-            real = {node: self._real.get(name, np.ones(count)) for node, name in leaves.items()}
-            found = schedule.run(FloatArithmetic(), {n: x * pace if n in moving else x for n, x in real.items()}, count)
+            real = {node: known.get(name, np.ones(count)) for node, name in leaves.items()}
+            real |= {node: np.full(count, pace * _RATE) for node in moving}
+            found = schedule.run(FloatArithmetic(), real, count)
             if np.abs(found).max() < _LARGEST_EXPONENT:
                 return flint.arb(pace)
         return flint.arb(1)
@@ -170,7 +178,7 @@ class ClosedBalls:
             found = jacobian.completed(chosen, random_balls(rng, shape), bias)
             values |= _inputs("qdd", _flat(self._names, found))
         values |= {n: random_balls(rng, (count,)) for n in sorted(names) if n not in {*values, *self.symbols}}
-        values |= {name: np.array([x] * count, dtype=object) for name, x in self.symbols.items()}
+        values |= {name: np.tile(x, motions) for name, x in self.symbols.items()}
         if any(name.startswith("v[") for name in names):
             values |= _inputs("v", self._virtual(there, values, rng, motions))
         return values
@@ -187,7 +195,10 @@ class ClosedBalls:
 
     def _poses(self) -> tuple[Values, _Choice]:
         names = self.loops.mechanism.positions
-        q: Values = {n: np.array([flint.arb(x) for x in self._real[f"q[{n}]"].tolist()], dtype=object) for n in names}
+        q: Values = {
+            name: np.array([flint.arb(x) for x in column.tolist()], dtype=object)
+            for name, column in zip(names, self._real.T, strict=True)
+        }
         none = _zeros((len(self._names), 1, len(q[names[0]])))
         q = self._moved(q, none[:, 0])
         chosen, size = _Choice(), flint.arb(0)
@@ -285,11 +296,19 @@ class ClosedBalls:
         return _flat(names, found)
 
     def _run(self, schedule: Schedule, values: Values) -> Balls:
-        poses, leaves = len(next(iter(values.values()))), dict[int, Balls]()
+        states, leaves = len(next(iter(values.values()))), dict[int, Balls]()
         for node in schedule.leaves:
             name = self.program.inputs[node].name
-            leaves[node] = values[name] if name in values else np.array([self.symbols[name]] * poses, dtype=object)
-        return schedule.run(self._arithmetic, leaves, poses)
+            leaves[node] = values[name] if name in values else np.resize(self.symbols[name], states)
+        return schedule.run(self._arithmetic, leaves, states)
+
+
+def _well_determined(whole: Floats, square: Floats) -> bool:
+    """Whether some equations and freedoms have the rank of all, and are far from singular."""
+    if square.shape[0] != square.shape[1] or not square.size:
+        return False
+    every, own = np.linalg.svd(whole, compute_uv=False), np.linalg.svd(square, compute_uv=False)
+    return bool(own[-1] > _FAR * own[0] and (every > _RANK * every[0]).sum() == len(square))
 
 
 def _independent(matrix: Floats) -> list[int]:

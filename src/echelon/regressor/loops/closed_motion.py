@@ -7,6 +7,7 @@ four-bar has in space, so there may be more equations than unknowns; but their r
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Generic, NoReturn, TypeVar
@@ -83,8 +84,8 @@ class ClosureValues:
         self.mechanism = mechanism
         moving = Known((mechanism.bodies, mechanism.couplings, mechanism.closures, mechanism.measured), mechanism)
         equations, self._schedule = _recorded(moving) if equations is None else _scheduled(equations)
-        used = [equations.program.inputs[n] for n in self._schedule.leaves]
-        self._constants = symbol_values(mechanism, [i.name for i in used if i.role == "symbol"], symbols)
+        self._constants = self._values(symbols)
+        self._spread: Mapping[str, Floats] = {}  # values of symbols, one for every configuration
         self._columns = {f"q[{name}]": k for k, name in enumerate(mechanism.positions)}
         # velocity coordinates, then the cuts of sensors
         cuts = cut_names(mechanism)
@@ -96,6 +97,20 @@ class ClosureValues:
         sliding = {m.name for m in mechanism.motions if m.kind is MotionKind.TRANSLATION}
         sliding |= {name for cut, name in cuts.items() if not cut.angular}
         self.units = np.array([self.length if name in sliding else 1.0 for name in self.freedoms])
+
+    def _values(self, symbols: Mapping[str, float] | None) -> dict[str, float]:
+        """Values of the symbols that occur, given ones in place of stated ones."""
+        used = [self._schedule.program.inputs[node] for node in self._schedule.leaves]
+        return symbol_values(self.mechanism, [given.name for given in used if given.role == "symbol"], symbols)
+
+    def with_values(self, symbols: Mapping[str, Floats]) -> ClosureValues:
+        """The equations at other values of the symbols, one for every configuration, in the same units."""
+        other = copy(self)
+        other._constants, other._spread = (
+            {},
+            {name: value for name, value in symbols.items() if name in self._constants},
+        )
+        return other
 
     def at(self, q: Floats) -> tuple[Floats, Floats]:
         """Values of the equations, shape (N, equations), and their Jacobian by freedoms, (N, equations, freedoms)."""
@@ -117,7 +132,7 @@ class ClosureValues:
         jacobian = np.zeros((len(q), count, len(self.freedoms)), dtype=arithmetic.dtype)
         for start in range(0, len(q), _BLOCK):
             block = slice(start, min(start + _BLOCK, len(q)))
-            leaves = {n: self._leaf(inputs[n].name, q[block]) for n in self._schedule.leaves}
+            leaves = {n: self._leaf(inputs[n].name, q, block) for n in self._schedule.leaves}
             table = self._schedule.run(arithmetic, leaves, block.stop - block.start)
             values[block] = table[:count].T
             for (row, column), value in zip(self._entries, table[count:], strict=True):
@@ -125,8 +140,12 @@ class ClosureValues:
         row_units = np.where(self.is_length, self.length, 1.0)
         return values / row_units, jacobian * self.units / row_units[:, None]
 
-    def _leaf(self, name: str, q: _Numbers) -> _Numbers:
-        return np.full(len(q), self._constants[name]) if name in self._constants else q[:, self._columns[name]]
+    def _leaf(self, name: str, q: _Numbers, block: slice) -> _Numbers:
+        if name in self._spread:
+            return self._spread[name][block]
+        if name in self._constants:
+            return np.full(block.stop - block.start, self._constants[name])
+        return q[block, self._columns[name]]
 
 
 class ClosedMotion:

@@ -5,32 +5,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from math import inf
 
 import flint
 import numpy as np
 
 from echelon.arrays import Floats, one_thread
-from echelon.errors import DegenerateSampleError, InputError, ShakyPoseError, SingularPoseError
-from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, null_vectors, random_generator, rank
+from echelon.errors import InputError
+from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.mechanism.closed_pose import loop_motions, shown_loops
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import (
-    all_symbols,
     has_values,
     inexact_symbols,
-    known_values,
-    symbol_roles,
-    value_texts,
 )
 from echelon.mechanism.substitute import inexact_coupling, with_numeric_ratios
 from echelon.program.tape import Program
 from echelon.regressor.loops.assembly import NEARLY_FREE, Assembled, Assembly
-from echelon.regressor.loops.closed_balls import ClosedBalls
 from echelon.regressor.loops.closed_motion import RANK_TOLERANCE
-from echelon.regressor.loops.closures import Loops
 from echelon.regressor.loops.coordinates import independent_coordinates
-from echelon.regressor.loops.curves import CurveSampler
 from echelon.regressor.loops.recorded_loops import loops_of
 from echelon.regressor.steps import Recorder
 
@@ -43,9 +35,6 @@ _EXACTLY = (
     "equal numbers"
 )
 _STATES, _NEAR = 8, 0.5  # random configurations at which the mobility is counted numerically, and how far they stray
-# what a closed pose modulo a prime may take: operations to write down what is solved, and numbers that are added; five
-# to ten seconds without values, one where closed forms in names depend on it, no more than balls take where none do
-_LIMITS, _NAMED, _IN_NUMBERS = (inf, 1.5e7), (inf, 2e6), (1e5, 5e4)
 _INDEPENDENT = (1e-3, 1e-5, 1e-6)  # singular values of independent motions, the wanted one first
 
 
@@ -60,24 +49,19 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
             raise InputError("without loops all coordinates are independent; leave it out", element="independent")
         return mechanism
     mechanism = with_numeric_ratios(mechanism)
-    names, velocities = list(mechanism.velocities), None
+    names = list(mechanism.velocities)
     for name in wanted or ():
         if name not in names:
             raise InputError(f"there is no coordinate '{name}' (valid: {', '.join(names)})", element="independent")
     first = list(wanted) if wanted is not None else [name for name in prefer if name in names]
-    if not has_values(mechanism):
-        if inexact := inexact_coupling(mechanism):
-            problem = f"with loops, {inexact[1]}: give all symbols values, ratios exact ones such as 3/2"
-            raise InputError(problem, element=inexact[0])
-        field, jacobian = _jacobian(_recorded(mechanism))
-        freedom = np.array(null_vectors(jacobian, field), dtype=np.int64).reshape(-1, len(names))
-        chosen = independent_coordinates(mechanism, lambda columns: rank(freedom[:, columns], field), first)
-    else:
-        real = _Real(mechanism)
-        chosen, velocities = real.independent(first), real.velocities
-        mechanism = _closed_exactly(replace(mechanism, independent=chosen), real)
+    if not has_values(mechanism) and (inexact := inexact_coupling(mechanism)):
+        problem = f"with loops, {inexact[1]}: give all symbols values, ratios exact ones such as 3/2"
+        raise InputError(problem, element=inexact[0])
+    real = _Real(mechanism)
+    chosen = real.independent(first)
+    real.check()
     if wanted is not None:
-        _check_wanted(mechanism, wanted, chosen, velocities)
+        _check_wanted(mechanism, wanted, chosen, real.velocities)
         chosen = tuple(wanted)
     return replace(mechanism, independent=chosen)
 
@@ -100,10 +84,10 @@ class _Real:
     """The mechanism in double precision, near its own pose."""
 
     def __init__(self, mechanism: Mechanism) -> None:
-        self.mechanism, self.loops = mechanism, _recorded(mechanism)
-        self.assembly = Assembly(mechanism, equations=self.loops.equations)
+        self.mechanism, self.loops = mechanism, loops_of(mechanism, Recorder(mechanism, Program()))
+        self.assembly = self.loops.assembly
         pose = self.assembly.pose
-        if self.assembly.assembled is not None:
+        if self.assembly.assembled is not None and has_values(mechanism):
             self.assembly.assembled.check()
         if self.assembly.mobility(pose[None])[0] == 0:
             raise InputError(_rigid(mechanism, self.assembly, self.assembly.moving_pose()))
@@ -115,6 +99,11 @@ class _Real:
         self.mobility = int(self.assembly.mobility(self.states).min())
         self.velocities = self.assembly.free_velocities(self.states[0])
 
+    def check(self) -> None:
+        """Refuse loops that are not shown to close near the pose in ball arithmetic, as the numbers stand."""
+        with flint.ctx.workprec(_BALL_BITS):
+            _ = self.loops.closed([{}], self.states[:1]).poses
+
     def _locked(self, pose: Floats) -> bool:
         """Whether rounding has locked a loop while others, or what carries it, can move."""
         if self.assembly.easiest(pose)[2] > NEARLY_FREE:
@@ -123,30 +112,6 @@ class _Real:
         moving = {name for name, speed in zip(names, free, strict=True) if speed > _STANDS_STILL}
         motions = {motion.name: moving.intersection(motion.velocities) for motion in self.mechanism.motions}
         return not all(any(motions[n] for n in loop_motions(self.mechanism, [c])) for c in self.mechanism.closures)
-
-    @property
-    def closes_in_balls(self) -> bool:
-        """Whether balls show that the loops close exactly near the pose, as the numbers stand."""
-        real = {f"q[{name}]": self.states[:, k] for k, name in enumerate(self.mechanism.positions)}
-        real |= {name: np.array([value]) for name, value in known_values(self.mechanism).items()}
-        texts = value_texts(self.mechanism, all_symbols(self.mechanism))
-        try:
-            with flint.ctx.workprec(_BALL_BITS):
-                _ = ClosedBalls(self.loops.equations.program, self.loops, texts, real).poses
-        except InputError:
-            return False
-        return True
-
-    def singular(self) -> str:
-        """That more motions are possible at the pose than near it; empty if not."""
-        here = int(self.assembly.mobility(self.assembly.pose[None])[0])
-        if here <= self.mobility:
-            return ""
-        return (
-            f"no exact closed pose was found for {shown_loops(self.mechanism)}: the assembly pose is singular, with "
-            f"{here} possible motions, and {self.mobility} nearby.  State a pose away from it, such as  "
-            f"{self.assembly.written(self.states[-1])}"
-        )
 
     def independent(self, first: Sequence[str]) -> tuple[str, ...]:
         """Coordinates that the others depend on; see :func:`independent_coordinates`."""
@@ -167,51 +132,6 @@ class _Real:
 
 def _rank(velocities: Floats, threshold: float, columns: Sequence[int]) -> int:
     return int((np.linalg.svd(velocities[list(columns)], compute_uv=False) > threshold).sum()) if columns else 0
-
-
-def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
-    """The mechanism, if its loops close exactly and move as in doubles: modulo a prime, or else in ball arithmetic."""
-    if mechanism.closed_in_balls:
-        return mechanism
-    problem = ""
-    if inexact := inexact_coupling(mechanism):
-        problem = unsolved(mechanism, f"{inexact[0]}: {inexact[1]}, and balls do not show one")
-    else:
-        roles = symbol_roles(mechanism)
-        limits = _NAMED if roles.symbols - roles.angles else _IN_NUMBERS
-        try:
-            field, jacobian = _jacobian(replace(real.loops, mechanism=mechanism), limits)
-        except InputError as error:
-            problem = str(error)
-        else:
-            freedom = jacobian.shape[1] - rank(jacobian, field)
-            if freedom >= real.mobility:
-                return mechanism
-            problem = _locked(mechanism, freedom, real)
-    if real.closes_in_balls:
-        return replace(mechanism, closed_in_balls=True)
-    raise InputError(real.singular() or problem)
-
-
-def _recorded(mechanism: Mechanism) -> Loops:
-    return loops_of(mechanism, Recorder(mechanism, Program()))
-
-
-def _jacobian(loops: Loops, limits: tuple[float, float] = _LIMITS) -> tuple[PrimeField, Residues]:
-    """The Jacobian of the closures at a closed pose of a random geometry, found within some limits."""
-    mechanism, rng, (work, search) = loops.mechanism, random_generator(DEFAULT_SEED), limits
-    sampler = CurveSampler(loops.equations.program, [], replace(loops, work=work, search=search))
-    for _ in range(_ATTEMPTS):
-        field = PrimeField.random(rng)
-        try:
-            return field, sampler.jacobian(field, rng, _ORDER)
-        except DegenerateSampleError:
-            continue
-        except ShakyPoseError:
-            raise InputError(_shaky(mechanism)) from None
-        except SingularPoseError as error:
-            raise InputError(unsolved(mechanism, str(error))) from None
-    raise InputError(unsolved(mechanism, "the equations have no solution at random points"))
 
 
 def _rigid(mechanism: Mechanism, assembly: Assembly, moving: Floats | None = None) -> str:
@@ -278,16 +198,6 @@ def _independent(count: int) -> str:
     return "1 coordinate is independent" if count == 1 else f"{count} coordinates are independent"
 
 
-def _locked(mechanism: Mechanism, freedom: int, real: _Real) -> str:
-    sizes = real.assembly.singular_values(real.states).max(axis=0)
-    size = sizes[sizes <= RANK_TOLERANCE].max(initial=0.0)
-    return (
-        f"rounding has locked {shown_loops(mechanism)}: a mobility of {real.mobility} is meant, which their equations "
-        f"resist by no more than {size:.1g} (singular value), and to the letter it is {freedom}.  "
-        + broken_relations(mechanism)
-    )
-
-
 def broken_relations(mechanism: Mechanism) -> str:
     """Why relations between stated numbers may not hold to the letter, and what to write instead."""
     names = ", ".join(dict.fromkeys(mechanism.symbols[name].meaning for name in inexact_symbols(mechanism)))
@@ -304,21 +214,13 @@ def broken_relations(mechanism: Mechanism) -> str:
 
 
 def locked_joints(mechanism: Mechanism) -> tuple[str, ...]:
-    """Names of the joints that loops keep from moving in closed poses near the assembly pose, of coupled ones too.
-
-    Where symbols have no values, these are the joints that stand still in any geometry.
-    """
+    """Names of the joints that loops keep from moving in closed poses near the assembly pose, of coupled ones too."""
     if not mechanism.closures:
         return ()
-    if has_values(mechanism):
-        assembly = Assembly(mechanism)
-        states, _, _ = assembly.random_closed_states(random_generator(DEFAULT_SEED), _STATES, _NEAR)
-        # a joint may stand still in one pose, such as a dead centre, but not in all
-        speeds = np.max([np.abs(assembly.free_velocities(q)).max(axis=1, initial=0.0) for q in states], axis=0)
-    else:
-        field, jacobian = _jacobian(_recorded(mechanism))
-        freedom = np.array(null_vectors(jacobian, field), dtype=np.int64).reshape(-1, len(mechanism.velocities))
-        speeds = freedom.any(axis=0).astype(float)
+    assembly = loops_of(mechanism, Recorder(mechanism, Program())).assembly
+    states, _, _ = assembly.random_closed_states(random_generator(DEFAULT_SEED), _STATES, _NEAR)
+    # a joint may stand still in one pose, such as a dead centre, but not in all
+    speeds = np.max([np.abs(assembly.free_velocities(q)).max(axis=1, initial=0.0) for q in states], axis=0)
     moving = {name for name, speed in zip(mechanism.velocities, speeds, strict=True) if speed > RANK_TOLERANCE}
     locked = {motion.name for motion in mechanism.free_motions if moving.isdisjoint(motion.velocities)}
     followers = {c.coordinate for c in mechanism.couplings if locked.issuperset(name for name, _ in c.terms)}

@@ -8,20 +8,14 @@ entries are generalised forces, and sensors, which are freedoms that never move,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from math import inf
 
-import numpy as np
-import numpy.typing as npt
-
-from echelon.exact.field import PrimeField, Residues
 from echelon.mechanism.closed_pose import ends_of
-from echelon.mechanism.closure import Closure, ClosureKind
+from echelon.mechanism.closure import Closure
 from echelon.mechanism.joint import Placement, transpose
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.tape import Program, Scalar
-from echelon.regressor.loops.moving import Pose
 from echelon.regressor.steps import (
     Mat,
     Probes,
@@ -55,42 +49,6 @@ class ClosureEquations:
     wrenches: tuple[Wrench, ...]
 
 
-@dataclass(frozen=True)
-class Wrist:
-    """Rotations of a welded loop about one point, three or more, on which it does not depend where that point is."""
-
-    owner: str  # name of the closure
-    freedoms: tuple[str, ...]
-    centre: tuple[int, ...]  # nodes: the point along one way from the base less the same along the other way
-
-
-RealInputs = Callable[[np.random.Generator, int], Mapping[str, npt.NDArray[np.float64]]]
-Accepts = Callable[[PrimeField, np.random.Generator, Mapping[str, Residues], Pose], npt.NDArray[np.bool_]]
-
-
-@dataclass(frozen=True)
-class Loops:
-    """What keeps the motions of recorded forms on closed configurations."""
-
-    mechanism: Mechanism
-    equations: ClosureEquations
-    wrists: Callable[[], Iterator[Wrist]]  # records them where a closed pose has to be found modulo a prime
-    # virtual velocities of some freedoms, by node; those of the others are the inputs v[...].  None where all are, and
-    # every virtual motion that keeps the loops closed is wanted
-    speeds: Mapping[str, int] | None
-    # nodes of exact positions of motions at the assembly pose, if it has some
-    exact_pose: Mapping[str, tuple[int, ...]]
-    real: RealInputs  # random real inputs of the program on closed configurations, by name, from (rng, count)
-    stated: bool = True  # whether poses may be taken from there where they are closed
-    order: int = 24  # coefficients taken along curves; more where few freedoms have to show many parameters
-    # the most operations that may be needed to write down what has to be solved, where a pose is looked for
-    work: float = inf
-    # the most numbers that may be added until a closed pose is found; where loops are known to close, that takes luck
-    search: float = 1.5e8
-    # which of some poses are in the wanted assembly mode, from (field, rng, geometry, poses); None for all
-    accepts: Accepts | None = None
-
-
 def record_closures(mechanism: Mechanism, recorder: Recorder, probes: Probes | None = None) -> ClosureEquations:
     """Record the closure equations on a recorder's program."""
     equations: list[int] = []
@@ -113,16 +71,6 @@ def record_closures(mechanism: Mechanism, recorder: Recorder, probes: Probes | N
     return ClosureEquations(
         recorder.program, tuple(equations), jacobian, tuple(owners), tuple(is_length), tuple(wrenches)
     )
-
-
-def record_wrists(mechanism: Mechanism, recorder: Recorder) -> Iterator[Wrist]:
-    """Record the centres of the wrists of all welded loops on a recorder's program."""
-    for closure in mechanism.closures:
-        if closure.kind is ClosureKind.WELD:
-            loop = _Loop(mechanism, recorder, None, closure)
-            for freedoms, centre in (*loop.wrists(loop.first, loop.second), *loop.wrists(loop.second, loop.first)):
-                if recorder.slopes.keys().isdisjoint(freedoms):
-                    yield Wrist(closure.name, freedoms, tuple(x.node for x in centre))
 
 
 def _independent(recorder: Recorder, efforts: list[tuple[str, Scalar]]) -> Iterator[tuple[str, Scalar]]:
@@ -169,16 +117,6 @@ class _Loop:
     def efforts(self, on_first: Wrench, on_second: Wrench) -> list[tuple[str, Scalar]]:
         """The effort that wrenches need at each freedom."""
         return [*_carried_back(self.first, on_first), *_carried_back(self.second, on_second)]
-
-    def wrists(self, chain: list[Step], other: list[Step]) -> Iterator[tuple[tuple[str, ...], Vec]]:
-        """Rotations of a chain about one point, and that point as the chain has it less as the other chain has it."""
-        ends = [k for k, step in enumerate(chain) if step.shift and not all(x.is_zero for x in step.shift)]
-        for start, stop in zip([0, *ends], [*ends, len(chain)], strict=True):
-            turning = [f.name for s in chain[start:stop] for f in s.freedoms if all(x.is_zero for x in f.linear)]
-            if len(turning) >= len(self.recorder.zeros):
-                axes, origin = self._frame(other)
-                behind = add(origin, apply(axes, _back(chain[stop:], self.recorder.zeros)))
-                yield tuple(turning), add(self._frame(chain[: start + 1])[1], _negative(behind))
 
     def _frame(self, chain: list[Step]) -> tuple[Mat, Vec]:
         """Axes and origin at the end of a chain, in the frame where it begins."""

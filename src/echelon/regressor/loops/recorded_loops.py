@@ -1,23 +1,129 @@
-"""What keeps recorded forms on closed configurations, with random real states there."""
+"""What keeps recorded forms of a mechanism with loops on closed configurations, with random real states there."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import partial
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.errors import InputError
-from echelon.mechanism.closed_pose import stated_exactly
+from echelon.errors import DegenerateSampleError, InputError
+from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import all_symbols, known_values
+from echelon.mechanism.stated import all_symbols, value_texts
+from echelon.program.arithmetics import stated_ball
+from echelon.program.schedule import Schedule
 from echelon.program.tape import Scalar
 from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.loops.closures import Loops, record_closures, record_wrists
+from echelon.regressor.loops.closed_balls import ClosedBalls
+from echelon.regressor.loops.closed_motion import REMEMBERED, Known
+from echelon.regressor.loops.closures import ClosureEquations, record_closures
 from echelon.regressor.steps import Probes, Recorder
 
-_DRAWS = 8  # of values for symbols that have none
+_DRAWS = 64
+"""Sets of random values that are tried for symbols without one until the loops close."""
+_TOGETHER = 64
+"""Poses that are drawn at once, which takes little longer than to draw one."""
+_STEPS_TO_CLOSE = 8
+"""Gauss–Newton steps from closed poses to those at values of symbols that differ by some percent."""
+_NEARLY_CLOSED = 1e-8
+"""What equations may miss after them, rad or characteristic lengths; ball arithmetic goes on from there."""
+_NEARBY = 8
+"""Random poses at which motions are counted."""
+_STEPS = 256
+"""Random values are multiples of 1/512 between 1/2 and 3/2."""
+
+
+@dataclass(frozen=True)
+class Loops:
+    """What keeps the motions of recorded forms on closed configurations."""
+
+    mechanism: Mechanism
+    equations: ClosureEquations
+    # virtual velocities of some freedoms, by node; those of the others are the inputs v[...].  None where all are, and
+    # every virtual motion that keeps the loops closed is wanted
+    speeds: Mapping[str, int] | None
+
+    @cached_property
+    def values(self) -> Mapping[str, str]:
+        """Exact values of all symbols as text: the stated ones, and random ones where none are stated."""
+        return closing_values(self.mechanism)
+
+    @cached_property
+    def closing(self) -> Schedule:
+        """The closure equations and their derivatives."""
+        equations = self.equations
+        return Schedule(equations.program, [*equations.equations, *equations.jacobian.values()])
+
+    @cached_property
+    def driven(self) -> Schedule:
+        """The virtual velocities that are known."""
+        return Schedule(self.equations.program, list((self.speeds or {}).values()))
+
+    def poses(self, rng: np.random.Generator, count: int) -> Floats:
+        """Random closed poses in double precision at :attr:`values`, shape (count, positions)."""
+        return self.assembly.random_closed_states(rng, count)[0]
+
+    def known_poses(self, first: int, count: int) -> Floats:
+        """Some of a sequence of random closed poses that is drawn once, shape (count, positions)."""
+        pool = _pool(Known((_moving(self.mechanism), frozenset(self.values.items())), self))
+        while len(pool.poses) < first + count:
+            pool.grow()
+        return pool.poses[first : first + count]
+
+    def closed(self, at: Sequence[Mapping[str, str]], poses: Floats) -> ClosedBalls:
+        """Closed poses in ball arithmetic next to some in doubles, at :attr:`values` or others of some symbols.
+
+        Parameters
+        ----------
+        at : sequence of mapping of str to str
+            Values of symbols in place of the stated ones; the poses are closed at each of them, one after the other.
+        poses : array of shape (poses, positions)
+            Closed at :attr:`values`.
+
+        Raises
+        ------
+        DegenerateSampleError
+            If the loops do not close at other values.
+        """
+        values = [{**self.values, **given} for given in at]
+        wanted = np.tile(poses, (len(values), 1))
+        if any(given != self.values for given in values):
+            floats = [_floats(given) for given in values]
+            spread = {name: np.repeat([given[name] for given in floats], len(poses)) for name in self.values}
+            wanted = self._followed(wanted, spread)
+        balls = [{name: stated_ball(text) for name, text in given.items()} for given in values]
+        names = [given.name for given in self.equations.program.inputs.values() if given.role == "symbol"]
+        symbols = {name: np.repeat(np.array([b[name] for b in balls], dtype=object), len(poses)) for name in names}
+        return ClosedBalls(self, symbols, wanted)
+
+    def _followed(self, poses: Floats, symbols: Mapping[str, Floats]) -> Floats:
+        """Closed poses at other values of the symbols, one for each pose, next to closed poses at :attr:`values`."""
+        assembly = self.assembly.at(symbols)
+        for _ in range(_STEPS_TO_CLOSE):
+            poses = assembly.step(poses)
+        if assembly.opening_of(poses) > _NEARLY_CLOSED:
+            raise DegenerateSampleError("the loops do not close at these values of the symbols")
+        return poses
+
+    @property
+    def motions(self) -> int:
+        """Motions through one pose that show about as much as motions through several: half of those that could."""
+        freedoms = len(self.mechanism.independent_velocities)
+        return 1 + freedoms * (freedoms + 1) // 4
+
+    @cached_property
+    def singular(self) -> bool:
+        """Whether more motions are possible at the assembly pose than near it, so that ways of assembly may meet."""
+        at_pose, near = (self.assembly.mobility(q) for q in (self.assembly.pose[None], self.known_poses(0, _NEARBY)))
+        return bool(at_pose[0] > near.min())
+
+    @cached_property
+    def assembly(self) -> Assembly:
+        """Closed configurations in double precision, at :attr:`values`."""
+        return Assembly(self.mechanism, _floats(self.values), self.equations)
 
 
 def loops_of(
@@ -25,34 +131,78 @@ def loops_of(
 ) -> Loops:
     """What keeps forms that were recorded for a mechanism with loops on closed configurations."""
     nodes = None if speeds is None else {name: speed.node for name, speed in speeds.items()}
-    record = recorder.program.polynomial
-    return Loops(
-        mechanism,
-        record_closures(mechanism, recorder, probes),
-        partial(record_wrists, mechanism, recorder),
-        nodes,
-        {name: tuple(record(x).node for x in value) for name, value in stated_exactly(mechanism).items()},
-        partial(real_inputs, mechanism),
-    )
+    return Loops(mechanism, record_closures(mechanism, recorder, probes), nodes)
+
+
+def closing_values(mechanism: Mechanism) -> Mapping[str, str]:
+    """Exact values of all symbols as text, at which the loops close: random ones where none are stated.
+
+    Raises
+    ------
+    InputError
+        If the loops close at none of the random values that are tried.
+    """
+    return _closing_values(Known((_moving(mechanism), frozenset(mechanism.symbols.items())), mechanism))
+
+
+def _moving(mechanism: Mechanism) -> Hashable:
+    """All that says how a mechanism can move, beside the values of symbols."""
+    return (mechanism.bodies, mechanism.couplings, mechanism.closures, frozenset(mechanism.assembly.items()))
+
+
+class _Pool:
+    """Random closed poses of a mechanism, more and more of them."""
+
+    def __init__(self, loops: Loops) -> None:
+        self._loops = loops
+        self._rng = random_generator(DEFAULT_SEED)
+        self.poses: Floats = np.zeros((0, len(loops.mechanism.positions)))
+
+    def grow(self) -> None:
+        """Draw as many poses as there are, or the first ones."""
+        self.poses = np.vstack([self.poses, self._loops.poses(self._rng, max(len(self.poses), _TOGETHER))])
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _pool(known: Known[Loops]) -> _Pool:
+    return _Pool(known.subject)
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _closing_values(known: Known[Mechanism]) -> Mapping[str, str]:
+    mechanism = known.subject
+    stated = value_texts(mechanism, all_symbols(mechanism))
+    unknown = sorted(all_symbols(mechanism) - stated.keys())
+    if not unknown:
+        return stated
+    rng = random_generator(DEFAULT_SEED)
+    for attempt in range(_DRAWS):
+        drawn = dict(zip(unknown, _random_texts(rng, len(unknown)), strict=True))
+        values = {**stated, **drawn}
+        try:
+            _ = Assembly(mechanism, _floats(values)).pose
+        except InputError:
+            if attempt == _DRAWS - 1:
+                raise
+        else:
+            return values
+    raise AssertionError("unreachable")
+
+
+def _random_texts(rng: np.random.Generator, count: int) -> Iterable[str]:
+    drawn = rng.integers(_STEPS, 3 * _STEPS, size=count)
+    return (f"{number}/{2 * _STEPS}" for number in drawn)
+
+
+def _floats(values: Mapping[str, str]) -> dict[str, float]:
+    return {name: float(stated_ball(text).mid()) for name, text in values.items()}
 
 
 def real_inputs(mechanism: Mechanism, rng: np.random.Generator, count: int, reach: float = 1.0) -> dict[str, Floats]:
-    """Random closed states and values of symbols, by the names of program inputs.
-
-    Symbols without a value get a random one.
-    """
-    unknown = [name for name in all_symbols(mechanism) if name not in known_values(mechanism)]
-    drawn: dict[str, float] = {}
-    for attempt in range(_DRAWS):
-        drawn = {name: float(rng.uniform(0.5, 1.5)) for name in unknown}
-        try:
-            q, qd, qdd = Assembly(mechanism, drawn).random_closed_states(rng, count, reach)
-            break
-        except InputError:
-            if not unknown or attempt == _DRAWS - 1:
-                raise
-    symbols = {name: np.full(count, value) for name, value in (known_values(mechanism) | drawn).items()}
-    return symbols | state_inputs(mechanism, q, qd, qdd)
+    """Random closed states and values of symbols, by the names of program inputs."""
+    values = _floats(closing_values(mechanism))
+    states = Assembly(mechanism, values).random_closed_states(rng, count, reach)
+    return {name: np.full(count, value) for name, value in values.items()} | state_inputs(mechanism, *states)
 
 
 def state_inputs(mechanism: Mechanism, q: Floats, qd: Floats, qdd: Floats) -> dict[str, Floats]:

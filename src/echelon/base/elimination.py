@@ -1,0 +1,175 @@
+"""Elimination in ball arithmetic: which columns of a table are independent, and what the others are beside them.
+
+A QR factorisation in doubles tells which columns show most.  What the others are beside these is then known in balls:
+it is zero to all digits, or it is small and shows columns that doubles do not, of which the factorisation tells which
+show most, and so on.  So independent columns are found however little they show, and how much each shows is known: the
+spectrum, in which rounding of a file stands apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import flint
+import numpy as np
+
+from echelon.arrays import Floats, Integers, independent_columns, pivoted_qr
+from echelon.base.ball_tables import Balls, combinations_of, doubles, left_of, solved_for, vanishes
+
+_FIRM = (1e-6, 1e-4, 1e-2)
+"""Share of the largest pivot above which doubles show a column to be independent; more where balls deny it."""
+_CHECKED = 40
+"""Rows, beyond those that are solved, in which what is left of columns has to vanish."""
+_REMAINS = 1e-9
+"""Share of a column beside others that doubles surely show in a basis whose entries are moderate."""
+
+
+@dataclass(frozen=True)
+class Independent:
+    """Independent columns of a table, and the others as combinations of them.
+
+    Attributes
+    ----------
+    pivots : tuple of int
+        Independent columns, those that show most first.
+    shown : tuple of float
+        For each, what is left of it beside those before, as a share of the first one; columns count as of size one.
+    others : tuple of int
+        The other columns.
+    solution : array of arb, shape (pivots, others)
+    bits : int
+        Precision of the balls.
+    """
+
+    pivots: tuple[int, ...]
+    shown: tuple[float, ...]
+    others: tuple[int, ...]
+    solution: Balls
+    bits: int
+
+    @property
+    def basis(self) -> Balls:
+        """Rows that span all rows of the table, (pivots, columns): the identity in the columns of the pivots."""
+        count = len(self.pivots)
+        rows = np.full((count, count + len(self.others)), flint.arb(0), dtype=object)
+        rows[range(count), list(self.pivots)] = flint.arb(1)
+        rows[:, list(self.others)] = self.solution
+        return rows
+
+    def in_order(self, order: Sequence[int]) -> Independent:
+        """The same with the first independent columns in some order as pivots, so that the basis is in echelon form."""
+        place = {column: k for k, column in enumerate(order)}
+        count = len(self.pivots)
+        with flint.ctx.workprec(self.bits):
+            basis = self.basis
+            chosen = sorted(self.pivots, key=place.__getitem__)
+            firm = [order[k] for k in independent_columns(_of_size_one(basis[:, list(order)])[0], _REMAINS)]
+            if len(firm) == count and (exchanged := solved_for(basis, firm)) is not None:
+                basis, chosen = exchanged, firm
+            while (swap := _too_late(basis, chosen, order, self.bits)) is not None:
+                row, column = swap
+                chosen[row] = column
+                chosen.sort(key=place.__getitem__)
+                found = solved_for(self.basis, chosen)
+                assert found is not None  # an exchange for a column with a coefficient keeps them independent
+                basis = found
+        others = tuple(column for column in order if column not in set(chosen))
+        return Independent(tuple(chosen), (), others, basis[:, list(others)], self.bits)
+
+
+def _too_late(basis: Balls, chosen: Sequence[int], order: Sequence[int], bits: int) -> tuple[int, int] | None:
+    """The first column that depends on a pivot behind it in the order, and the row of the last such pivot."""
+    rows = {column: row for row, column in enumerate(chosen)}
+    passed = 0
+    for column in order:
+        if column in rows:
+            passed = rows[column] + 1
+            continue
+        for row in reversed(range(passed, len(chosen))):
+            if vanishes(basis[row, column], bits) is False:
+                return row, column
+    return None
+
+
+def eliminated(table: Balls, bits: int, auxiliary: int = 0, others: Balls | None = None) -> Independent | None:
+    """Independent columns of a table of balls; auxiliary columns, which come first, are taken to be independent.
+
+    None if the precision does not tell, or a combination does not hold in ``others``, further rows.  The auxiliary
+    columns are left out of the result.
+    """
+    table, sizes = _scaled(table)
+    further = table[:0] if others is None else others / sizes
+    pivots = list(range(auxiliary))
+    left = list(range(auxiliary, table.shape[1]))
+    shown = list[float]()
+    solved = combinations_of(table, pivots, left)
+    while solved is not None:
+        solution, rest = solved
+        verdicts = {vanishes(x, bits) for x in rest.flat}
+        if verdicts <= {True}:
+            if not all(vanishes(x, bits) for x in left_of(further, pivots, left, solution).flat):
+                return None
+            return _independent(pivots, shown, left, solution, sizes, auxiliary, bits)
+        if False not in verdicts or not left:
+            return None
+        solved = None
+        diagonal, ranked, size = _most_independent(rest)
+        for firm in _FIRM:
+            new = [left[k] for k, length in zip(ranked, diagonal, strict=False) if length > firm * diagonal[0]]
+            others = [column for column in left if column not in new]
+            solved = combinations_of(table, [*pivots, *new], others, _CHECKED)
+            if solved is not None:
+                shown += [float(length * size) for length in diagonal[: len(new)]]
+                pivots, left = [*pivots, *new], others
+                break
+    return None
+
+
+def _independent(
+    pivots: Sequence[int],
+    shown: Sequence[float],
+    left: Sequence[int],
+    solution: Balls,
+    sizes: Balls,
+    auxiliary: int,
+    bits: int,
+) -> Independent:
+    """The result in terms of the columns as they were given."""
+    own = list(pivots[auxiliary:])
+    unscaled = solution[auxiliary:] * sizes[list(left)] / sizes[own][:, None]
+    largest = max(shown, default=1.0)
+    return Independent(
+        tuple(column - auxiliary for column in own),
+        tuple(share / largest for share in shown),
+        tuple(column - auxiliary for column in left),
+        unscaled,
+        bits,
+    )
+
+
+def _most_independent(rest: Balls) -> tuple[Floats, Integers, float]:
+    """Pivots and order of a QR factorisation in doubles, of a table divided by its largest entry, and that entry."""
+    largest = max((abs(x).mid() for x in rest.flat), default=flint.arb(0))
+    sizes, order = pivoted_qr(doubles(rest / largest))
+    return sizes, order, float(largest)
+
+
+def _scaled(table: Balls) -> tuple[Balls, Balls]:
+    """The table with columns of about size one, and their sizes, powers of two; 1 for columns that may vanish."""
+    sizes = np.array([_power_of_two(column) for column in table.T], dtype=object)
+    return table / sizes, sizes
+
+
+def _power_of_two(column: Balls) -> Any:
+    largest = max((x.abs_lower() for x in column), default=flint.arb(0))
+    if not largest > 0:
+        return flint.arb(1)
+    mantissa, exponent = largest.man_exp()
+    return flint.arb(2) ** (int(exponent) + int(mantissa).bit_length())
+
+
+def _of_size_one(table: Balls) -> tuple[Floats, Balls]:
+    scaled, sizes = _scaled(table)
+    return doubles(scaled), sizes

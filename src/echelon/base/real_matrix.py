@@ -1,0 +1,38 @@
+"""B of mechanisms with loops in numbers: what balls hold at real closed states, for any order of columns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import flint
+import numpy as np
+
+from echelon.base.ball_tables import exact_number, in_decimals, vanishes
+from echelon.base.elimination import Independent
+from echelon.base.matrix import BaseMatrix, StatedNumbers
+from echelon.exact.rational import RationalFunction
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.stated import all_symbols, symbol_roles, value_texts
+
+
+def in_numbers(mechanism: Mechanism, independent: Independent, order: Sequence[int]) -> BaseMatrix:
+    """B from independent columns at the stated values of the symbols: short exact numbers, or bounded decimals."""
+    roles = symbol_roles(mechanism)
+    found = independent.in_order(order)
+    rows = {pivot: {pivot: RationalFunction(1)} for pivot in found.pivots}
+    stated, radius = set[int](), 0.0  # columns whose coefficients are decimals, or belong to values of symbols
+    with flint.ctx.workprec(found.bits):
+        for column, coefficients in zip(found.others, np.transpose(found.solution), strict=True):
+            for pivot, ball in zip(found.pivots, coefficients, strict=True):
+                if vanishes(ball, found.bits):
+                    continue
+                exact = exact_number(ball, roles.irrational)
+                number, error = (exact, 0.0) if exact is not None else in_decimals(ball)
+                radius = max(radius, error)
+                if roles.symbols or exact is None:
+                    stated.add(column)
+                rows[pivot][column] = RationalFunction(number)
+    at = value_texts(mechanism, all_symbols(mechanism))
+    numbers = StatedNumbers(tuple(sorted(stated)), at, radius) if stated else None
+    ordered = tuple(dict(sorted(rows[pivot].items())) for pivot in found.pivots)
+    return BaseMatrix(mechanism.parameters, found.pivots, ordered, tuple(order), numbers)

@@ -1,0 +1,213 @@
+"""Rows at real states in ball arithmetic: what samples models whose rows are no rational functions of free variables.
+
+Such are mechanisms with loops: their states solve equations.  Which columns are independent is found at the stated
+values of the symbols.  Coefficients as functions of symbols are found as those of trees are, by values modulo primes:
+a residue ρ is the fraction a/b next to the stated value with a ≡ ρ b, the loops close there, the coefficients are read
+as short exact numbers from balls, and these have residues.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from functools import cached_property
+from math import tan
+from typing import Any
+
+import flint
+import numpy as np
+
+from echelon.base.ball_rows import ball_rows, rows_at_values
+from echelon.base.ball_tables import Balls, combinations_of, exact_number, vanishes
+from echelon.base.elimination import Independent, eliminated
+from echelon.errors import DegenerateSampleError, InputError, SingularPoseError
+from echelon.exact.field import DEFAULT_SEED, Geometry, PrimeField, Residues, random_generator
+from echelon.exact.polynomial import Number
+from echelon.mechanism.closed_pose import shown_loops
+from echelon.mechanism.stated import symbol_roles
+from echelon.program.arithmetics import stated_ball, twice_arc_text
+from echelon.regressor.linear_forms import Rows
+
+_BITS = (640, 1280, 2560)
+"""Precisions that are tried: values of chains of loops fall smoothly past 1e-54."""
+_FIRST_ROWS, _SURPLUS = 64, 20
+"""Rows at first, and rows beyond the rank; of more columns that seem independent, twice as many rows are taken."""
+_OTHERS = 10
+"""Rows at further poses, at which relations are checked."""
+_FEWEST = 4
+"""Poses that are taken at least, however many motions go through each."""
+_AT_ONCE = 16
+"""Values of the symbols at which the loops are closed together."""
+_CHECKED = 2
+"""Rows beyond those that determine coefficients: a false relation fails in almost every one."""
+_COST = 1e3
+"""Operations modulo a prime that take as long as one in ball arithmetic, with those of Newton's iterations."""
+_REACH = 0.03
+"""Share of a stated value, or of one radian or metre where it is zero, by which values of symbols are changed."""
+_FINE = 1 / 128
+"""Share of the smallest value of a symbol by which fractions with a given residue lie apart."""
+
+
+class RealStates:
+    """Rows of a mechanism with loops at closed states."""
+
+    def __init__(self, rows: Rows) -> None:
+        assert rows.forms.loops is not None
+        self.rows, self.loops = rows, rows.forms.loops
+        self.mechanism = self.loops.mechanism
+
+    @cached_property
+    def symbols(self) -> list[str]:
+        """Symbols of the geometry, sorted."""
+        leaves = {*self.rows.forms.schedule.leaves, *self.loops.closing.leaves}
+        used = [self.rows.forms.program.inputs[node] for node in leaves]
+        return sorted({given.name for given in used if given.role == "symbol"})
+
+    @property
+    def singular(self) -> bool:
+        """Whether more motions are possible at the assembly pose than near it."""
+        return self.loops.singular
+
+    @property
+    def irrational(self) -> tuple[bool, bool]:
+        """Whether √2 and √3 may occur in coefficients."""
+        return symbol_roles(self.mechanism).irrational
+
+    # -- structure ---------------------------------------------------------------------------------------------------
+
+    def independent(self, at: Mapping[str, str] | None = None) -> Independent:
+        """Independent columns at the stated values of the symbols, or at others.
+
+        Raises
+        ------
+        SingularPoseError
+            If the loops are not proved to close, or no precision tells.
+        """
+        several = self.loops.motions
+        wanted = min(self.rows.forms.shape[1], _FIRST_ROWS)
+        attempts = dict.fromkeys(((_BITS[0], several), *((bits, 1) for bits in _BITS)))
+        for bits, motions in attempts:
+            with flint.ctx.workprec(bits):
+                try:
+                    found, wanted = self._independent(at or {}, bits, motions, wanted)
+                except InputError as error:
+                    raise SingularPoseError(str(error)) from None
+            if found is not None:
+                return found
+        raise SingularPoseError(f"{_BITS[-1]} bits do not tell what {shown_loops(self.mechanism)} leave independent")
+
+    def _independent(
+        self, at: Mapping[str, str], bits: int, motions: int, wanted: int
+    ) -> tuple[Independent | None, int]:
+        """Independent columns, if the precision tells, and how many rows beyond the surplus it took."""
+        columns, auxiliary, rng = self.rows.forms.shape[1], self.rows.auxiliary, random_generator(DEFAULT_SEED)
+        each = self.rows.forms.shape[0] * motions
+        checked = max(1, _OTHERS // each)
+        others = self._table(at, 0, checked, motions, rng)
+        poses = max(_FEWEST, -(-(wanted + _SURPLUS) // each))
+        table = self._table(at, checked, poses, motions, rng)
+        while True:
+            found = eliminated(table, bits, auxiliary, others)
+            if found is None or auxiliary + len(found.pivots) <= wanted or wanted == columns:
+                return found, wanted
+            more = min(columns, 2 * wanted) - wanted
+            further = self._table(at, checked + poses, -(-more // each), motions, rng)
+            wanted, poses, table = wanted + more, poses + len(further) // each, np.vstack([table, further])
+
+    def _table(self, at: Mapping[str, str], first: int, poses: int, motions: int, rng: np.random.Generator) -> Balls:
+        """Rows at some motions through each of some known poses."""
+        known = self.loops.known_poses(first, poses)
+        return ball_rows(self.rows.forms, at, poses * motions, rng, motions, poses=known)
+
+    # -- coefficients ------------------------------------------------------------------------------------------------
+
+    def elsewhere(self, rng: np.random.Generator) -> dict[str, str]:
+        """Random values of all symbols near the stated ones, which satisfy no relation but those that all values do."""
+        field = PrimeField.random(rng)
+        return self._lifted({name: int(field.draw(rng, (1,))[0]) for name in self.symbols}, int(field.p), rng)
+
+    def cost(self, sources: int) -> float:
+        """Operations modulo primes that take as long as closing the loops and solving for coefficients."""
+        size = self.loops.closing.size + self.rows.forms.schedule.size
+        return _COST * size * (self.rows.auxiliary + sources)
+
+    def coefficients(self, field: PrimeField, geometry: Geometry, rng: np.random.Generator, sources: int) -> Residues:
+        """Coefficients of all columns behind the auxiliary ones and some sources; see :class:`PrimeStates`.
+
+        DegenerateSampleError if the loops do not close, or a coefficient is no short exact number.
+        """
+        count = max((len(geometry[name]) for name in self.symbols), default=1)
+        found = list[list[int]]()
+        for first in range(0, count, _AT_ONCE):
+            at = list[dict[str, str]]()
+            for k in range(first, min(first + _AT_ONCE, count)):
+                residues = {name: int(geometry[name][k]) for name in self.symbols}
+                at.append(self._lifted(residues, int(field.p), rng))
+            found += [[field.embed(number) for number in numbers] for numbers in self._numbers(at, sources)]
+        return np.array(found, dtype=np.int64).reshape(count, -1).T
+
+    def _numbers(self, at: Sequence[Mapping[str, str]], sources: int) -> list[list[Number]]:
+        """Exact coefficients at each of some values of the symbols, target by target for each source."""
+        forms, motions = self.rows.forms, self.loops.motions
+        unknowns = self.rows.auxiliary + sources
+        poses = max(_FEWEST, -(-(unknowns + _CHECKED) // (forms.shape[0] * motions)))
+        known, found = self.loops.known_poses(0, poses), list[list[Number]]()
+        for bits in _BITS:
+            with flint.ctx.workprec(bits):
+                left = at[len(found) :]
+                try:
+                    tables = rows_at_values(forms, left, known, random_generator(DEFAULT_SEED), motions)
+                except InputError as error:
+                    raise DegenerateSampleError(str(error)) from None
+                for table in tables:
+                    numbers = self._solved(table, sources, bits)
+                    if numbers is None:  # those that are left take more precision
+                        break
+                    found.append(numbers)
+            if len(found) == len(at):
+                return found
+        raise DegenerateSampleError("coefficients are no short exact numbers")
+
+    def _solved(self, table: Balls, sources: int, bits: int) -> list[Number] | None:
+        """Exact coefficients by a table; None if the precision does not tell."""
+        auxiliary = self.rows.auxiliary
+        pivots, others = range(auxiliary + sources), range(auxiliary + sources, table.shape[1])
+        solved = combinations_of(table, pivots, others, _CHECKED)
+        if solved is None:
+            return None
+        solution, left = solved
+        if any(vanishes(x, bits) is False for x in left.flat):
+            raise DegenerateSampleError("the columns are independent at these values of the symbols")
+        numbers = [self._number(x, bits) for x in solution[auxiliary:].flat]
+        return None if None in numbers else [number for number in numbers if number is not None]
+
+    def _number(self, x: Any, bits: int) -> Number | None:
+        return 0 if vanishes(x, bits) else exact_number(x, self.irrational)
+
+    # -- values of symbols -------------------------------------------------------------------------------------------
+
+    def _lifted(self, residues: Mapping[str, int], prime: int, rng: np.random.Generator) -> dict[str, str]:
+        """Fractions with some residues next to the stated values, all with one denominator, as text."""
+        near = {name: self._near(name, rng) for name in residues}
+        smallest = min((abs(value) for value in near.values()), default=1.0)
+        least = int(prime / (_FINE * min(smallest, 1.0)))
+        denominator = int(rng.integers(least, 2 * least))
+        values = dict[str, str]()
+        for name, residue in residues.items():
+            wanted = residue * denominator % prime
+            steps = round((near[name] * denominator - wanted) / prime)
+            fraction = Fraction(wanted + steps * prime, denominator)
+            values[name] = twice_arc_text(fraction) if name in self._angles else str(fraction)
+        return values
+
+    def _near(self, name: str, rng: np.random.Generator) -> float:
+        """A random value near the stated one; of an angle, the tangent of its half."""
+        value = float(stated_ball(self.loops.values[name]).mid())
+        change = _REACH * float(rng.uniform(-1.0, 1.0))
+        if name in self._angles:
+            return tan((value + change) / 2)
+        return value + change * (abs(value) or 1.0) or _REACH
+
+    @cached_property
+    def _angles(self) -> frozenset[str]:
+        return symbol_roles(self.mechanism).angles

@@ -1,0 +1,12 @@
+"""The one place that decides how rows of a model are sampled: modulo primes, or at real states in ball arithmetic."""
+
+from __future__ import annotations
+
+from echelon.base.prime_states import PrimeStates
+from echelon.base.real_states import RealStates
+from echelon.regressor.linear_forms import Rows
+
+
+def states_of(rows: Rows) -> PrimeStates | RealStates:
+    """What samples rows: points of prime fields while states are free, else real states."""
+    return PrimeStates(rows) if rows.forms.loops is None else RealStates(rows)
