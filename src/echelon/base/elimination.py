@@ -109,22 +109,29 @@ def eliminated(table: Balls, bits: int, auxiliary: int = 0, others: Balls | None
         solution, rest = solved
         verdicts = {vanishes(x, bits) for x in rest.flat}
         if verdicts <= {True}:
-            if not all(vanishes(x, bits) for x in left_of(further, pivots, left, solution).flat):
-                return None
-            return _independent(pivots, shown, left, solution, sizes, auxiliary, bits)
-        if False not in verdicts or not left:
+            holds = all(vanishes(x, bits) for x in left_of(further, pivots, left, solution).flat)
+            return _independent(pivots, shown, left, solution, sizes, auxiliary, bits) if holds else None
+        if False not in verdicts:
             return None
-        solved = None
-        diagonal, ranked, size = _most_independent(rest)
-        for firm in _FIRM:
-            new = [left[k] for k, length in zip(ranked, diagonal, strict=False) if length > firm * diagonal[0]]
-            others = [column for column in left if column not in new]
-            solved = combinations_of(table, [*pivots, *new], others, _CHECKED)
-            if solved is not None:
-                shown += [float(length * size) for length in diagonal[: len(new)]]
-                pivots, left = [*pivots, *new], others
-                break
+        new, sizes_of_new, solved = _with_more(table, rest, pivots, left)
+        shown += sizes_of_new
+        pivots += new
+        left = [column for column in left if column not in new]
     return None
+
+
+def _with_more(
+    table: Balls, rest: Balls, pivots: Sequence[int], left: Sequence[int]
+) -> tuple[list[int], list[float], tuple[Balls, Balls] | None]:
+    """Further pivots, what each shows, and the other columns as combinations of all pivots; None if none is firm."""
+    lengths, ranked, size = _most_independent(rest)
+    for firm in _FIRM:
+        count = int((lengths > firm * lengths[0]).sum())
+        new = [left[k] for k in ranked[:count]]
+        solved = combinations_of(table, [*pivots, *new], [column for column in left if column not in new], _CHECKED)
+        if solved is not None:
+            return new, [float(length * size) for length in lengths[:count]], solved
+    return [], [], None
 
 
 def _independent(

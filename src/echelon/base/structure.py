@@ -247,7 +247,7 @@ def _confirmed_dependence(rows: Rows, rng: np.random.Generator) -> dict[int, tup
 
 def dependent_columns(
     rows: Rows, sampler: FieldSampler, count: int, field: PrimeField, rng: np.random.Generator
-) -> Mapping[int, tuple[int, ...]]:
+) -> dict[int, tuple[int, ...]]:
     """Dependence of columns at ``count`` random states, in all regions of signs, of one random geometry."""
     states = max(-(-count // max(1, rows.forms.shape[0])), sampler.regions)
     geometry = {s: field.draw(rng, (1,)) for s in sampler.symbols}

@@ -106,10 +106,7 @@ class ClosureValues:
     def with_values(self, symbols: Mapping[str, Floats]) -> ClosureValues:
         """The equations at other values of the symbols, one for every configuration, in the same units."""
         other = copy(self)
-        other._constants, other._spread = (
-            {},
-            {name: value for name, value in symbols.items() if name in self._constants},
-        )
+        other._spread = {name: value for name, value in symbols.items() if name in self._constants}
         return other
 
     def at(self, q: Floats) -> tuple[Floats, Floats]:
