@@ -105,20 +105,6 @@ class OtherModeError(EchelonError):
     """No assembly mode that was found is the one of the stated pose."""
 
 
-class UnknownRelationsError(EchelonError):
-    """The algebraic relations between some functions are not known, so a finite field cannot stand for them.
-
-    Parameters
-    ----------
-    reason : str
-        What it is about a function.
-    """
-
-    def __init__(self, reason: str) -> None:
-        self.reason = reason
-        super().__init__(f"relations between functions are not known: {reason}.  Write the model in other functions")
-
-
 class ClosedFormError(EchelonError):
     """No closed form was found within the budget, and no stated values give numbers; the rank is not affected."""
 

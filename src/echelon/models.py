@@ -1,8 +1,8 @@
 """LinearModel: any model y = X(x) ζ that is linear in its parameters ζ, and its values in double precision.
 
 What a user gives (sympy, text, numbers, functions) is recorded, and every recorded value is written as a polynomial in
-the parameters whose coefficients are values without parameters.  What cancels is recognised exactly, at a random point
-of a large prime field.  Outputs that are not linear in the parameters are refused with the reason.
+the parameters whose coefficients are values without parameters.  What cancels is recognised in ball arithmetic, at
+random real points.  Outputs that are not linear in the parameters are refused with the reason.
 """
 
 from __future__ import annotations
@@ -15,25 +15,27 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
+import flint
 import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.doors import public
-from echelon.errors import DegenerateSampleError, InputError
+from echelon.errors import InputError
 from echelon.exact.expressions import parse
-from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator
+from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.exact.polynomial import Polynomial, Rational, Surd
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.sources import Readable, loaded, mechanism_of
 from echelon.names import check_distinct, check_identifier, check_text, check_title
+from echelon.program.arithmetics import BallArithmetic
+from echelon.program.free_states import RealPoints
 from echelon.program.operations import Op
 from echelon.program.rewriting import with_values
-from echelon.program.sampling import FunctionSampler
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.sympy_bridge import from_sympy
 from echelon.program.tape import Program, Scalar, exact
-from echelon.program.text import FUNCTION_NAMES, record_expression
+from echelon.program.text import record_expression
 from echelon.regressor.linear_forms import LinearForms
 
 
@@ -139,8 +141,9 @@ def _recorded(program: Program, entry: Any, scalars: Mapping[str, Scalar], place
 _Powers = tuple[int, ...]  # parameter nodes, sorted, with repetition
 _Parts = dict[_Powers, Scalar]
 _LARGEST_DEGREE = 8
-_ATTEMPTS = 16
 _STATES = 16
+_BITS = 512
+"""Precision at which what cancels is told from what does not: half of it is left of values of one."""
 
 
 def linear_rows(
@@ -202,18 +205,19 @@ def _problem(program: Program, powers: _Powers) -> str:
 
 
 def _vanishes(value: Scalar) -> bool:
-    """Whether a value is zero everywhere, by its residue at a random point."""
+    """Whether a value is zero everywhere, by its balls at random real points."""
     if value.number is not None:
         return value.is_zero
-    sampler, rng = FunctionSampler(value.program, [value.node]), random_generator(DEFAULT_SEED)
-    for _ in range(_ATTEMPTS):
-        field = PrimeField.random(rng, CERTIFICATE_BITS)
-        try:
-            geometry = {name: field.draw(rng, (1,)) for name in sampler.symbols}
-            return not sampler.evaluate(field, rng, max(_STATES, sampler.regions), geometry).any()
-        except DegenerateSampleError:
-            continue
-    raise InputError("division by zero at every point")
+    points, rng = RealPoints(value.program, [value.node]), random_generator(DEFAULT_SEED)
+    schedule = Schedule(value.program, [value.node])
+    with flint.ctx.workprec(_BITS):
+        states = points.draw(rng, max(_STATES, points.count))
+        leaves = points.leaves(schedule.leaves, states, [{}])
+        found = schedule.run(BallArithmetic(), leaves, len(next(iter(leaves.values()))))[0]
+        real = [x for x in found if x.is_finite()]
+        if not real:
+            raise InputError("division by zero at every point")
+        return all(x.contains(0) and x.rad() < flint.arb(2) ** (-_BITS // 2) for x in real)
 
 
 @public
@@ -350,7 +354,7 @@ class LinearModel:
     def _keep(self, program: Program, rows: Sequence[Sequence[Scalar]], outputs: Sequence[str] | None) -> None:
         self.outputs = self._output_names(outputs, len(rows))
         entries = {(i, j): e.node for i, row in enumerate(rows) for j, e in enumerate(row) if not e.is_zero}
-        stated = {name: value for name, value in self.constants.items() if value is not None}
+        stated = {name: str(value) for name, value in self.constants.items() if value is not None}
         self.regressor = LinearForms(program, entries, (len(rows), len(self.parameters)), values=stated)
 
     @property
@@ -419,21 +423,3 @@ def evaluate_model(
     for (row, column), value in zip(forms.entries, values, strict=True):
         result[:, row, column] = value
     return result
-
-
-def recorded_definitions(definitions: Mapping[str, str]) -> tuple[Program, dict[str, int]]:
-    """Functions of constants on a program, by name."""
-    program = Program()
-    names = {n for text in definitions.values() for n in _NAME.findall(text)} - set(FUNCTION_NAMES)
-    scalars = {n: program.input(n, "symbol") for n in sorted(names)}
-    return program, {name: record_expression(d, scalars, name, program).node for name, d in definitions.items()}
-
-
-def definition_values(definitions: Mapping[str, str], constants: Mapping[str, float]) -> dict[str, float]:
-    """Values of functions of constants."""
-    if not definitions:
-        return {}
-    program, nodes = recorded_definitions(definitions)
-    schedule = Schedule(program, list(nodes.values()))
-    values = {n: np.array([constants[program.inputs[n].name]]) for n in schedule.leaves}
-    return {n: float(v[0]) for n, v in zip(nodes, schedule.run(FloatArithmetic(), values, 1), strict=True)}

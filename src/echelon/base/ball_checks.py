@@ -103,6 +103,8 @@ def check_in_balls(
     ------
     CertificateError
         If the set is too large, incomplete or wrong, or the highest precision does not tell.
+    DegenerateSampleError
+        If there are no real states at the values, as where loops do not close.
     """
     check = _Check(regressor, matrix, sorted(columns), at, rng)
     span = check.bits_of_span()
@@ -177,11 +179,11 @@ class _Check:
 
     def _rows(self, attempt: _Attempt) -> tuple[Balls, int]:
         """Rows of the pivots and the other columns, and the number of states that they come from."""
-        surplus = _SURPLUS_FOR_SIGNS if self._has_signs else _SURPLUS
+        surplus = _SURPLUS_FOR_SIGNS if self.forms.has_signs else _SURPLUS
         wanted = attempt.times * (self.matrix.rank + surplus)
         states = -(-wanted // self.forms.shape[0])
         if self.loops is None:
-            regions = self.forms.sampler().regions
+            regions = self.forms.points.count
             return ball_rows(self.forms, self.at, states + regions, self.rng), states
         mechanism = self.loops.mechanism
         motions = self.loops.motions if attempt.share_poses else 1
@@ -200,12 +202,6 @@ class _Check:
                 f"the set is too large: its {self.matrix.rank} representatives span only {len(firm)} dimensions at the "
                 "stated values"
             )
-
-    @property
-    def _has_signs(self) -> bool:
-        program = self.forms.program
-        used = {program.ops[node] for node in program.needed(self.forms.entries.values())}
-        return not {Op.SIGN, Op.ABS}.isdisjoint(used)
 
     def _coefficients_agree(self, solution: Balls, scales: list[Any], bits: int) -> bool:
         """Whether the claimed coefficients are the solved ones; False if these are not precise enough."""

@@ -1,26 +1,184 @@
-"""Rows of recorded forms in ball arithmetic, at stated values of the symbols and random exact states."""
+"""Rows of recorded forms in ball arithmetic, at values of the symbols and random exact states, free or closed."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from fractions import Fraction
-from typing import Any
+from typing import Any, Protocol
 
 import flint
 import numpy as np
 
 from echelon.arrays import Floats
 from echelon.base.ball_tables import Balls
-from echelon.exact.polynomial import generator_values
-from echelon.program.arithmetics import BallArithmetic, ball, stated_ball
-from echelon.program.schedule import Schedule
+from echelon.errors import DegenerateSampleError
+from echelon.exact.polynomial import Surd, generator_values, parts_of
+from echelon.mechanism.closed_pose import shown_loops
+from echelon.mechanism.stated import symbol_roles
+from echelon.program.arithmetics import BallArithmetic, stated_ball
+from echelon.program.operations import Op
+from echelon.program.schedule import Schedule, is_angle
 from echelon.regressor.linear_forms import LinearForms
-from echelon.regressor.loops.closed_balls import BALL_STEPS, random_balls
+
+_MOST_LOST = 0.5
+"""Share of states at which entries may have no value, as on a pole or beyond a domain that depends on symbols."""
 
 
 def stated_generators(generators: Iterable[str], at: Mapping[str, str]) -> dict[str, Any]:
     """Balls of symbols, and of sines and cosines of angles, at stated values."""
     return generator_values(generators, lambda name: stated_ball(at[name]), lambda x, n: ((n * x).cos(), (n * x).sin()))
+
+
+class States(Protocol):
+    """Where the states of forms come from, and what is known of their symbols.
+
+    A state is a motion through a pose; with free states each pose has one.
+    """
+
+    @property
+    def values(self) -> Mapping[str, str]:
+        """Exact values of all symbols as text: the stated ones, and random ones where none are stated."""
+
+    @property
+    def symbols(self) -> list[str]:
+        """Symbols that the rows depend on, sorted."""
+
+    @property
+    def angles(self) -> frozenset[str]:
+        """Those of them that are angles, so that coefficients hold their sines and cosines."""
+
+    @property
+    def irrational(self) -> tuple[bool, bool]:
+        """Whether √2 and √3 may occur in coefficients."""
+
+    @property
+    def motions(self) -> int:
+        """Motions through one pose that show about as much as motions through several."""
+
+    @property
+    def regions(self) -> int:
+        """Regions of signs that states visit in turn; 1 where none are known."""
+
+    @property
+    def singular(self) -> bool:
+        """Whether more motions are possible at the assembly pose than near it."""
+
+    @property
+    def size(self) -> int:
+        """Operations that one state takes."""
+
+    @property
+    def subject(self) -> str:
+        """What moves, in words."""
+
+    def known(self, at: Sequence[Mapping[str, str]], first: int, poses: int, rng: Any, motions: int) -> list[Balls]:
+        """Entries at some of a sequence of states that is drawn once: one table for each of some values of symbols."""
+
+
+def states_in(forms: LinearForms) -> States:
+    """The states of forms: closed ones with loops, else free ones."""
+    return FreeStates(forms) if forms.loops is None else ClosedStates(forms)
+
+
+class ClosedStates:
+    """Closed states of a mechanism with loops."""
+
+    regions = 1
+
+    def __init__(self, forms: LinearForms) -> None:
+        assert forms.loops is not None
+        self.forms, self.loops, self.mechanism = forms, forms.loops, forms.loops.mechanism
+        self.values, self.motions = self.loops.values, self.loops.motions
+        self.subject = shown_loops(self.mechanism)
+
+    @property
+    def symbols(self) -> list[str]:
+        """Symbols that the rows or the closing of the loops depend on, sorted."""
+        return _symbols(self.forms, (*self.forms.schedule.leaves, *self.loops.closing.leaves))
+
+    @property
+    def angles(self) -> frozenset[str]:
+        """Symbols that are angles."""
+        return symbol_roles(self.mechanism).angles
+
+    @property
+    def irrational(self) -> tuple[bool, bool]:
+        """Whether √2 and √3 occur in the geometry."""
+        return symbol_roles(self.mechanism).irrational
+
+    @property
+    def singular(self) -> bool:
+        """Whether more motions are possible at the assembly pose than near it."""
+        return self.loops.singular
+
+    @property
+    def size(self) -> int:
+        """Operations that one state takes."""
+        return self.loops.closing.size + self.forms.schedule.size
+
+    def known(self, at: Sequence[Mapping[str, str]], first: int, poses: int, rng: Any, motions: int) -> list[Balls]:
+        """Entries at motions through known closed poses, or those next to them at other values of the symbols."""
+        closed = self.loops.closed(at, self.loops.known_poses(first, poses))
+        table = _entries(self.forms, closed.leaves(self.forms.schedule, rng, motions), len(at) * poses * motions)
+        split = table.reshape(motions, len(at), poses, *self.forms.shape)
+        return [_table(split[:, k].reshape(-1, *self.forms.shape)) for k in range(len(at))]
+
+
+class FreeStates:
+    """States of forms without loops: at random values of the inputs, in all regions of signs."""
+
+    motions, singular, subject = 1, False, "functions"
+
+    def __init__(self, forms: LinearForms) -> None:
+        self.forms, self.points = forms, forms.points
+
+    @property
+    def values(self) -> Mapping[str, str]:
+        """Exact values of all symbols as text."""
+        return self.points.values
+
+    @property
+    def regions(self) -> int:
+        """Regions of signs."""
+        return self.points.count
+
+    @property
+    def symbols(self) -> list[str]:
+        """Symbols that the rows depend on, sorted."""
+        return _symbols(self.forms, self.forms.schedule.leaves)
+
+    @property
+    def angles(self) -> frozenset[str]:
+        """Symbols that are added to angles, and occur in no other way."""
+        nodes = list(self.forms.entries.values())
+        inputs = self.forms.program.inputs
+        return frozenset(inputs[n].name for n in self.forms.schedule.leaves if is_angle(self.forms.program, nodes, n))
+
+    @property
+    def irrational(self) -> tuple[bool, bool]:
+        """Whether √2 and √3 occur, or other roots that may be such."""
+        return irrational_roots(self.forms)
+
+    @property
+    def size(self) -> int:
+        """Operations that one state takes."""
+        return self.forms.schedule.size
+
+    def known(self, at: Sequence[Mapping[str, str]], first: int, poses: int, _: Any, __: int) -> list[Balls]:
+        """Entries at known states, without those at which some have no value."""
+        states = self.points.known(first, poses)
+        schedule, count = self.forms.schedule, _count(states)
+        table = _entries(self.forms, self.points.leaves(schedule.leaves, states, at), len(at) * count)
+        return [_with_values(table[k * count : (k + 1) * count]) for k in range(len(at))]
+
+
+def irrational_roots(forms: LinearForms) -> tuple[bool, bool]:
+    """Whether √2 and √3 may occur in coefficients: they do in the rows, or other roots do."""
+    program = forms.program
+    needed = program.needed(forms.entries.values())
+    if any(program.ops[n] == Op.SQRT for n in needed):
+        return True, True
+    parts = [parts_of(c) for n in needed if isinstance(c := program.constants.get(n), Surd)]
+    return any(p[1] or p[3] for p in parts), any(p[2] or p[3] for p in parts)
 
 
 def ball_rows(
@@ -31,101 +189,70 @@ def ball_rows(
     motions: int = 1,
     *,
     at_rest: bool = False,
-    poses: Floats | None = None,
 ) -> Balls:
-    """Entries of forms at random states, in all regions of signs.
+    """Entries of forms at fresh random states, in all regions of signs.
 
-    With loops these are some motions, perhaps from rest, through each of some random poses, or of the given ones in
-    double precision.
+    With loops these are some motions, perhaps from rest, through each of some random poses.
     """
     schedule = forms.schedule
     if forms.loops is None:
-        leaves = _free_states(forms, schedule, at, states, rng)
-    else:
-        poses = forms.loops.poses(rng, -(-states // motions)) if poses is None else poses
-        leaves = forms.loops.closed([at], poses).leaves(schedule, rng, motions, at_rest=at_rest)
-        states = len(poses) * motions
-    return _table(forms, leaves, states)
-
-
-def rows_at_values(
-    forms: LinearForms, at: Sequence[Mapping[str, str]], poses: Floats, rng: np.random.Generator, motions: int
-) -> list[Balls]:
-    """Entries of forms of mechanisms with loops at each of some values of the symbols: one table for each.
-
-    They are those of some motions through closed poses next to the given ones, shape (poses, positions).
-    """
-    assert forms.loops is not None
-    states = len(at) * len(poses) * motions
-    table = _table(forms, forms.loops.closed(at, poses).leaves(forms.schedule, rng, motions), states)
-    split = table.reshape(motions, len(at), len(poses) * forms.shape[0], forms.shape[1])
-    return [split[:, k].reshape(-1, forms.shape[1]) for k in range(len(at))]
-
-
-def _table(forms: LinearForms, leaves: Mapping[int, Balls], states: int) -> Balls:
-    """All entries at some states, (states · rows, columns)."""
-    found = forms.schedule.run(BallArithmetic(), leaves, states)
-    table = np.full((states, *forms.shape), flint.arb(0), dtype=object)
-    for (row, column), value in zip(forms.entries, found, strict=True):
-        table[:, row, column] = value
-    return _of_one_size(table.reshape(states * forms.shape[0], forms.shape[1]))
-
-
-def _of_one_size(table: Balls) -> Balls:
-    """Rows divided by powers of two, so that their largest entries are alike at all speeds."""
-    for row in table:
-        largest = max((x.abs_upper() for x in row), default=flint.arb(0))
-        if largest > 0:
-            mantissa, exponent = largest.mid().man_exp()
-            row /= flint.arb(2) ** (int(exponent) + int(mantissa).bit_length())
-    return table
+        drawn = forms.points.draw(rng, states)
+        return _with_values(_entries(forms, forms.points.leaves(schedule.leaves, drawn, [at]), _count(drawn)))
+    poses = forms.loops.poses(rng, -(-states // motions))
+    leaves = forms.loops.closed([at], poses).leaves(schedule, rng, motions, at_rest=at_rest)
+    return _table(_entries(forms, leaves, len(poses) * motions))
 
 
 def ball_values(forms: LinearForms, nodes: Sequence[int], at: Mapping[str, str], rng: np.random.Generator) -> Balls:
     """Values of nodes of the forms' program at one random state, shape (nodes,)."""
     schedule = Schedule(forms.program, nodes)
     if forms.loops is None:
-        leaves = _free_states(forms, schedule, at, 1, rng)
+        leaves = forms.points.leaves(schedule.leaves, forms.points.draw(rng, 1), [at])
     else:
         leaves = forms.loops.closed([at], forms.loops.poses(rng, 1)).leaves(schedule, rng)
     found: Balls = schedule.run(BallArithmetic(), leaves, 1)[:, 0]
     return found
 
 
-def _free_states(
-    forms: LinearForms, schedule: Schedule, at: Mapping[str, str], states: int, rng: np.random.Generator
-) -> dict[int, Balls]:
-    program = forms.program
-    reals = forms.sampler().real_states(rng, states)
-    leaves: dict[int, Balls] = {}
-    for node in schedule.leaves:
-        given = program.inputs[node]
-        if given.role == "symbol" and given.name in at:
-            leaves[node] = np.array([stated_ball(at[given.name])] * states, dtype=object)
-        elif given.name in reals:
-            leaves[node] = np.array([ball(float(x)) for x in reals[given.name]], dtype=object)
-        elif given.role == "symbol":
-            leaves[node] = np.array([ball(int(rng.integers(2, 1000)))] * states, dtype=object)
-        else:
-            leaves[node] = random_balls(rng, (states,))
-    for group in program.unit_groups:
-        if not reals.keys().isdisjoint(program.inputs[node].name for node in group):
-            leaves |= _unit_length({node: leaves[node] for node in group if node in leaves})
-            continue
-        points = np.array([_sphere(rng, len(group)) for _ in range(states)], dtype=object).T
-        leaves |= {node: point for node, point in zip(group, points, strict=True) if node in leaves}
-    return leaves
+def _symbols(forms: LinearForms, leaves: Iterable[int]) -> list[str]:
+    used = [forms.program.inputs[node] for node in {*leaves}]
+    return sorted({given.name for given in used if given.role == "symbol"})
 
 
-def _unit_length(parts: Mapping[int, Balls]) -> dict[int, Balls]:
-    """Components of quaternions, nearly of unit length, made exactly so."""
-    squares = np.sum([part * part for part in parts.values()], axis=0)
-    lengths = np.array([square.sqrt() for square in squares], dtype=object)
-    return {node: part / lengths for node, part in parts.items()}
+def _count(states: Mapping[int, Floats]) -> int:
+    """Number of states; one where nothing varies."""
+    return len(next(iter(states.values()), [0]))
 
 
-def _sphere(rng: np.random.Generator, size: int) -> list[Any]:
-    """A rational point of the unit sphere by stereographic projection."""
-    t = [Fraction(int(n), BALL_STEPS) for n in rng.integers(-2 * BALL_STEPS, 2 * BALL_STEPS, size=size - 1)]
-    scale = 1 / (1 + sum(x * x for x in t))
-    return [ball((1 - sum(x * x for x in t)) * scale), *(ball(2 * x * scale) for x in t)]
+def _entries(forms: LinearForms, leaves: Mapping[int, Balls], states: int) -> Balls:
+    """All entries at some states, (states, rows, columns)."""
+    found = forms.schedule.run(BallArithmetic(), leaves, states)
+    table = np.full((states, *forms.shape), flint.arb(0), dtype=object)
+    for (row, column), value in zip(forms.entries, found, strict=True):
+        table[:, row, column] = value
+    return table
+
+
+def _with_values(table: Balls) -> Balls:
+    """Rows of those states at which all entries have values.
+
+    Raises
+    ------
+    DegenerateSampleError
+        If these are few.
+    """
+    finite = np.array([all(x.is_finite() for x in state.flat) for state in table], dtype=bool)
+    if finite.sum() < (1 - _MOST_LOST) * len(table):
+        raise DegenerateSampleError("entries have no values at most real points")
+    return _table(table[finite])
+
+
+def _table(entries: Balls) -> Balls:
+    """Rows of all states, divided by powers of two so that their largest entries are alike at all speeds."""
+    table = entries.reshape(-1, entries.shape[-1])
+    for row in table:
+        largest = max((x.abs_upper() for x in row), default=flint.arb(0))
+        if largest > 0:
+            mantissa, exponent = largest.mid().man_exp()
+            row /= flint.arb(2) ** (int(exponent) + int(mantissa).bit_length())
+    return table

@@ -1,4 +1,4 @@
-"""What sensors of a mechanism with loops see, in ball arithmetic: bases of their row spaces at real closed states."""
+"""What sensors of a mechanism see, in ball arithmetic: bases of their row spaces at real states."""
 
 from __future__ import annotations
 
@@ -37,11 +37,13 @@ class BallSpaces:
 
 
 def spaces_of(forms: Mapping[str, LinearForms], report: Callable[[str], None]) -> BallSpaces:
-    """Bases of the row spaces of forms of mechanisms with loops, at the stated values of their symbols."""
+    """Bases of the row spaces of forms at the stated values of their symbols."""
     bases, bits = dict[str, Balls](), list[int]()
-    for name, form in forms.items():
+    samplers = {name: RealStates(Rows(form, 0)) for name, form in forms.items()}
+    at = {symbol: text for sampler in samplers.values() for symbol, text in sampler.states.values.items()}
+    for name, sampler in samplers.items():
         report(name)
-        found = RealStates(Rows(form, 0)).independent()
+        found = sampler.independent(at)
         bases[name] = found.basis
         bits.append(found.bits)
     return BallSpaces(bases, min(bits))

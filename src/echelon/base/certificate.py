@@ -4,7 +4,7 @@ A set is valid only if every column is accounted for by a check that could have 
 :func:`certify` lists the columns that each check reached; one that none did is an error.
 
 *Minimal* (rank ≥ r): a non-zero r × r minor of the pivot columns at the stated values, modulo a prime or in ball
-arithmetic.  (Closed poses modulo p continue to p-adic ones, so it is a proof with loops, too.)
+arithmetic.
 
 *Complete* (rank ≤ r), column by column:
 
@@ -12,8 +12,8 @@ arithmetic.  (Closed poses modulo p continue to p-adic ones, so it is a proof wi
   (:mod:`echelon.base.prime_checks`), in each known region of signs (:mod:`echelon.program.region`);
 - coefficients that are numbers: exact ones are compared at the stated values modulo primes.  Of rounded ones the ranks
   modulo primes show that they exist, and ball arithmetic what they are (:mod:`echelon.base.ball_checks`);
-- loops: all columns at real closed states in ball arithmetic, at the stated values of the symbols, and formulas at
-  random other values, too.
+- loops and functions such as exp: all columns at real states in ball arithmetic, at the stated values of the symbols,
+  and formulas at random other values, too.
 
 The set was derived from energies; the check uses the inverse dynamics (as rows uᵀX for arbitrary u, see
 :mod:`echelon.regressor.linear_forms`), so the two do not share their formulas.
@@ -31,16 +31,15 @@ from echelon.base.ball_checks import BallEvidence, check_in_balls, has_plain_sig
 from echelon.base.matrix import BaseMatrix
 from echelon.base.prime_checks import FEWEST_POINTS, Identity, Minor, check_spanned, find_minor
 from echelon.base.real_states import RealStates
-from echelon.errors import CertificateError, DegenerateSampleError, InputError, UnknownRelationsError
+from echelon.errors import CertificateError, DegenerateSampleError, InputError
 from echelon.exact.field import CERTIFICATE_BITS, random_generator
 from echelon.mechanism.stated import StatedValues
-from echelon.program.operations import Op
 from echelon.regressor.linear_forms import LinearForms, Rows
 
 _OTHER_VALUES = 4
-"""Random values of the symbols, of more than 30 bits each, at which formulas of mechanisms with loops are compared."""
+"""Random values of the symbols, of more than 30 bits each, at which formulas are compared in ball arithmetic."""
 _ATTEMPTS = 8
-"""Random values that are tried until the loops close at one."""
+"""Random values that are tried until there are real states at one."""
 _LARGEST_RADIUS = 1e-30
 """Error of a rounded coefficient, beside the largest coefficient, above which a set in numbers says too little."""
 
@@ -71,7 +70,8 @@ class Certificate:
     # where nothing was checked in ball arithmetic
     log10_residual: float | None = None
     ball_states: int = 0  # real states at which coefficients were solved for in ball arithmetic
-    other_values: int = 0  # with loops, random values of the symbols at which formulas were checked, too
+    other_values: int = 0  # random values of the symbols at which formulas were checked in ball arithmetic, too
+    closed: bool = False  # whether states are closed ones of loops, near the assembly pose
     columns: Mapping[str, int] = field(default_factory=dict)  # number of columns that each kind of check reached
     unchecked: tuple[str, ...] = ()  # claims that no check reached; the set is not valid as a whole then
 
@@ -84,7 +84,7 @@ class Certificate:
     def holds(self) -> str:
         """For whom the set was shown to hold: for which values of the symbols, and where."""
         values = "at the stated values" if self.at_values else "for general values of the symbols"
-        return f"{values}, near the assembly pose" if self.in_balls else values
+        return f"{values}, near the assembly pose" if self.closed else values
 
     @property
     def assumptions(self) -> tuple[str, ...]:
@@ -94,7 +94,9 @@ class Certificate:
             found.append("Generic constants")
         if self.regions_note:
             found.append("Regions of signs")
-        return (*found, "Closed loops") if self.in_balls else tuple(found)
+        if self.in_balls:
+            found.append("Closed loops" if self.closed else "Functions")
+        return tuple(found)
 
     def __str__(self) -> str:
         where = " at the stated values" if self.at_values and not self.in_balls else ""
@@ -117,7 +119,7 @@ class Certificate:
             exactly = ", exactly" if self.log10_residual is None else ""
             found.append(f"{self.numbers} columns of numbers at the stated values only{exactly}")
         if self.log10_residual is not None:
-            closed = "closed states" if self.in_balls else "states"
+            closed = "closed states" if self.closed else "states"
             found.append(
                 f"in ball arithmetic at {self.ball_states} {closed}, residual below 1e{int(self.log10_residual)}"
             )
@@ -152,8 +154,6 @@ class AtStatedValues:
         ------
         InputError
             If an entry divides by zero there.
-        UnknownRelationsError
-            If finite fields cannot stand for the functions there.
         """
         if self.drawn is None:
             return find_minor(self.forms, columns, rng)
@@ -210,8 +210,8 @@ def certify(
     _check_numbers(matrix)
     rng = random_generator(seed)
     checks = _Checks(regressor, matrix, stated, rng, doubt)
-    if regressor.loops is None:
-        checks.of_tree()
+    if regressor.rational:
+        checks.modulo_primes()
     else:
         checks.at_real_states()
     return checks.certificate(seed)
@@ -247,14 +247,15 @@ class _Checks:
         if missed or minor is None:
             raise CertificateError(f"no check reaches {', '.join(missed[:4]) or 'the representatives'}")
         regions, note = 0, ""
-        if self.primes:
-            sampler = self.regressor.sampler()
-            regions, note = sampler.signs
-            self.unchecked += [sampler.unseen_regions] if sampler.unseen_regions else []
-            if self.stated is None and sampler.sign_constants:
-                names = ", ".join(sampler.sign_constants)
+        closed, signs = self.regressor.loops is not None, self.regressor.has_signs
+        if signs and not closed:
+            points = self.regressor.points
+            regions, note = points.count, str(points.report)
+            self.unchecked += [points.report.unseen] if points.report.unseen else []
+            if self.stated is None and points.constants:
+                names = ", ".join(points.constants)
                 self.unchecked.append(f"other signs of what depends on {names}, which decide about regions")
-        elif self._has_signs:
+        elif signs:
             note = "signs as they are at random states of all speeds"
             if not has_plain_signs(self.regressor, self.rng):
                 self.unchecked.append("regions of signs that random closed states do not reach")
@@ -273,15 +274,16 @@ class _Checks:
             log10_residual=balls.log10_residual if balls else None,
             ball_states=balls.states if balls else 0,
             other_values=self.other_values,
+            closed=closed,
             columns={kind: len(columns) for kind, columns in self.reached.items()},
             unchecked=tuple(self.unchecked),
         )
 
-    # -- trees and linear models ------------------------------------------------------------------------------------
+    # -- where rows are rational in free states ---------------------------------------------------------------------
 
-    def of_tree(self) -> None:
-        """Check where states are free: modulo primes, rounded numbers also in ball arithmetic."""
-        self._minor_of_tree()
+    def modulo_primes(self) -> None:
+        """Check modulo primes, rounded numbers also in ball arithmetic."""
+        self._minor_modulo_primes()
         self._identity(self._others() - self.numbers)
         if not self.numbers:
             return
@@ -298,7 +300,7 @@ class _Checks:
             self.balls = check_in_balls(self.regressor, self.matrix, self.numbers, stated.texts, self.rng)
         self.reached[NUMBERS] = self.numbers
 
-    def _minor_of_tree(self) -> None:
+    def _minor_modulo_primes(self) -> None:
         """A minor at the stated values, if there are any."""
         stated, matrix = self.stated, self.matrix
         if stated is None:
@@ -309,7 +311,7 @@ class _Checks:
             if stated.fractions_of_pi:
                 self._require_in_balls(stated)
             self.at_values = stated.says_something and not stated.approximate
-        except (InputError, UnknownRelationsError) as error:  # primes cannot stand for the functions there
+        except InputError as error:
             self._take(find_minor(self.regressor, matrix.pivots, self.rng))
             self._minor_in_balls(stated, str(error))
 
@@ -332,10 +334,10 @@ class _Checks:
         else:
             self.minor, self.at_values = Minor(self.matrix.rank, 0, evidence.states), True
 
-    # -- loops ------------------------------------------------------------------------------------------------------
+    # -- loops and functions ----------------------------------------------------------------------------------------
 
     def at_real_states(self) -> None:
-        """Check all columns at real closed states: at the stated values of the symbols, and formulas at others, too."""
+        """Check all columns at real states: at the stated values of the symbols, and formulas at others, too."""
         matrix, stated = self.matrix, self.stated
         others = self._others()
         everywhere = stated is not None and stated.everywhere
@@ -344,10 +346,13 @@ class _Checks:
         if matrix.symbols or not everywhere:
             self._at_other_values(others - self.numbers)
         if stated is not None and everywhere:
-            self._take_balls(check_in_balls(self.regressor, matrix, others, stated.texts, self.rng), others)
+            try:
+                self._take_balls(check_in_balls(self.regressor, matrix, others, stated.texts, self.rng), others)
+            except DegenerateSampleError as error:
+                raise CertificateError(f"at the stated values {error}") from None
             self.at_values = True
-        elif stated is not None:
-            self.unchecked.append("independence at the stated values (some symbols of the loops have no value)")
+        elif stated is not None and (self.regressor.loops is not None or stated.says_something):
+            self.unchecked.append("independence at the stated values (some symbols have no value)")
 
     def _at_other_values(self, formulas: set[int]) -> None:
         """Compare formulas at random values of the symbols, each of which a false one satisfies by rare chance."""
@@ -358,13 +363,13 @@ class _Checks:
         self.other_values = _OTHER_VALUES
 
     def _near(self, states: RealStates, formulas: set[int]) -> BallEvidence:
-        """Evidence at random values of the symbols at which the loops close."""
+        """Evidence at random values of the symbols at which there are real states."""
         for _ in range(_ATTEMPTS):
             try:
                 return check_in_balls(self.regressor, self.matrix, formulas, states.elsewhere(self.rng), self.rng)
             except DegenerateSampleError:
                 continue
-        raise CertificateError("the loops do not close at random values of the symbols near the stated ones")
+        raise CertificateError("there are no real states at random values of the symbols near the stated ones")
 
     def _take_balls(self, evidence: BallEvidence, columns: set[int]) -> None:
         """Keep evidence in balls, with the largest residual of all."""
@@ -372,13 +377,6 @@ class _Checks:
         self.balls = BallEvidence(evidence.states, largest)
         self._take(Minor(self.matrix.rank, 0, evidence.states))
         self.reached[BALLS] = self.reached.get(BALLS, set()) | columns
-
-    @property
-    def _has_signs(self) -> bool:
-        """Whether signs occur in some entry."""
-        program = self.regressor.program
-        functions = {program.ops[node] for node in program.needed(self.regressor.entries.values())}
-        return bool(functions & {Op.SIGN, Op.ABS})
 
     # -- all --------------------------------------------------------------------------------------------------------
 

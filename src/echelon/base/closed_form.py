@@ -13,12 +13,13 @@ are substituted.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property, partial
 
 import numpy as np
 
+from echelon.base.ball_rows import irrational_roots
 from echelon.base.matrix import BaseMatrix, StatedNumbers
 from echelon.base.prime_states import PrimeStates
 from echelon.base.real_states import RealStates
@@ -28,9 +29,9 @@ from echelon.conventions import PER_BODY
 from echelon.errors import ClosedFormError
 from echelon.exact.field import Geometry, PrimeField, Residues, T, substituted
 from echelon.exact.interpolation import MOST_PRIMES, interpolate
-from echelon.exact.polynomial import Polynomial, Surd, as_polynomial, parts_of
+from echelon.exact.polynomial import Polynomial, as_polynomial
 from echelon.exact.rational import ONE, RationalFunction, cost_of_products, sum_of_products
-from echelon.exact.unknown_functions import UnknownFunctions, Work, persistent
+from echelon.exact.unknown_functions import UnknownFunctions, Work
 from echelon.inertia import move
 from echelon.mechanism.joint import Placement
 from echelon.mechanism.mechanism import Mechanism
@@ -87,7 +88,7 @@ class Kernel:
             return found
 
         return UnknownFunctions(
-            evaluate, self.symbols, roles.angles, lengths, [degrees[k] for k in chosen], roles.irrational, self.cost
+            evaluate, self.symbols, self.sampler.angles, lengths, [degrees[k] for k in chosen], roles.irrational, self.cost
         )
 
     def coefficients(self, field: PrimeField, geometry: Geometry, rng: np.random.Generator) -> Residues:
@@ -187,35 +188,28 @@ def _across_robot(mechanism: Mechanism, structure: Structure) -> Iterable[Relati
         sources = sorted({c for t in targets for c in structure.by_robot[t]})
         degrees = _degrees(mechanism, sources, targets)
         every = rows.columns([*sources, *targets])
-        kernel = Kernel(symbol_roles(mechanism), every, sources, targets, frozenset(), degrees)
+        roles = symbol_roles(mechanism)
+        if not every.forms.rational and rows.forms.loops is None:
+            roots = zip(roles.irrational, irrational_roots(every.forms), strict=True)
+            roles = replace(roles, irrational=tuple(a or b for a, b in roots))
+        kernel = Kernel(roles, every, sources, targets, frozenset(), degrees)
         yield Relation(kernel, range(structure.parameters))
 
 
-def linear_relations(forms: LinearForms, structure: Structure, rng: np.random.Generator) -> list[Relation]:
-    """The relations of the dependent columns of any recorded rows that do not vanish, all in one."""
+def linear_relations(forms: LinearForms, structure: Structure) -> list[Relation]:
+    """The relations of the dependent columns of any recorded rows that do not vanish.
+
+    They are found together modulo primes, and each on its own at real states, where some may have no closed form.
+    """
     targets = [column for column, support in structure.by_robot.items() if support]
-    if not targets:
-        return []
-    sources = sorted({c for t in targets for c in structure.by_robot[t]})
-    rows = Rows(forms, 0).columns([*sources, *targets])
-    sampler = rows.forms.sampler()
-
-    def attempt() -> Residues:
-        field = PrimeField.random(rng)
-        return sampler.evaluate(field, rng, sampler.regions, {s: field.draw(rng, (1,)) for s in sampler.symbols})
-
-    persistent(attempt)  # functions of constants become symbols when they are first evaluated
-    roles = SymbolRoles(frozenset(), sampler.angles, frozenset(sampler.symbols), _irrational(forms))
-    kernel = Kernel(roles, rows, sources, targets, frozenset(), None)
-    return [Relation(kernel, range(structure.parameters))]
-
-
-def _irrational(forms: LinearForms) -> tuple[bool, bool]:
-    """Whether √2 and √3 occur in recorded rows."""
-    program = forms.program
-    needed = program.needed(forms.entries.values())
-    parts = [parts_of(c) for n in needed if isinstance(c := program.constants.get(n), Surd)]
-    return any(p[1] or p[3] for p in parts), any(p[2] or p[3] for p in parts)
+    groups = [targets] if targets and forms.rational else [[target] for target in targets]
+    found = list[Relation]()
+    roles = SymbolRoles(frozenset(), frozenset(), frozenset(), irrational_roots(forms))
+    for group in groups:
+        sources = sorted({c for t in group for c in structure.by_robot[t]})
+        rows = Rows(forms, 0).columns([*sources, *group])
+        found.append(Relation(Kernel(roles, rows, sources, group, frozenset(), None), range(structure.parameters)))
+    return found
 
 
 def _integral(polynomial: Polynomial) -> Polynomial:

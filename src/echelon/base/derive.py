@@ -16,8 +16,10 @@ from typing import Any, overload
 import numpy as np
 
 from echelon.base.ball_checks import check_in_balls
+from echelon.base.ball_rows import irrational_roots
 from echelon.base.certificate import AtStatedValues, certify
 from echelon.base.closed_form import assembled, closed_columns, relations
+from echelon.base.elimination import Independent
 from echelon.base.firm_pivots import doubt_of_coefficients, exchange_note, firm_order
 from echelon.base.linear_base import LinearBase, linear_base_parameters
 from echelon.base.matrix import BaseMatrix, column_order, reordered
@@ -38,7 +40,6 @@ from echelon.errors import (
     DoubtWarning,
     EchelonError,
     InputError,
-    UnknownRelationsError,
 )
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.exact.interpolation import MOST_PRIMES
@@ -51,6 +52,7 @@ from echelon.mechanism.stated import (
     all_symbols,
     has_values,
     inexact_symbols,
+    known_values,
     stated_values,
     symbol_roles,
     value_texts,
@@ -200,14 +202,12 @@ def base_matrix(
 ) -> BaseMatrix:
     """B for a column order."""
     if structure.real is not None and not symbol_roles(mechanism).symbols:
-        return in_numbers(mechanism, structure.real, order)
+        return _in_numbers(mechanism, structure.real, order)
     work = Work.of(budget)
     found = relations(mechanism, structure)
     zero = [column for column, support in structure.by_robot.items() if not support]
     classical = tuple(range(structure.parameters))
     closed = closed_columns(found, zero, rng, work, report)
-    if has_values(mechanism):  # a saved set has no names for functions of constants, such as exp(k)
-        closed = {c: row for c, row in closed.items() if _symbols_of(row) <= all_symbols(mechanism)}
     open_columns = [c for relation in found for c in relation.targets if c not in closed]
     if not open_columns:
         matrix = assembled(mechanism.parameters, structure.pivots, closed, classical)
@@ -215,10 +215,15 @@ def base_matrix(
         if other is not None:
             return other
     report("numbers in place of closed forms")
-    if structure.real is not None:
-        if not has_values(mechanism):
-            raise ClosedFormError("coefficients have no closed forms within the budget, and symbols have no values")
-        return in_numbers(mechanism, RealStates(rows_of(mechanism)).independent(), order)
+    if any(isinstance(r.kernel.sampler, RealStates) and not closed.keys() >= {*r.targets} for r in found):
+        silent = sorted(all_symbols(mechanism) - known_values(mechanism).keys())
+        if silent:
+            raise ClosedFormError(
+                f"not all coefficients have closed forms within the budget, and the symbol '{silent[0]}' has no value: "
+                "give it a value, or give a larger budget (--budget)"
+            )
+        independent = RealStates(rows_of(mechanism)).independent()
+        return _in_numbers(mechanism, independent, order, closed if order == classical else {})
     # fractions that were not found although enough work was left are longer than anybody reads
     cheap = (r for r in found if not r.kernel.symbols and MOST_PRIMES * r.kernel.cost < work.operations)
     short = all(closed.keys() >= {*r.targets} for r in cheap)
@@ -230,9 +235,17 @@ def base_matrix(
     return assembled(mechanism.parameters, stated.pivots, closed | numbers, order, meaning)
 
 
-def _symbols_of(row: Mapping[int, RationalFunction]) -> set[str]:
-    """Symbols, and functions of them, that occur in the coefficients of a column."""
-    return {symbol for coefficient in row.values() for symbol in coefficient.symbols()}
+def _in_numbers(
+    mechanism: Mechanism,
+    independent: Independent,
+    order: tuple[int, ...],
+    known: Mapping[int, Mapping[int, RationalFunction]] | None = None,
+) -> BaseMatrix:
+    """B in numbers at the stated values of all symbols, but for columns with known closed forms."""
+    at = value_texts(mechanism, all_symbols(mechanism))
+    roots = zip(symbol_roles(mechanism).irrational, irrational_roots(rows_of(mechanism).forms), strict=True)
+    first, second = (a or b for a, b in roots)
+    return in_numbers(mechanism.parameters, independent, order, at, (first, second), known)
 
 
 def base_of(source: BaseModel | Mechanism | Readable) -> BaseModel:
@@ -300,7 +313,7 @@ def specialised(
     structure = find_structure(mechanism, rng)
     if not values.names:
         return SpecialisedMechanism(mechanism, structure)
-    if not mechanism.closures:
+    if rows_of(mechanism).forms.rational:
         stated = stated or model_at_stated_values(mechanism)
         if _is_general(structure, stated, rng):
             related = stated.fractions_of_pi and not _shown_in_balls(mechanism, structure, stated, rng)
@@ -330,7 +343,7 @@ def _is_general(structure: Structure, stated: AtStatedValues, rng: np.random.Gen
     """Whether the general representatives are proved independent at the stated values."""
     try:
         return stated.minor(structure.pivots, rng).rank == structure.rank
-    except (InputError, UnknownRelationsError):  # what that means is found with the structure there
+    except InputError:  # what that means is found with the structure there
         return False
 
 
@@ -375,7 +388,6 @@ def model_at_stated_values(mechanism: Mechanism, recorded: LinearForms | None = 
     rounded = [name for name in inexact_symbols(mechanism) if mechanism.symbols[name].tangent_squared is None]
     approximate = tuple(sorted(rounded))
     everywhere = has_values(mechanism)
-    # functions of constants are other constants, whose values are those of the model with the values put in
     terms = " ".join(action.term for effect in mechanism.effects for action in effect.actions)
     plain = recorded is not None and not any(name in terms for name in values.names)
     drawn = (recorded, values) if recorded is not None and plain else None

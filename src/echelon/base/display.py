@@ -71,8 +71,6 @@ class _LinearSet(_Set, Protocol):
 
     @property
     def model(self) -> LinearModel: ...
-    @property
-    def definitions(self) -> Mapping[str, str]: ...
 
 
 class _PlainLatex(LatexStyle):
@@ -169,7 +167,7 @@ def _linear_facts(base: _LinearSet) -> list[tuple[str, str]]:
     values = {n: v for n, v in base.model.constants.items() if v is not None and n in base.matrix.symbols}
     return [
         ("constants", ", ".join(f"{n} = {v}" for n, v in values.items())),
-        ("functions of constants", ", ".join(f"{n} = {d}" for n, d in base.definitions.items())),
+        ("numbers", numbers_text(base, base.matrix.numbers) if base.matrix.numbers else ""),
         ("stated values", base.special.text("model") if base.special else ""),
         ("largest coefficient", _size_text(base)),
         ("certificate", str(base.certificate)),
@@ -214,10 +212,10 @@ def _size_text(model: _RobotSet | _LinearSet) -> str:
     return "" if largest is None else f"{largest:.3g}"
 
 
-def numbers_text(model: _RobotSet, numbers: StatedNumbers) -> str:
+def numbers_text(model: _RobotSet | _LinearSet, numbers: StatedNumbers) -> str:
     """Which coefficients are numbers in place of closed forms, how exact they are, and how to ask for more."""
     within = "exact" if not numbers.radius else f"within {numbers.radius:.0e}"
-    if model.mechanism.closures:
+    if len(numbers.columns) + model.matrix.rank == len(model.parameters):
         return f"all coefficients are numbers at the stated values, found in ball arithmetic ({within})"
     names = " ".join(model.parameters[column] for column in numbers.columns)
     return (

@@ -5,30 +5,31 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Floats
+from echelon.base.ball_rows import irrational_roots
 from echelon.base.certificate import AtStatedValues, Certificate, certify
 from echelon.base.closed_form import assembled, closed_columns, linear_relations
 from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseSet
-from echelon.base.prime_checks import Identity
+from echelon.base.real_matrix import in_numbers
+from echelon.base.real_states import RealStates
 from echelon.base.stated_values import RelationSearch, SpecialValues
 from echelon.base.structure import linear_structure
 from echelon.choices import Form
 from echelon.doors import public
 from echelon.errors import ClosedFormError, InputError
-from echelon.exact.field import ARRAY_BITS, DEFAULT_SEED, random_generator
+from echelon.exact.field import random_generator
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.unknown_functions import Work
 from echelon.extras import extra
 from echelon.mechanism.stated import StatedValues
-from echelon.models import LinearModel, definition_values, evaluate_model, recorded_definitions
-from echelon.program.sympy_bridge import to_sympy
-from echelon.regressor.linear_forms import LinearForms
+from echelon.models import LinearModel, evaluate_model
+from echelon.regressor.linear_forms import LinearForms, Rows
 
 if TYPE_CHECKING:
     import sympy
@@ -48,8 +49,6 @@ class LinearBase(BaseSet):
     model : LinearModel
     matrix : BaseMatrix
         Exact sparse B.
-    definitions : mapping of str to str
-        Functions of constants that occur in B, such as ``exp[k]``, as expressions.
     certificate : Certificate
     seed : int
     special : SpecialValues, optional
@@ -60,7 +59,6 @@ class LinearBase(BaseSet):
 
     model: LinearModel
     matrix: BaseMatrix
-    definitions: Mapping[str, str]
     certificate: Certificate
     seed: int
     special: SpecialValues | None = None
@@ -87,8 +85,7 @@ class LinearBase(BaseSet):
         silent = [n for n in used if self.model.constants[n] is None]
         if silent:
             raise InputError(f"constant '{silent[0]}' has no value")
-        values = {n: sympy.Rational(str(self.model.constants[n])) for n in used}
-        return self.matrix.sympy(self._formulas(values))
+        return self.matrix.sympy({n: sympy.Rational(str(self.model.constants[n])) for n in used})
 
     def B_float(self, constants: Mapping[str, float] | None = None) -> Floats:
         """B in double precision.
@@ -103,10 +100,13 @@ class LinearBase(BaseSet):
         array of shape (base parameters, parameters)
         """
         known = {**self.model.values, **(constants or {})}
+        other = next((n for n in self.matrix.numbers.at if known[n] != self.model.values[n]), None) if self.matrix.numbers else None
+        if other is not None:
+            raise InputError(f"columns of B are numbers at {other} = {self.model.values[other]}: derive again with the other value")
         silent = [n for n in self._constants_used() if n not in known]
         if silent:
             raise InputError(f"constant '{silent[0]}' has no value: give it in constants=")
-        return self.matrix.floats({**known, **definition_values(self.definitions, known)})
+        return self.matrix.floats(known)
 
     def values(self, parameters: npt.ArrayLike, constants: Mapping[str, float] | None = None) -> Floats:
         """Base parameters ζ̄ = B ζ.
@@ -176,24 +176,10 @@ class LinearBase(BaseSet):
 
     @property
     def _known(self) -> Mapping[str, float]:
-        known = self.model.values
-        complete = known.keys() >= set(self._constants_used())
-        return {**known, **definition_values(self.definitions, known)} if complete else known
+        return self.model.values
 
     def _constants_used(self) -> list[str]:
-        plain = {s for s in self.matrix.symbols if s not in self.definitions}
-        program, _ = recorded_definitions({n: d for n, d in self.definitions.items() if n in self.matrix.symbols})
-        return sorted(plain | {i.name for i in program.inputs.values()})
-
-    def _formulas(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Constants with values put in, and functions of constants as sympy expressions."""
-        with extra("symbolic"):
-            import sympy
-
-        program, nodes = recorded_definitions(self.definitions)
-        replaced = {sympy.Symbol(name): value for name, value in values.items()}
-        formulas = to_sympy(program, list(nodes.values()))
-        return dict(values) | {name: e.subs(replaced) for name, e in zip(nodes, formulas, strict=True)}
+        return sorted(self.matrix.symbols)
 
     def __repr__(self) -> str:
         return f"LinearBase({self.model.name}: {self.rank} base parameters of {len(self.parameters)})"
@@ -221,34 +207,39 @@ def linear_base_parameters(
     rng = random_generator(seed)
     own, special = _own_model(model, order, rng)
     own = model if generic else own
-    matrix = _matrix(own, order, rng, Work.of(budget))
+    matrix = _matrix(own, order, rng, Work.of(budget), generic=generic)
     stated = None if generic else model_at_stated_values(own)
     certificate = certify(own.regressor, matrix, seed, stated)
-    return LinearBase(own, matrix, definitions_in(own, matrix), certificate, seed, special, generic)
+    return LinearBase(own, matrix, certificate, seed, special, generic)
 
 
-def definitions_in(model: LinearModel, matrix: BaseMatrix) -> dict[str, str]:
-    """Functions of a model's constants that occur in B, as expressions in these."""
-    # an evaluation finds the functions of constants
-    Identity(model.regressor, matrix, (), random_generator(DEFAULT_SEED)).point(ARRAY_BITS)
-    found = model.regressor.sampler().definitions
-    return {name: text for name, text in found.items() if name in matrix.symbols}
+def _matrix(
+    model: LinearModel, order: tuple[int, ...], rng: np.random.Generator, work: Work, *, generic: bool
+) -> BaseMatrix:
+    """B for an order of the columns, all at once: unlike a robot, a linear model has no chain to follow.
 
-
-def _matrix(model: LinearModel, order: tuple[int, ...], rng: np.random.Generator, work: Work) -> BaseMatrix:
-    """B for an order of the columns, all at once: unlike a robot, a linear model has no chain to follow."""
+    Coefficients that are no rational functions of constants, such as exp(k), are numbers at the stated values.
+    """
     forms = model.regressor.columns(order)
     structure = linear_structure(forms, rng)
     zero = [column for column, support in structure.by_robot.items() if not support]
-    closed = closed_columns(linear_relations(forms, structure, rng), zero, rng, work, lambda _: None, share=1.0)
-    missing = sum(len(support) for column, support in structure.by_robot.items() if column not in closed)
-    if missing:
-        raise ClosedFormError(
-            f"{missing} coefficients have no closed form within the budget; give constants values, or a name of their "
-            "own to products of them, or a larger budget (--budget)"
-        )
+    closed = closed_columns(linear_relations(forms, structure), zero, rng, work, lambda _: None, share=1.0)
     found = {order[t]: {order[p]: c for p, c in combination.items()} for t, combination in closed.items()}
-    return assembled(model.parameters, tuple(order[p] for p in structure.pivots), found, order)
+    open_columns = [column for column in structure.by_robot if column not in closed]
+    if not open_columns:
+        return assembled(model.parameters, tuple(order[p] for p in structure.pivots), found, order)
+    silent = sorted(name for name, value in model.constants.items() if value is None)
+    if forms.rational or silent or generic:
+        missing = sum(len(structure.by_robot[column]) for column in open_columns)
+        raise ClosedFormError(
+            f"{missing} coefficients have no closed form within the budget; give constants values"
+            f"{f' (such as {silent[0]})' if silent else ''}, or a name of their own to products or functions of them, or "
+            "a larger budget (--budget)"
+        )
+    independent = RealStates(Rows(model.regressor, 0)).independent()
+    return in_numbers(
+        model.parameters, independent, order, stated_texts(model), irrational_roots(model.regressor), found
+    )
 
 
 def linear_special(model: LinearModel, order: tuple[int, ...], rng: np.random.Generator) -> SpecialValues | None:
@@ -290,8 +281,13 @@ def model_at_stated_values(model: LinearModel) -> AtStatedValues:
     def record() -> LinearForms:
         return model.with_constants(values.put_in(values.names)).regressor if values.names else model.regressor
 
-    texts = {name: str(value) for name, value in values.numbers.items()}
+    texts = stated_texts(model)
     return AtStatedValues(record, texts, bool(texts), len(texts) == len(model.constants))
+
+
+def stated_texts(model: LinearModel) -> dict[str, str]:
+    """Exact values of the constants that have one, as text."""
+    return {name: str(value) for name, value in sorted(_stated_values(model).numbers.items())}
 
 
 def _stated_values(model: LinearModel) -> StatedValues:

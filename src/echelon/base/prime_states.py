@@ -23,6 +23,11 @@ class PrimeStates:
         """Symbols that the rows depend on, sorted."""
         return self._sampler.symbols
 
+    @property
+    def angles(self) -> frozenset[str]:
+        """Those of them that are angles."""
+        return self._sampler.angles
+
     def cost(self, sources: int) -> float:
         """Operations of solving for the coefficients of all columns behind the auxiliary ones and some sources."""
         forms, unknowns = self.rows.forms, self.rows.auxiliary + sources

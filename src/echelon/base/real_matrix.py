@@ -1,8 +1,8 @@
-"""B of mechanisms with loops in numbers: what balls hold at real closed states, for any order of columns."""
+"""B in numbers: what balls hold at real states and stated values of the symbols, for any order of columns."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import flint
 import numpy as np
@@ -11,28 +11,56 @@ from echelon.base.ball_tables import exact_number, in_decimals, vanishes
 from echelon.base.elimination import Independent
 from echelon.base.matrix import BaseMatrix, StatedNumbers
 from echelon.exact.rational import RationalFunction
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import all_symbols, symbol_roles, value_texts
 
 
-def in_numbers(mechanism: Mechanism, independent: Independent, order: Sequence[int]) -> BaseMatrix:
-    """B from independent columns at the stated values of the symbols: short exact numbers, or bounded decimals."""
-    roles = symbol_roles(mechanism)
-    found = independent.in_order(order)
+def in_numbers(
+    parameters: tuple[str, ...],
+    independent: Independent,
+    order: Sequence[int],
+    at: Mapping[str, str],
+    irrational: tuple[bool, bool],
+    known: Mapping[int, Mapping[int, RationalFunction]] | None = None,
+) -> BaseMatrix:
+    """B from independent columns at stated values of the symbols: short exact numbers, or bounded decimals.
+
+    Parameters
+    ----------
+    parameters : tuple of str
+        Names of the columns.
+    independent : Independent
+        Of all columns, at the values.
+    order : sequence of int
+        Columns from most to least preferred as representative.
+    at : mapping of str to str
+        The values; columns of models without symbols that are exact are no columns of stated numbers.
+    irrational : (bool, bool)
+        Whether √2 and √3 may occur.
+    known : mapping of int to mapping of int to RationalFunction, optional
+        Columns with closed forms, as combinations of representatives.
+
+    Returns
+    -------
+    BaseMatrix
+    """
+    found, known = independent.in_order(order), known or {}
     rows = {pivot: {pivot: RationalFunction(1)} for pivot in found.pivots}
+    if not {pivot for row in known.values() for pivot in row} <= rows.keys():
+        known = {}  # closed forms in terms of other representatives
     stated, radius = set[int](), 0.0  # columns whose coefficients are decimals, or belong to values of symbols
+    for column, combination in known.items():
+        for pivot, coefficient in combination.items():
+            rows[pivot][column] = coefficient
     with flint.ctx.workprec(found.bits):
         for column, coefficients in zip(found.others, np.transpose(found.solution), strict=True):
             for pivot, ball in zip(found.pivots, coefficients, strict=True):
-                if vanishes(ball, found.bits):
+                if column in known or vanishes(ball, found.bits):
                     continue
-                exact = exact_number(ball, roles.irrational)
+                exact = exact_number(ball, irrational)
                 number, error = (exact, 0.0) if exact is not None else in_decimals(ball)
                 radius = max(radius, error)
-                if roles.symbols or exact is None:
+                if at or exact is None:
                     stated.add(column)
                 rows[pivot][column] = RationalFunction(number)
-    at = value_texts(mechanism, all_symbols(mechanism))
     numbers = StatedNumbers(tuple(sorted(stated)), at, radius) if stated else None
     ordered = tuple(dict(sorted(rows[pivot].items())) for pivot in found.pivots)
-    return BaseMatrix(mechanism.parameters, found.pivots, ordered, tuple(order), numbers)
+    return BaseMatrix(parameters, found.pivots, ordered, tuple(order), numbers)

@@ -1,8 +1,8 @@
 """Rows at real states in ball arithmetic: what samples models whose rows are no rational functions of free variables.
 
-Such are mechanisms with loops: their states solve equations.  Which columns are independent is found at the stated
+Such are mechanisms with loops, whose states solve equations, and models with functions such as exp.  Which columns are independent is found at the stated
 values of the symbols.  Coefficients as functions of symbols are found as those of trees are, by values modulo primes:
-a residue ρ is the fraction a/b next to the stated value with a ≡ ρ b, the loops close there, the coefficients are read
+a residue ρ is the fraction a/b next to the stated value with a ≡ ρ b, states are real there, the coefficients are read
 as short exact numbers from balls, and these have residues.
 """
 
@@ -17,14 +17,12 @@ from typing import Any
 import flint
 import numpy as np
 
-from echelon.base.ball_rows import ball_rows, rows_at_values
+from echelon.base.ball_rows import states_in
 from echelon.base.ball_tables import Balls, combinations_of, exact_number, vanishes
 from echelon.base.elimination import Independent, eliminated
-from echelon.errors import DegenerateSampleError, InputError, SingularPoseError
+from echelon.errors import ClosedFormError, DegenerateSampleError, InputError, SingularPoseError
 from echelon.exact.field import DEFAULT_SEED, Geometry, PrimeField, Residues, random_generator
 from echelon.exact.polynomial import Number
-from echelon.mechanism.closed_pose import shown_loops
-from echelon.mechanism.stated import symbol_roles
 from echelon.program.arithmetics import stated_ball, twice_arc_text
 from echelon.regressor.linear_forms import Rows
 
@@ -49,29 +47,16 @@ _FINE = 1 / 128
 
 
 class RealStates:
-    """Rows of a mechanism with loops at closed states."""
+    """Rows of a model at real states, free or closed."""
 
     def __init__(self, rows: Rows) -> None:
-        assert rows.forms.loops is not None
-        self.rows, self.loops = rows, rows.forms.loops
-        self.mechanism = self.loops.mechanism
+        self.rows, self.states = rows, states_in(rows.forms)
+        self._numbers_known: dict[int, list[Number]] = {}  # of models without symbols, by the number of sources
 
     @cached_property
     def symbols(self) -> list[str]:
-        """Symbols of the geometry, sorted."""
-        leaves = {*self.rows.forms.schedule.leaves, *self.loops.closing.leaves}
-        used = [self.rows.forms.program.inputs[node] for node in leaves]
-        return sorted({given.name for given in used if given.role == "symbol"})
-
-    @property
-    def singular(self) -> bool:
-        """Whether more motions are possible at the assembly pose than near it."""
-        return self.loops.singular
-
-    @property
-    def irrational(self) -> tuple[bool, bool]:
-        """Whether √2 and √3 may occur in coefficients."""
-        return symbol_roles(self.mechanism).irrational
+        """Symbols of the model, sorted."""
+        return self.states.symbols
 
     # -- structure ---------------------------------------------------------------------------------------------------
 
@@ -82,29 +67,35 @@ class RealStates:
         ------
         SingularPoseError
             If the loops are not proved to close, or no precision tells.
+        DegenerateSampleError
+            If entries have no values at most states.
         """
-        several = self.loops.motions
+        several = self.states.motions
         wanted = min(self.rows.forms.shape[1], _FIRST_ROWS)
         attempts = dict.fromkeys(((_BITS[0], several), *((bits, 1) for bits in _BITS)))
-        for bits, motions in attempts:
+        for times, (bits, motions) in enumerate(attempts, 1):
             with flint.ctx.workprec(bits):
                 try:
-                    found, wanted = self._independent(at or {}, bits, motions, wanted)
+                    found, wanted = self._independent(at or {}, bits, motions, wanted, times)
                 except InputError as error:
                     raise SingularPoseError(str(error)) from None
             if found is not None:
                 return found
-        raise SingularPoseError(f"{_BITS[-1]} bits do not tell what {shown_loops(self.mechanism)} leave independent")
+        raise SingularPoseError(f"{_BITS[-1]} bits do not tell what {self.states.subject} leave independent")
 
     def _independent(
-        self, at: Mapping[str, str], bits: int, motions: int, wanted: int
+        self, at: Mapping[str, str], bits: int, motions: int, wanted: int, times: int
     ) -> tuple[Independent | None, int]:
-        """Independent columns, if the precision tells, and how many rows beyond the surplus it took."""
+        """Independent columns, if the precision tells, and how many rows beyond the surplus it took.
+
+        Regions of signs are visited ``4^times`` times, because some columns may show in few of them.
+        """
         columns, auxiliary, rng = self.rows.forms.shape[1], self.rows.auxiliary, random_generator(DEFAULT_SEED)
         each = self.rows.forms.shape[0] * motions
-        checked = max(1, _OTHERS // each)
+        regions = self.states.regions if self.states.regions > 1 else 0
+        checked = max(1, _OTHERS // each, regions)
         others = self._table(at, 0, checked, motions, rng)
-        poses = max(_FEWEST, -(-(wanted + _SURPLUS) // each))
+        poses = max(_FEWEST, -(-(wanted + _SURPLUS) // each), 4**times * regions)
         table = self._table(at, checked, poses, motions, rng)
         while True:
             found = eliminated(table, bits, auxiliary, others)
@@ -116,8 +107,7 @@ class RealStates:
 
     def _table(self, at: Mapping[str, str], first: int, poses: int, motions: int, rng: np.random.Generator) -> Balls:
         """Rows at some motions through each of some known poses."""
-        known = self.loops.known_poses(first, poses)
-        return ball_rows(self.rows.forms, at, poses * motions, rng, motions, poses=known)
+        return self.states.known([at], first, poses, rng, motions)[0]
 
     # -- coefficients ------------------------------------------------------------------------------------------------
 
@@ -128,14 +118,17 @@ class RealStates:
 
     def cost(self, sources: int) -> float:
         """Operations modulo primes that take as long as closing the loops and solving for coefficients."""
-        size = self.loops.closing.size + self.rows.forms.schedule.size
-        return _COST * size * (self.rows.auxiliary + sources)
+        return _COST * self.states.size * (self.rows.auxiliary + sources)
 
     def coefficients(self, field: PrimeField, geometry: Geometry, rng: np.random.Generator, sources: int) -> Residues:
         """Coefficients of all columns behind the auxiliary ones and some sources; see :class:`PrimeStates`.
 
-        DegenerateSampleError if the loops do not close, or a coefficient is no short exact number.
+        DegenerateSampleError if there are no such states, ClosedFormError if a coefficient is no short exact number.
         """
+        if not self.symbols:
+            if sources not in self._numbers_known:
+                self._numbers_known[sources] = self._numbers([{}], sources)[0]
+            return np.array([[field.embed(number)] for number in self._numbers_known[sources]], dtype=np.int64)
         count = max((len(geometry[name]) for name in self.symbols), default=1)
         found = list[list[int]]()
         for first in range(0, count, _AT_ONCE):
@@ -148,15 +141,16 @@ class RealStates:
 
     def _numbers(self, at: Sequence[Mapping[str, str]], sources: int) -> list[list[Number]]:
         """Exact coefficients at each of some values of the symbols, target by target for each source."""
-        forms, motions = self.rows.forms, self.loops.motions
+        motions, regions = self.states.motions, self.states.regions
         unknowns = self.rows.auxiliary + sources
-        poses = max(_FEWEST, -(-(unknowns + _CHECKED) // (forms.shape[0] * motions)))
-        known, found = self.loops.known_poses(0, poses), list[list[Number]]()
-        for bits in _BITS:
+        fewest = max(_FEWEST, -(-(unknowns + _CHECKED) // (self.rows.forms.shape[0] * motions)))
+        found = list[list[Number]]()
+        for times, bits in enumerate(_BITS):
+            poses = fewest if regions == 1 else 4**times * max(fewest, regions)
             with flint.ctx.workprec(bits):
                 left = at[len(found) :]
                 try:
-                    tables = rows_at_values(forms, left, known, random_generator(DEFAULT_SEED), motions)
+                    tables = self.states.known(left, 0, poses, random_generator(DEFAULT_SEED), motions)
                 except InputError as error:
                     raise DegenerateSampleError(str(error)) from None
                 for table in tables:
@@ -166,7 +160,7 @@ class RealStates:
                     found.append(numbers)
             if len(found) == len(at):
                 return found
-        raise DegenerateSampleError("coefficients are no short exact numbers")
+        raise ClosedFormError("coefficients are no short exact numbers")
 
     def _solved(self, table: Balls, sources: int, bits: int) -> list[Number] | None:
         """Exact coefficients by a table; None if the precision does not tell."""
@@ -182,7 +176,7 @@ class RealStates:
         return None if None in numbers else [number for number in numbers if number is not None]
 
     def _number(self, x: Any, bits: int) -> Number | None:
-        return 0 if vanishes(x, bits) else exact_number(x, self.irrational)
+        return 0 if vanishes(x, bits) else exact_number(x, self.states.irrational)
 
     # -- values of symbols -------------------------------------------------------------------------------------------
 
@@ -197,17 +191,18 @@ class RealStates:
             wanted = residue * denominator % prime
             steps = round((near[name] * denominator - wanted) / prime)
             fraction = Fraction(wanted + steps * prime, denominator)
-            values[name] = twice_arc_text(fraction) if name in self._angles else str(fraction)
+            values[name] = twice_arc_text(fraction) if name in self.angles else str(fraction)
         return values
 
     def _near(self, name: str, rng: np.random.Generator) -> float:
         """A random value near the stated one; of an angle, the tangent of its half."""
-        value = float(stated_ball(self.loops.values[name]).mid())
+        value = float(stated_ball(self.states.values[name]).mid())
         change = _REACH * float(rng.uniform(-1.0, 1.0))
-        if name in self._angles:
+        if name in self.angles:
             return tan((value + change) / 2)
         return value + change * (abs(value) or 1.0) or _REACH
 
     @cached_property
-    def _angles(self) -> frozenset[str]:
-        return symbol_roles(self.mechanism).angles
+    def angles(self) -> frozenset[str]:
+        """Symbols that are angles."""
+        return self.states.angles

@@ -181,7 +181,7 @@ def same_row_space(a: Model | Readable, b: Model | Readable, *, seed: int = DEFA
     rng = random_generator(seed)
     first, second = _Side(a), _Side(b)
     places = _places(first.names, second.names, first.columns, second.columns)
-    if first.states or second.states:
+    if first.real or second.real:
         return _compared_in_balls(first, second, places, rng)
     seen: list[_Comparison] = []
     for _ in range(_ATTEMPTS):
@@ -245,14 +245,15 @@ class _Side:
         else:
             kinds = "a mechanism, BaseModel, LinearModel, LinearBase, RecordedRows, LinearForms or the path of a model"
             raise InputError(f"{kinds} is needed, not {type(model).__name__}")
-        self.states: RealStates | None = None  # of mechanisms with loops
-        self.matrix = matrix
+        self.matrix, self.real = matrix, False  # whether rows are to be compared in ball arithmetic
+        self.states: RealStates | None = None
         if matrix is not None:
             self.symbols, self.columns = list(matrix.symbols), len(self.names)
             return
         self.columns = forms.shape[1] - auxiliary
-        if forms.loops is not None:
-            self.states, self.symbols = RealStates(Rows(forms, auxiliary)), []
+        self.states = RealStates(Rows(forms, auxiliary))
+        if not forms.rational:
+            self.real, self.symbols = True, []
             return
         self.symbols = forms.sampler().symbols
         self.rows = lambda field, rng, at: row_space(forms, field, rng, at, auxiliary)
@@ -265,9 +266,10 @@ class _Side:
             for target, row in zip(table, self.matrix.rows, strict=True):
                 for column, coefficient in row.items():
                     target[column] = coefficient.evaluate(values, ball)
+                    if self.matrix.numbers and column in self.matrix.numbers.columns:
+                        target[column] += flint.arb(0, self.matrix.numbers.radius)
             return table
-        if self.states is None:
-            raise InputError("only models with loops, and their sets, can be compared with models with loops")
+        assert self.states is not None  # of models that are no sets
         return self.states.independent(at).basis
 
     def closed_form(self, pivot: str) -> str | None:
@@ -279,21 +281,24 @@ class _Side:
 
 
 def _compared_in_balls(first: _Side, second: _Side, places: Sequence[int], rng: np.random.Generator) -> RowSpaces:
-    """Row spaces of models of which one has loops, in ball arithmetic, at random values of symbols near stated ones."""
+    """Row spaces of models with loops or functions in ball arithmetic, at random values of symbols near stated ones."""
     sides = (first, second)
-    states = next(side.states for side in sides if side.states is not None)
-    in_numbers = any(side.matrix is not None and side.matrix.numbers is not None for side in sides)
-    at = {**states.loops.values, **({} if in_numbers else states.elsewhere(rng))}
+    models = [side.states for side in sides if side.states is not None]
+    numbers = [side.matrix.numbers for side in sides if side.matrix is not None and side.matrix.numbers is not None]
+    at = {name: text for states in models for name, text in states.states.values.items()}
+    if not numbers:
+        at |= {name: text for states in models for name, text in states.elsewhere(rng).items()}
+    bits = _BITS_OF_DECIMALS if any(found.radius for found in numbers) else _BITS
     with flint.ctx.workprec(_BITS):
         upper, lower = (side.in_balls(at) for side in sides)
         lower = lower[:, list(places)]
-        both = [eliminated(table, _BITS) for table in (upper, lower, np.vstack([upper, lower]))]
+        both = [eliminated(table, bits) for table in (upper, lower, np.vstack([upper, lower]))]
         ranks = [len(found.pivots) for found in both if found is not None]
         if len(ranks) < len(both):
-            raise EchelonError(f"{_BITS} bits do not tell whether the models see the same")
+            raise EchelonError(f"{bits} bits do not tell whether the models see the same")
         names = first.names or second.names or tuple(f"p{k + 1}" for k in range(first.columns))
         only = [
-            _unseen_in_balls(own, other, side, names) if ranks[2] > rank_of_other else ""
+            _unseen_in_balls(own, other, side, names, bits) if ranks[2] > rank_of_other else ""
             for own, other, side, rank_of_other in (
                 (upper, lower, first, ranks[1]),
                 (lower, upper, second, ranks[0]),
@@ -302,22 +307,24 @@ def _compared_in_balls(first: _Side, second: _Side, places: Sequence[int], rng: 
     return RowSpaces(ranks[0], ranks[1], ranks[2], only[0], only[1], ())
 
 
-def _unseen_in_balls(own: Balls, other: Balls, side: _Side, names: Sequence[str]) -> str:
+def _unseen_in_balls(own: Balls, other: Balls, side: _Side, names: Sequence[str], bits: int) -> str:
     """The first row of one side's echelon form that the other side does not see, as text."""
-    found, known = eliminated(own, _BITS), eliminated(other, _BITS)
+    found, known = eliminated(own, bits), eliminated(other, bits)
     assert found is not None
     assert known is not None
     ordered = found.in_order(range(own.shape[1]))
     for pivot, row in zip(ordered.pivots, ordered.basis, strict=True):
-        together = eliminated(np.vstack([other, row[None]]), _BITS)
+        together = eliminated(np.vstack([other, row[None]]), bits)
         if together is None or len(together.pivots) > len(known.pivots):
-            present = [names[c] for c, x in enumerate(row) if vanishes(x, _BITS) is False]
+            present = [names[c] for c, x in enumerate(row) if vanishes(x, bits) is False]
             return side.closed_form(names[pivot]) or f"a combination of {', '.join(present)}"
     return ""
 
 
 _BITS = 1024
 """Precision of comparisons in ball arithmetic; row spaces are known to half of it and more."""
+_BITS_OF_DECIMALS = 256
+"""With coefficients in forty decimals: what is below 2^-64 counts as zero then."""
 _FIRST_STATES, _SURPLUS_STATES = 32, 8
 
 

@@ -170,7 +170,7 @@ def _spaces(
     progress("structure")
     numbers = {name: f"sensor {number} of {len(groups)}" for number, name in enumerate(groups, 1)}
     forms = {name: virtual_power_form(replace(mechanism, measured=group)) for name, group in groups.items()}
-    if any(form.loops is not None for form in forms.values()):
+    if not all(form.rational for form in forms.values()):
         said = "what {} sees ({}, in ball arithmetic)"
         found = spaces_of(forms, lambda name: progress(said.format(name, numbers[name])))
         return _Spaces([(found.rank, found.bases)], _BALL)

@@ -23,6 +23,7 @@ from echelon.base.real_states import RealStates
 from echelon.doors import public
 from echelon.errors import DegenerateSampleError, EchelonError
 from echelon.exact.field import PrimeField, by_pivots
+from echelon.exact.unknown_functions import persistent
 from echelon.mechanism.joint import ALL, GROUND, Body, Joint, Motion, Placement, Step, floating_motions
 from echelon.mechanism.mechanism import Cut, Mechanism
 from echelon.program.schedule import FieldSampler
@@ -50,7 +51,7 @@ class Structure:
     singular : bool
         With loops, whether more motions are possible at the assembly pose than near it, so that modes may meet there.
     real : Independent, optional
-        With loops, independent columns at real closed states with the stated values of the symbols.
+        Independent columns at real states, where primes do not show them.
     """
 
     parameters: int
@@ -88,7 +89,7 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator, *, generic: b
     the loops are not proved to close.
     """
     whole = rows_of(mechanism)
-    if whole.forms.loops is not None:
+    if not whole.forms.rational:
         return _at_real_states(mechanism, whole, rng, generic)
     by_joint = _dependent_by_joint(mechanism, rng)
     remaining = _not_local(mechanism, by_joint)
@@ -102,23 +103,37 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator, *, generic: b
 
 @one_thread()
 def _at_real_states(mechanism: Mechanism, rows: Rows, rng: np.random.Generator, generic: bool) -> Structure:
-    """Structure at real closed states; closed forms of what depends on others by its joint alone are found there."""
-    named = bool(RealStates(rows).symbols)
+    """Structure at real states; closed forms of what depends on others by its joint alone are found there."""
+    named = bool(RealStates(rows).symbols) or rows.forms.loops is None
     by_joint = _dependent_by_joint(mechanism, rng) if named else {}
     columns = _not_local(mechanism, by_joint)
     states = RealStates(rows.columns(columns))
-    found = states.independent(states.elsewhere(rng) if generic and named else {})
-    ordered = found.in_order(range(len(columns)))
-    by_robot = {
-        columns[dependent]: tuple(
-            columns[pivot]
+    found, supports = _real_dependence(states, rng, generic=generic)
+    by_robot = {columns[k]: tuple(columns[p] for p in support) for k, support in supports.items()}
+    pivots = tuple(columns[k] for k in range(len(columns)) if k not in supports)
+    real = None if by_joint else found
+    return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, states.states.singular, real)
+
+
+def _real_dependence(
+    states: RealStates, rng: np.random.Generator, *, generic: bool
+) -> tuple[Independent, dict[int, tuple[int, ...]]]:
+    """Independent columns, and the pivots that dependent ones depend on, the first columns preferred as pivots."""
+
+    def attempt() -> Independent:
+        return states.independent(states.elsewhere(rng) if generic and states.symbols else {})
+
+    found = persistent(attempt)
+    ordered = found.in_order(range(len(found.pivots) + len(found.others)))
+    supports = {
+        dependent: tuple(
+            pivot
             for pivot, value in zip(ordered.pivots, coefficients, strict=True)
             if not vanishes(value, found.bits)
         )
         for dependent, coefficients in zip(ordered.others, ordered.solution.T, strict=True)
     }
-    pivots = tuple(columns[k] for k in ordered.pivots)
-    return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, states.singular, found)
+    return found, supports
 
 
 def _not_local(mechanism: Mechanism, by_joint: Mapping[int, tuple[int, ...]]) -> list[int]:
@@ -129,7 +144,11 @@ def _not_local(mechanism: Mechanism, by_joint: Mapping[int, tuple[int, ...]]) ->
 
 def linear_structure(forms: LinearForms, rng: np.random.Generator) -> Structure:
     """Rank and pivots of any recorded rows without loops, all columns eliminated at once, the first ones preferred."""
-    supports = _confirmed_dependence(Rows(forms, 0), rng)
+    rows = Rows(forms, 0)
+    if forms.rational:
+        supports = _confirmed_dependence(rows, rng)
+    else:
+        supports = _real_dependence(RealStates(rows), rng, generic=True)[1]
     pivots = tuple(column for column in range(forms.shape[1]) if column not in supports)
     return Structure(forms.shape[1], pivots, {}, supports)
 

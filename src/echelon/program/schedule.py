@@ -20,13 +20,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import reduce
 from math import lcm, log2, sqrt
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
 from echelon.errors import EchelonError
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.polynomial import Number, Polynomial, parts_of
@@ -182,47 +182,45 @@ class Size:
 
 
 class FieldSampler:
-    """Evaluates outputs of a program at random points of a prime field; functions are sines and cosines of inputs.
+    """Evaluates outputs of a program at random points of a prime field; functions are those of :meth:`suits`.
 
-    For other functions see :mod:`echelon.program.sampling`.
+    Programs with signs take :class:`echelon.program.sampling.SignSampler`.
     """
 
     def __init__(self, program: Program, outputs: Sequence[int]) -> None:
         self.program, self.outputs = program, outputs
-        functions = [n for n in program.needed(outputs) if program.ops[n] >= Op.SIN]
-        self._schedule = Schedule(program, outputs, functions)
+        functions = [n for n in program.needed(outputs) if program.ops[n] in CIRCULAR]
+        signs = [n for n in program.needed(outputs) if program.ops[n] == Op.SIGN]
+        self._schedule = Schedule(program, outputs, (*functions, *signs))
         self._inputs = [n for n in self._schedule.leaves if n in program.inputs]
-        self._functions = [n for n in self._schedule.leaves if n not in program.inputs]
+        self._functions = [n for n in self._schedule.leaves if program.ops[n] in CIRCULAR]
+        arguments = dict.fromkeys(program.lhs[n] for n in self._functions)
+        self._angles = {n: form for n in arguments if (form := _turns(program, n)) is not None}
 
     @staticmethod
     def suits(program: Program, outputs: Sequence[int]) -> bool:
-        """Whether all functions are sines and cosines of inputs, of which constant ones occur in no other way."""
-        functions = [n for n in program.needed(outputs) if program.ops[n] >= Op.SIN]
-        angles = {program.lhs[n] for n in functions}
-        if not angles <= program.inputs.keys() or any(program.ops[n] not in (Op.SIN, Op.COS) for n in functions):
+        """Whether outputs are rational functions of what is drawn, with signs that are constant in regions.
+
+        These are inputs, points of circles for sines, cosines and tangents of rational combinations of inputs, and
+        signs of anything.  Constants in angles occur there in whole multiples, and nowhere else.
+        """
+        signs = [n for n in program.needed(outputs) if program.ops[n] == Op.SIGN]
+        functions = [n for n in program.needed(outputs, signs) if program.ops[n] >= Op.SIN]
+        circular = [n for n in functions if program.ops[n] in CIRCULAR]
+        if any(program.ops[n] not in (*CIRCULAR, Op.SIGN, Op.ABS) for n in functions):
             return False
-        constant = {n for n in angles if program.inputs[n].role == "symbol"}
-        return not constant or constant.isdisjoint(program.needed(outputs, functions))
+        turns = [_turns(program, program.lhs[n]) for n in circular]
+        if None in turns:
+            return False
+        ratios = [(n, ratio) for form in turns for n, ratio in (form or {}).items()]
+        constant = {n: ratio for n, ratio in ratios if program.inputs[n].role == "symbol"}
+        whole = all(ratio.denominator == 1 for n, ratio in ratios if n in constant)
+        return whole and (not constant or constant.keys().isdisjoint(program.needed(outputs, (*circular, *signs))))
 
     @property
     def regions(self) -> int:
-        """Number of regions into which signs and domains cut the real points; this many states visit them all."""
+        """Number of regions into which signs cut the real points; this many states visit them all."""
         return 1
-
-    @property
-    def signs(self) -> tuple[int, str]:
-        """Number of regions of signs that are visited, 0 without signs, and what is known of others."""
-        return 0, ""
-
-    @property
-    def unseen_regions(self) -> str:
-        """Words about regions of signs that may add something and were not visited; empty if there are none."""
-        return ""
-
-    @property
-    def sign_constants(self) -> list[str]:
-        """Constants that signs depend on, so that regions are those of one value of each."""
-        return []
 
     @property
     def symbols(self) -> list[str]:
@@ -230,14 +228,9 @@ class FieldSampler:
         return sorted({self.program.inputs[n].name for n in self._inputs if self._is_symbol(n)} | self.angles)
 
     @property
-    def definitions(self) -> dict[str, str]:
-        """What the symbols that are functions of constants stand for, as expressions in constants."""
-        return {}
-
-    @property
     def angles(self) -> frozenset[str]:
         """Symbols whose values stand for the tangent of half of them."""
-        angles = (self.program.lhs[n] for n in self._functions)
+        angles = (n for form in self._angles.values() for n in form)
         return frozenset(self.program.inputs[n].name for n in angles if self._is_symbol(n))
 
     @property
@@ -250,11 +243,17 @@ class FieldSampler:
         """Bound on a leaf as a quotient of polynomials in the independent random numbers, e.g. multiples of angles."""
         # a cosine or sine of n angles is a quotient of degree 2n, with coefficients that add up to 4ⁿ at most; a unit
         # quaternion is one of degree 2
-        return Size(2, 2.0)
+        units = self._units()
+        turns = max((int(sum(abs(r) * units[n] for n, r in form.items())) for form in self._angles.values()), default=1)
+        return Size(2 * turns, 2.0 * turns)
 
-    def real_states(self, rng: np.random.Generator, states: int) -> dict[str, Floats]:  # noqa: ARG002
-        """Real values of inputs by name, at states of all regions in turn; empty where any values will do."""
-        return {}
+    def _units(self) -> dict[int, int]:
+        """For every input of angles, into how many parts it is divided so that all angles hold whole multiples."""
+        units: dict[int, int] = {}
+        for form in self._angles.values():
+            for node, ratio in form.items():
+                units[node] = lcm(units.get(node, 1), ratio.denominator)
+        return units
 
     def evaluate(
         self, field: PrimeField, rng: np.random.Generator, states: int, geometry: Mapping[str, Residues]
@@ -271,20 +270,82 @@ class FieldSampler:
                 for n in nodes
             }
 
-        tangents = drawn(dict.fromkeys(self.program.lhs[n] for n in self._functions))
+        units = self._units()
+        points = {n: field.circle(tangent) for n, tangent in drawn(units).items()}
         values = drawn(self._inputs)
         for group in self.program.unit_groups:
             if not values.keys().isdisjoint(group):
-                points = field.sphere(field.draw(rng, (len(group) - 1, samples)))
-                values |= {n: point for n, point in zip(group, points, strict=True) if n in values}
-        circles = {n: field.circle(tangent) for n, tangent in tangents.items()}
+                on_sphere = field.sphere(field.draw(rng, (len(group) - 1, samples)))
+                values |= {n: point for n, point in zip(group, on_sphere, strict=True) if n in values}
+        circles = {angle: _turned(form, units, points, field) for angle, form in self._angles.items()}
         for n in self._functions:
             cosine, sine = circles[self.program.lhs[n]]
-            values[n] = cosine if self.program.ops[n] == Op.COS else sine
+            op = self.program.ops[n]
+            values[n] = cosine if op == Op.COS else sine if op == Op.SIN else sine * field.invert_array(cosine) % field.p
+        values |= self._signs(field, states, geometries)
         return self._schedule.run(ModularArithmetic(field), values, samples).reshape(-1, geometries, states)
+
+    def _signs(self, field: PrimeField, states: int, geometries: int) -> dict[int, Residues]:  # noqa: ARG002
+        """Values of signs at states of all regions in turn, (geometries · states,)."""
+        return {}
 
     def _is_symbol(self, node: int) -> bool:
         return node in self.program.inputs and self.program.inputs[node].role == "symbol"
+
+
+CIRCULAR = (Op.SIN, Op.COS, Op.TAN)
+_Turns = dict[int, Fraction]  # an angle as a combination of inputs
+
+
+def _turns(program: Program, node: int) -> _Turns | None:
+    """An angle as a rational combination of inputs; None if it is none."""
+    known: dict[int, _Turns | Fraction | None] = {}
+    for n in program.needed([node]):
+        op, a, b = program.ops[n], known.get(program.lhs[n]), known.get(program.rhs[n])
+        found: _Turns | Fraction | None = None
+        if op == Op.INPUT:
+            found = {n: Fraction(1)}
+        elif op == Op.CONSTANT:
+            number = program.constants[n]
+            found = Fraction(number) if isinstance(number, int | Fraction) else None
+        elif op == Op.NEG and isinstance(a, dict):
+            found = {x: -ratio for x, ratio in a.items()}
+        elif op in (Op.ADD, Op.SUB) and isinstance(a, dict) and isinstance(b, dict):
+            side = 1 if op == Op.ADD else -1
+            total = {x: a.get(x, Fraction(0)) + side * b.get(x, Fraction(0)) for x in {**a, **b}}
+            found = {x: ratio for x, ratio in total.items() if ratio}
+        elif op == Op.MUL:
+            factor, angle = (a, b) if isinstance(b, dict) else (b, a)
+            if isinstance(factor, Fraction) and isinstance(angle, dict):
+                found = {x: factor * ratio for x, ratio in angle.items()}
+        elif op == Op.DIV and isinstance(a, dict) and isinstance(b, Fraction) and b:
+            found = {x: ratio / b for x, ratio in a.items()}
+        known[n] = found
+    angle = known[node]
+    return angle if isinstance(angle, dict) else None
+
+
+def is_angle(program: Program, outputs: Sequence[int], node: int) -> bool:
+    """Whether a symbol is an angle: it occurs only in whole multiples, added to angles of sines and the like."""
+    if program.inputs[node].role != "symbol":
+        return False
+    circular = [n for n in program.needed(outputs) if program.ops[n] in CIRCULAR]
+    ratios = [(_turns(program, program.lhs[n]) or {}).get(node, Fraction(0)) for n in circular]
+    holders = [n for n, ratio in zip(circular, ratios, strict=True) if ratio]
+    whole = all(ratio.denominator == 1 for ratio in ratios)
+    return bool(holders) and whole and node not in program.needed(outputs, holders)
+
+
+Circle = tuple[Residues, Residues]  # cosines and sines
+
+
+def _turned(form: _Turns, units: Mapping[int, int], points: Mapping[int, Circle], field: PrimeField) -> Circle:
+    """The point of an angle from those of parts of inputs."""
+    turns = [(points[n], int(ratio * units[n])) for n, ratio in form.items()]
+    if not turns:
+        return np.ones(1, dtype=field.dtype), np.zeros(1, dtype=field.dtype)
+    found = [point if count == 1 else field.multiply_angle(point, count) for point, count in turns]
+    return reduce(field.add_angles, found)
 
 
 _ROOTS = (1.0, sqrt(2), sqrt(3), sqrt(6))

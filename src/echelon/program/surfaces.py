@@ -111,6 +111,8 @@ def _products(program: Program, outputs: Sequence[int], nodes: Sequence[int]) ->
             touched[n] |= sum(bit.get(f, 0) for f in _factors(program, a))
         if op is Op.SIGN:
             found[n] = (bit[a],)
+        elif op is Op.ABS:
+            found[n] = _maximal([bit[a] | m for m in found[a]])
         else:
             found[n] = (touched[n],) if op >= Op.SIN else _operated(op, found[a], found[b], touched[b])
     masks = _maximal([m for n in outputs for m in found[n]])

@@ -20,7 +20,7 @@ from echelon.mechanism.effect import Side
 from echelon.mechanism.joint import ALL, GROUND
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import StatedValues
-from echelon.program.sampling import FunctionSampler
+from echelon.program.sampling import sampler_of
 from echelon.program.schedule import FieldSampler
 from echelon.program.tape import Program
 
@@ -135,13 +135,14 @@ class BlockRows:
     def independent(
         self, columns: Collection[int], field: PrimeField, rng: np.random.Generator, values: StatedValues | None = None
     ) -> set[int]:
-        """Columns proved to be independent of one another and of all others, modulo a prime."""
+        """Columns proved to be independent of one another and of all others, modulo a prime; none with functions."""
         present = set(columns)
         chosen = [{key: n for key, n in entries.items() if key[1] in present} for entries in self.entries]
         owned = [[column for column in columns if column in present] for columns in self.columns]
         nodes = [n for entries in chosen for n in entries.values()]
-        plain = FieldSampler.suits(self.program, nodes)
-        sampler = FieldSampler(self.program, nodes) if plain else FunctionSampler(self.program, nodes)
+        if not FieldSampler.suits(self.program, nodes):
+            return set()
+        sampler = sampler_of(self.program, nodes)
         names = sampler.symbols
         geometry = values.draw(names, field, rng) if values else {name: field.draw(rng, (1,)) for name in names}
         states = max(map(len, owned), default=0) + _SURPLUS_ROWS

@@ -30,11 +30,13 @@ import numpy as np
 
 from echelon.errors import EchelonError
 from echelon.exact.field import Residues
-from echelon.exact.polynomial import Rational
 from echelon.mechanism.effect import Side
 from echelon.mechanism.joint import GROUND
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import known_values
+from echelon.mechanism.stated import all_symbols, value_texts
+from echelon.program.free_states import RealPoints
+from echelon.program.operations import Op
+from echelon.program.sampling import sampler_of
 from echelon.program.schedule import FieldSampler, Schedule
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.blocks import Block, BlockRows, blocks_of
@@ -72,8 +74,7 @@ class LinearForms:
     shape: tuple[int, int]  # numbers of rows and columns
     loops: Loops | None = None  # what keeps motions on closed configurations, where there are loops
     blocks: BlockRows | None = None  # combinations of rows, over all columns, that see little at a time
-    # stated values of constants, on which the regions of signs depend
-    values: Mapping[str, Rational | float] = field(default_factory=dict)
+    values: Mapping[str, str] = field(default_factory=dict)  # stated values of symbols, as exact text
     # the same columns are asked for again and again, and a schedule costs as much as an evaluation
     _restricted: dict[tuple[int, ...], LinearForms] = field(init=False, default_factory=dict, repr=False, compare=False)
     _samplers: list[FieldSampler] = field(init=False, default_factory=list, repr=False, compare=False)
@@ -87,19 +88,29 @@ class LinearForms:
             self._restricted[kept] = replace(self, entries=entries, shape=(self.shape[0], len(position)))
         return self._restricted[kept]
 
+    @cached_property
+    def rational(self) -> bool:
+        """Whether entries are rational functions of what varies, region by region of signs, so that primes do."""
+        return self.loops is None and FieldSampler.suits(self.program, list(self.entries.values()))
+
     def sampler(self) -> FieldSampler:
         """Evaluates all entries at random states modulo primes."""
         if not self._samplers:
             nodes = list(self.entries.values())
-            if self.loops is not None:
-                raise EchelonError("closed states of loops are real ones, and no points of finite fields")
-            if FieldSampler.suits(self.program, nodes):
-                self._samplers.append(FieldSampler(self.program, nodes))
-            else:
-                from echelon.program.sampling import FunctionSampler  # robots without friction do without it
-
-                self._samplers.append(FunctionSampler(self.program, nodes, self.values))
+            if not self.rational:
+                raise EchelonError("states of loops and of functions are real ones, and no points of finite fields")
+            self._samplers.append(sampler_of(self.program, nodes, self.points if self.has_signs else None))
         return self._samplers[0]
+
+    @cached_property
+    def points(self) -> RealPoints:
+        """Random real states, where these are free."""
+        return RealPoints(self.program, list(self.entries.values()), self.values)
+
+    @cached_property
+    def has_signs(self) -> bool:
+        """Whether signs occur in some entry."""
+        return any(self.program.ops[n] in (Op.SIGN, Op.ABS) for n in self.program.needed(self.entries.values()))
 
     @cached_property
     def schedule(self) -> Schedule:
@@ -175,6 +186,11 @@ def _loops(
     return loops_of(recorder.mechanism, recorder, probes, chosen)
 
 
+def _stated(mechanism: Mechanism) -> dict[str, str]:
+    """Exact values of those symbols that have one, as text."""
+    return value_texts(mechanism, all_symbols(mechanism))
+
+
 # -- energy ------------------------------------------------------------------------------------------------------------
 
 
@@ -197,7 +213,7 @@ def energy_form(mechanism: Mechanism) -> LinearForms:
     sums = column_sums(mechanism, energies, lambda body, kind: energies[body][kind])
     entries = {(0, 0): program.one.node} | _row({1 + column: energy for column, energy in sums.items()})
     loops = _loops(recorder)
-    return LinearForms(program, entries, (1, 1 + len(mechanism.parameters)), loops)
+    return LinearForms(program, entries, (1, 1 + len(mechanism.parameters)), loops, values=_stated(mechanism))
 
 
 def energy_changes(mechanism: Mechanism) -> BlockRows:
@@ -311,7 +327,7 @@ def virtual_power_form(mechanism: Mechanism) -> LinearForms:
     loops = _loops(recorder, probes, known)
     many = len(mechanism.parameters) > FEW_COLUMNS
     blocks = _block_powers(recorded) if many and mechanism.measures_every_force and not mechanism.closures else None
-    return LinearForms(program, entries, (1, len(mechanism.parameters)), loops, blocks, known_values(mechanism))
+    return LinearForms(program, entries, (1, len(mechanism.parameters)), loops, blocks, _stated(mechanism))
 
 
 def _block_powers(recorded: _RecordedPowers) -> BlockRows:
@@ -335,7 +351,7 @@ def power_form(mechanism: Mechanism) -> LinearForms:
     motion = any_motion(mechanism, recorded.recorder, "qd")
     entries = _row(recorded.powers(motion))
     loops = _loops(recorded.recorder)
-    return LinearForms(recorded.program, entries, (1, len(mechanism.parameters)), loops)
+    return LinearForms(recorded.program, entries, (1, len(mechanism.parameters)), loops, values=_stated(mechanism))
 
 
 class _RecordedPowers:

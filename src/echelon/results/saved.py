@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from echelon.base.ball_checks import check_in_balls
 from echelon.base.certificate import Certificate, certify
 from echelon.base.derive import model_at_stated_values, silent, specialised
-from echelon.base.linear_base import LinearBase, definitions_in, linear_special
+from echelon.base.linear_base import LinearBase, linear_special, stated_texts
 from echelon.base.linear_base import model_at_stated_values as linear_at_stated_values
 from echelon.base.matrix import BaseMatrix, StatedNumbers, coefficient_value
 from echelon.base.model import BaseModel
@@ -73,7 +73,7 @@ def to_dict(model: BaseModel) -> dict[str, Any]:
 
 def linear_to_dict(base: LinearBase) -> dict[str, Any]:
     """A linear model's set as JSON-able data; ``model`` is a document that :func:`echelon.load_linear` reads."""
-    return {
+    document = {
         "schema": LINEAR_SCHEMA,
         "echelon": __version__,
         "name": base.model.name,
@@ -82,10 +82,11 @@ def linear_to_dict(base: LinearBase) -> dict[str, Any]:
         "outputs": list(base.model.outputs),
         "order": [base.parameters[c] for c in base.matrix.order],
         "generic": base.generic,
-        "definitions": dict(base.definitions),
+        "numbers": _numbers(base),
         **_set(base, base.model.values),
         "model": linear_document(base.model),
     }
+    return document if document["numbers"] else {key: value for key, value in document.items() if key != "numbers"}
 
 
 def _set(model: BaseModel | LinearBase, known: Mapping[str, float]) -> dict[str, Any]:
@@ -104,7 +105,7 @@ def _stated(model: BaseModel) -> dict[str, float]:
     return {name: s.value for name, s in model.mechanism.symbols.items() if s.value is not None}
 
 
-def _numbers(model: BaseModel) -> dict[str, Any] | None:
+def _numbers(model: BaseModel | LinearBase) -> dict[str, Any] | None:
     """The columns of B that are numbers, if there are any."""
     numbers = model.matrix.numbers
     if numbers is None:
@@ -174,10 +175,9 @@ def _linear_from_document(document: Any, source: str) -> LinearBase:
     model = read_linear(Document(record.model, source))
     matrix = _matrix(record, model.parameters, source)
     certificate = _certificate(record, source)
-    definitions = definitions_in(model, matrix)
-    found = LinearBase(model, matrix, definitions, certificate, record.seed, record.special, record.generic)
-    if record.definitions != definitions:
-        raise CertificateError("'definitions' are not those of the functions of constants in the model")
+    found = LinearBase(model, matrix, certificate, record.seed, record.special, record.generic)
+    if matrix.numbers and matrix.numbers.at != stated_texts(model):
+        raise CertificateError("'numbers' are for other values than those stated by the model")
     _check_derived(record, found, model.name, model.outputs)
     return found
 
@@ -211,7 +211,7 @@ def _matrix(record: BaseModelRecord | LinearBaseRecord, parameters: Sequence[str
     stated = record.numbers
     numbers = None
     try:
-        read = _coefficients(getattr(record, "definitions", {}))
+        read = cache(lambda above, below: RationalFunction(parse(above), parse(below)))
         rows = tuple(_row(row, column, read) for row in record.base)
         pivots = tuple(column[row.name] for row in record.base)
         order = tuple(column[name] for name in record.order)
@@ -234,36 +234,6 @@ def _certificate(record: BaseModelRecord | LinearBaseRecord, source: str) -> Cer
         return made(Certificate, record.certificate)
     except ValidationError:
         raise InputError("primes are decimal numbers", source=source, element="certificate") from None
-
-
-def _coefficients(names: Collection[str]) -> Callable[[str, str], RationalFunction]:
-    """A reader of quotients, given by numerator and denominator, each of which is read once wherever it stands.
-
-    Some names, such as ``log[T0]``, are symbols though no identifiers.
-    """
-    parsed = _parser(names)
-
-    @cache
-    def quotient(above: str, below: str) -> RationalFunction:
-        return RationalFunction(parsed(above), parsed(below))
-
-    return quotient
-
-
-def _parser(names: Collection[str]) -> Callable[[str], Polynomial]:
-    """A reader of expressions in which some names, such as ``log[T0]``, are symbols though no identifiers."""
-    stand_ins = {name: f"definition_{k}_of_{len(names)}" for k, name in enumerate(sorted(names, key=len, reverse=True))}
-
-    def parsed(text: str) -> Polynomial:
-        for name, stand_in in stand_ins.items():
-            text = text.replace(name, stand_in)
-        found = parse(text)
-        back = {stand_in: Polynomial.generator(name) for name, stand_in in stand_ins.items()}
-        if back.keys().isdisjoint(found.generators()):
-            return found
-        return found.evaluate({g: back.get(g, Polynomial.generator(g)) for g in found.generators()}, as_polynomial)
-
-    return parsed
 
 
 def _row(

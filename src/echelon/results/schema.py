@@ -109,7 +109,8 @@ class CertificateRecord(_Strict):
     at_values: bool = Field(False, description="Whether the minor was taken at the stated values of the symbols.")
     regions: int = Field(0, description="Regions of signs that were visited; 0 without signs.")
     regions_note: str = ""
-    other_values: int = Field(0, ge=0, description="With loops, other values at which formulas were checked.")
+    other_values: int = Field(0, ge=0, description="In ball arithmetic, other values at which formulas were checked.")
+    closed: bool = Field(False, description="Whether states are closed ones of loops, near the assembly pose.")
     numbers: int = Field(0, description="Columns of B that are numbers, checked at the stated values only.")
     log10_residual: float | None = Field(
         None, description="Bound on what is left at real states in ball arithmetic, beside the largest of a column."
@@ -160,10 +161,9 @@ class LinearBaseRecord(_Strict):
     outputs: list[str] = Field(description="The rows of X.")
     order: list[str] = Field(description="Column order for which B is in reduced echelon form.")
     generic: bool = Field(False, description="Whether the set is for general values of the constants.")
-    definitions: dict[str, str] = Field(description="Functions of constants that occur in coefficients.")
     parameters: list[str] = Field(description="The columns of X and B.")
     base: list[BaseParameterRecord]
-    numbers: None = None
+    numbers: NumbersRecord | None = Field(None, description="What has no closed form.")
     classification: dict[str, list[str]]
     special: SpecialValues | None = Field(None, description="Present where the stated values change the answer.")
     certificate: CertificateRecord
