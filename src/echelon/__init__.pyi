@@ -32,7 +32,6 @@ from echelon.errors import DoubtWarning as DoubtWarning
 from echelon.errors import EchelonError as EchelonError
 from echelon.errors import InputError as InputError
 from echelon.errors import MissingExtraError as MissingExtraError
-from echelon.errors import UnknownRelationsError as UnknownRelationsError
 from echelon.excite.excite import ExcitingTrajectory as ExcitingTrajectory
 from echelon.excite.excite import exciting_trajectory as exciting_trajectory
 from echelon.excite.excite import judged_trajectory as judged_trajectory

@@ -9,7 +9,7 @@ import pytest
 
 import echelon as ec
 from echelon.base.linear_base import LinearBase
-from echelon.program.region import RealPoints, RegionReport
+from echelon.program.free_states import RealPoints, RegionReport
 from echelon.program.surfaces import IndependentRegions, find_surfaces, impossible
 from echelon.program.tape import Program
 from echelon.program.text import record_expression

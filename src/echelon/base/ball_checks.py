@@ -19,8 +19,8 @@ import flint
 import numpy as np
 
 from echelon.arrays import Floats, independent_columns
-from echelon.base.ball_rows import ball_rows, ball_values, stated_generators
-from echelon.base.ball_tables import Balls, combinations_of, doubles, vanishes
+from echelon.base.ball_rows import ball_rows, bits_of_span, stated_generators
+from echelon.base.ball_tables import Balls, combinations_of, doubles, exponent, vanishes
 from echelon.base.matrix import BaseMatrix
 from echelon.errors import CertificateError, InputError
 from echelon.exact.rational import RationalFunction
@@ -37,12 +37,6 @@ _OTHERS = 4
 """Closed poses beyond those that determine the coefficients of mechanisms with loops."""
 _LOOSEST = 1e-20
 """Relative error of a coefficient beyond which a comparison means nothing."""
-_USUAL_SPAN = 128
-"""Binary digits between values that the precision of an attempt is made for."""
-_USUAL_EXPONENT = 48
-"""Binary exponent of constants that, without exponentials, leave values within the usual span."""
-_LARGEST_SPAN = 8192
-"""Binary digits between values, above which a set is refused rather than compared for minutes."""
 _FIRM = 1e-9
 """Share of a column that double precision surely shows beside others."""
 _LOG10_2 = log10(2.0)
@@ -107,9 +101,10 @@ def check_in_balls(
         If there are no real states at the values, as where loops do not close.
     """
     check = _Check(regressor, matrix, sorted(columns), at, rng)
-    span = check.bits_of_span()
-    if span > _LARGEST_SPAN:
-        raise CertificateError(f"values in the model span {span} binary digits, too many to compare them")
+    try:
+        span = bits_of_span(check.forms, at, rng)
+    except InputError as error:
+        raise CertificateError(str(error)) from None
     for attempt in _ATTEMPTS if columns else (_MINOR_ONLY, *_ATTEMPTS):
         attempt = replace(attempt, bits=attempt.bits + span)
         with flint.ctx.workprec(attempt.bits):
@@ -134,24 +129,6 @@ class _Check:
         self.matrix, self.others, self.at, self.rng = matrix, others, at, rng
         self.forms = regressor.columns([*matrix.pivots, *others])
         self.loops = regressor.loops
-
-    def bits_of_span(self) -> int:
-        """Binary digits between the largest and the smallest value that occurs on the way to the entries.
-
-        With as many more, no term is lost beside another one, as e^-1000 would be beside 1.
-        """
-        program = self.forms.program
-        nodes = program.needed(self.forms.entries.values())
-        constants = [
-            ball(program.constants[n]) for n in nodes if program.ops[n] == Op.CONSTANT and program.constants[n]
-        ]
-        usual = all(abs(_exponent(x)) < _USUAL_EXPONENT for x in constants)
-        if usual and Op.EXP not in {program.ops[n] for n in nodes}:
-            return 0
-        with flint.ctx.workprec(_ATTEMPTS[0].bits):
-            values = ball_values(self.forms, nodes, self.at, self.rng)
-        exponents = [_exponent(x.abs_lower()) for x in values if x.is_finite() and not x.contains(0)]
-        return max(0, max(exponents, default=0) - min(exponents, default=0) - _USUAL_SPAN)
 
     def evidence(self, attempt: _Attempt) -> BallEvidence | None:
         """Evidence of one attempt; None if it does not tell."""
@@ -249,13 +226,7 @@ class _Check:
 def _size(column: Balls) -> Any:
     """A power of two of the size of a column's largest entry; 1 where all entries may be zero."""
     largest = max((x.abs_lower() for x in column), default=flint.arb(0))
-    return flint.arb(2) ** _exponent(largest) if largest > 0 else flint.arb(1)
-
-
-def _exponent(x: Any) -> int:
-    """Binary exponent of a number that is not zero."""
-    mantissa, exponent = x.mid().man_exp()
-    return int(exponent) + int(mantissa).bit_length()
+    return flint.arb(2) ** exponent(largest) if largest > 0 else flint.arb(1)
 
 
 def _log10(bound: Any, bits: int) -> float:

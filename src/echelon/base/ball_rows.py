@@ -3,24 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
 from typing import Any, Protocol
 
 import flint
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.base.ball_tables import Balls
-from echelon.errors import DegenerateSampleError
+from echelon.base.ball_tables import Balls, exponent
+from echelon.errors import DegenerateSampleError, InputError
+from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.exact.polynomial import Surd, generator_values, parts_of
 from echelon.mechanism.closed_pose import shown_loops
 from echelon.mechanism.stated import symbol_roles
-from echelon.program.arithmetics import BallArithmetic, stated_ball
+from echelon.program.arithmetics import BallArithmetic, ball, stated_ball
 from echelon.program.operations import Op
 from echelon.program.schedule import Schedule, is_angle
 from echelon.regressor.linear_forms import LinearForms
 
 _MOST_LOST = 0.5
 """Share of states at which entries may have no value, as on a pole or beyond a domain that depends on symbols."""
+
+
+_SPANNING = (Op.EXP, Op.TANH)
+"""Functions whose values span more than those of their arguments."""
+_USUAL_EXPONENT = 48
+"""Binary exponent of constants that, without such functions, leave values within the usual span."""
+_USUAL_SPAN = 128
+"""Binary digits between values that the usual precision is made for."""
+_MOST_DIGITS = 3e7
+"""Binary digits between values, times operations, above which comparisons take minutes."""
+_BITS_OF_SPAN = 512
+"""Precision at which the span is found."""
 
 
 def stated_generators(generators: Iterable[str], at: Mapping[str, str]) -> dict[str, Any]:
@@ -70,6 +84,10 @@ class States(Protocol):
     def subject(self) -> str:
         """What moves, in words."""
 
+    @property
+    def span(self) -> int:
+        """Bits by which the precision must grow with the span of values."""
+
     def known(self, at: Sequence[Mapping[str, str]], first: int, poses: int, rng: Any, motions: int) -> list[Balls]:
         """Entries at some of a sequence of states that is drawn once: one table for each of some values of symbols."""
 
@@ -82,7 +100,7 @@ def states_in(forms: LinearForms) -> States:
 class ClosedStates:
     """Closed states of a mechanism with loops."""
 
-    regions = 1
+    regions, span = 1, 0
 
     def __init__(self, forms: LinearForms) -> None:
         assert forms.loops is not None
@@ -153,6 +171,11 @@ class FreeStates:
         inputs = self.forms.program.inputs
         return frozenset(inputs[n].name for n in self.forms.schedule.leaves if is_angle(self.forms.program, nodes, n))
 
+    @cached_property
+    def span(self) -> int:
+        """Bits by which the precision must grow with the span of values."""
+        return bits_of_span(self.forms, {}, random_generator(DEFAULT_SEED))
+
     @property
     def irrational(self) -> tuple[bool, bool]:
         """Whether √2 and √3 occur, or other roots that may be such."""
@@ -203,15 +226,36 @@ def ball_rows(
     return _table(_entries(forms, leaves, len(poses) * motions))
 
 
-def ball_values(forms: LinearForms, nodes: Sequence[int], at: Mapping[str, str], rng: np.random.Generator) -> Balls:
-    """Values of nodes of the forms' program at one random state, shape (nodes,)."""
-    schedule = Schedule(forms.program, nodes)
+def bits_of_span(forms: LinearForms, at: Mapping[str, str], rng: np.random.Generator) -> int:
+    """Bits by which the precision must grow with the span of the values that occur on the way to the entries.
+
+    With as many more, no term is lost beside another one, as e^-1000 would be beside 1, and what counts as zero, which
+    is below the fourth root of the precision, is smaller than all of them.
+
+    Raises
+    ------
+    InputError
+        If values span so much that a comparison would take minutes.
+    """
+    program = forms.program
+    nodes = program.needed(forms.entries.values())
+    constants = [ball(program.constants[n]) for n in nodes if program.ops[n] == Op.CONSTANT and program.constants[n]]
+    usual = all(abs(exponent(x)) < _USUAL_EXPONENT for x in constants)
+    if usual and {program.ops[n] for n in nodes}.isdisjoint(_SPANNING):
+        return 0
+    schedule = Schedule(program, nodes)
     if forms.loops is None:
-        leaves = forms.points.leaves(schedule.leaves, forms.points.draw(rng, 1), [at])
+        drawn = forms.points.draw(rng, forms.points.count)
+        leaves, states = forms.points.leaves(schedule.leaves, drawn, [at]), _count(drawn)
     else:
-        leaves = forms.loops.closed([at], forms.loops.poses(rng, 1)).leaves(schedule, rng)
-    found: Balls = schedule.run(BallArithmetic(), leaves, 1)[:, 0]
-    return found
+        leaves, states = forms.loops.closed([at], forms.loops.poses(rng, 1)).leaves(schedule, rng), 1
+    with flint.ctx.workprec(_BITS_OF_SPAN):
+        values = schedule.run(BallArithmetic(), leaves, states)
+    exponents = [exponent(x.abs_lower()) for x in values.flat if x.is_finite() and not x.contains(0)]
+    span = max(0, max(exponents, default=0) - min(exponents, default=0) - _USUAL_SPAN)
+    if span * len(nodes) > _MOST_DIGITS:
+        raise InputError(f"values in the model span {span} binary digits, too many to compare them")
+    return 4 * span
 
 
 def _symbols(forms: LinearForms, leaves: Iterable[int]) -> list[str]:
@@ -251,8 +295,7 @@ def _table(entries: Balls) -> Balls:
     """Rows of all states, divided by powers of two so that their largest entries are alike at all speeds."""
     table = entries.reshape(-1, entries.shape[-1])
     for row in table:
-        largest = max((x.abs_upper() for x in row), default=flint.arb(0))
+        largest = max((x.abs_lower() for x in row), default=flint.arb(0))
         if largest > 0:
-            mantissa, exponent = largest.mid().man_exp()
-            row /= flint.arb(2) ** (int(exponent) + int(mantissa).bit_length())
+            row /= flint.arb(2) ** exponent(largest)
     return table

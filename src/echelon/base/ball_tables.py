@@ -89,6 +89,12 @@ def vanishes(x: Any, bits: int) -> bool | None:
     return True if float(x.abs_upper()) < 2.0 ** (-bits / 4) else None
 
 
+def exponent(x: Any) -> int:
+    """Binary exponent of a number that is not zero."""
+    mantissa, power = x.mid().man_exp()
+    return int(power) + int(mantissa).bit_length()
+
+
 def ball_error(x: Any) -> float:
     """The radius of a ball."""
     return float(x.rad())

@@ -74,10 +74,13 @@ class RealStates:
         wanted = min(self.rows.forms.shape[1], _FIRST_ROWS)
         attempts = dict.fromkeys(((_BITS[0], several), *((bits, 1) for bits in _BITS)))
         for times, (bits, motions) in enumerate(attempts, 1):
+            bits += self.states.span
             with flint.ctx.workprec(bits):
                 try:
                     found, wanted = self._independent(at or {}, bits, motions, wanted, times)
                 except InputError as error:
+                    if self.rows.forms.loops is None:
+                        raise
                     raise SingularPoseError(str(error)) from None
             if found is not None:
                 return found
@@ -145,7 +148,7 @@ class RealStates:
         unknowns = self.rows.auxiliary + sources
         fewest = max(_FEWEST, -(-(unknowns + _CHECKED) // (self.rows.forms.shape[0] * motions)))
         found = list[list[Number]]()
-        for times, bits in enumerate(_BITS):
+        for times, bits in enumerate(bits + self.states.span for bits in _BITS):
             poses = fewest if regions == 1 else 4**times * max(fewest, regions)
             with flint.ctx.workprec(bits):
                 left = at[len(found) :]

@@ -22,6 +22,7 @@ from echelon.exact.polynomial import Rational
 from echelon.program.arithmetics import Balls, ball, stated_ball
 from echelon.program.operations import Op
 from echelon.program.region import BUDGET, COMPLETE, EXHAUSTED, RegionSearch
+from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.surfaces import RealValues, find_surfaces
 from echelon.program.tape import Program
 
@@ -36,6 +37,10 @@ _TAME = 4
 """Points of each region that states are drawn around: those whose inputs are nearest to one, where functions are tame."""
 _MOVES = 10.0 ** -np.arange(12, -1, -3)
 """Random moves within regions, beside the size of inputs; of those that stay in the region the largest one counts."""
+_STEEP = 16.0
+"""Largest wanted arguments of exp and tanh: beyond, they are almost 0, 1 or ±1 beside others, and hide what they do."""
+_TRIES = 120
+"""Random changes of inputs by factors of up to 16, by which arguments become smaller than that where they can."""
 _POOL = 64
 """States that are drawn at once, which takes little longer than one."""
 _ENDED = {EXHAUSTED: "no change of one sign led to another", BUDGET: "the search ended by its budget"}
@@ -90,6 +95,8 @@ class RealPoints:
         whole = (n for group in program.unit_groups if not set(group).isdisjoint(needed) for n in group)
         self._inputs = list(dict.fromkeys((*needed, *whole)))
         self._surfaces = find_surfaces(program, outputs)
+        self._steep = sorted({program.lhs[n] for n in program.needed(outputs) if program.ops[n] in (Op.EXP, Op.TANH)})
+        self._jumps = any(program.ops[n] == Op.ATAN for n in program.needed(outputs))
         self._known: dict[int, Floats] = {}
         self._rng = random_generator(DEFAULT_SEED)
 
@@ -167,25 +174,59 @@ class RealPoints:
         """Values of the inputs, by node, at random states of all regions in turn, each of shape (states,)."""
         search = self._found[0]
         turns = [search.regions[k % self.count] for k in range(states)]
-        near = [r.points[int(rng.integers(min(_TAME, len(r.points))))] for r in turns]
+        wide = rng.random(states) < 0.5 * self._jumps
+        near = [r.points[int(rng.integers(len(r.points) if w else min(_TAME, len(r.points))))]
+                for r, w in zip(turns, wide, strict=True)]
         points = np.stack(near, axis=1)
         signs = np.stack([r.signs for r in turns], axis=1)
         free = [n for n in self._inputs if self.program.inputs[n].role != "symbol"]
-        found = {n: np.exp(_STATE_SPREAD * rng.standard_normal(states)) * rng.choice([-1.0, 1.0], states) for n in free}
-        moved = self._moved(rng, points, signs)
-        return found | {n: moved[k] for k, n in enumerate(search.values.variables)}
+        found = {n: _random_numbers(rng, states) for n in free}
+        found |= dict(zip(search.values.variables, self._moved(rng, points, signs), strict=True))
+        return self._tamed(rng, found, signs) if self._steep and free else found
 
-    def _moved(self, rng: np.random.Generator, points: Floats, signs: npt.NDArray[np.int8]) -> Floats:
+    def _moved(self, rng: np.random.Generator, points: Floats, signs: SignArray) -> Floats:
         """Points at random places of their regions."""
-        search, result = self._found[0], points
-        tested = [k for k, n in enumerate(self._surfaces.nodes) if n not in search.zero]
+        result = points
         directions = np.where(points == 0, 1.0, np.abs(points)) * rng.standard_normal(points.shape)
         for size in _MOVES:
-            moved = search.values.normal(points + size * directions)
-            table = search.values.at(moved)
-            same = search.values.in_domain(table) & (np.sign(table[tested]) == signs[tested]).all(axis=0)
-            result = np.where(same, moved, result)
+            moved = self._found[0].values.normal(points + size * directions)
+            result = np.where(self._inside(moved, signs), moved, result)
         return result
+
+    def _inside(self, points: Floats, signs: SignArray) -> npt.NDArray[np.bool_]:
+        """Which points are in their regions."""
+        search = self._found[0]
+        tested = [k for k, n in enumerate(self._surfaces.nodes) if n not in search.zero]
+        table = search.values.at(points)
+        same = search.values.in_domain(table) & (np.sign(table[tested]) == signs[tested]).all(axis=0)
+        return np.asarray(same, dtype=bool)
+
+    def _tamed(self, rng: np.random.Generator, states: dict[int, Floats], signs: SignArray) -> dict[int, Floats]:
+        """States of the same regions at which arguments of exp and tanh are moderate, where there are such."""
+        schedule, variables = Schedule(self.program, self._steep), self._found[0].values.variables
+        nodes, count = [*states], signs.shape[1]
+        constants = {n: np.full(count, float(_number(self.values[self.program.inputs[n].name])))
+                     for n in schedule.leaves if n not in states}
+        places = [nodes.index(n) for n in variables]
+        moving = [k for k, n in enumerate(nodes) if n in schedule.leaves]
+
+        def excess(table: Floats) -> Floats:
+            leaves = {**constants, **{n: table[k] for k, n in enumerate(nodes)}}
+            with np.errstate(all="ignore"):
+                sizes = np.abs(schedule.run(FloatArithmetic(), leaves, count)) / _STEEP
+            return np.asarray(np.log(np.maximum(np.nan_to_num(sizes, nan=np.inf), 1.0)).sum(axis=0))
+
+        table = np.stack([states[n] for n in nodes])
+        cost = excess(table)
+        for _ in range(_TRIES if moving else 0):
+            if not cost.any():
+                break
+            tried = table.copy()
+            tried[rng.choice(moving, count), np.arange(count)] *= 2.0 ** rng.integers(-4, 5, count)
+            better = excess(tried)
+            kept = (better < cost) & self._inside(tried[places], signs)
+            table, cost = np.where(kept, tried, table), np.where(kept, better, cost)
+        return dict(zip(nodes, table, strict=True))
 
     def leaves(
         self, nodes: Iterable[int], states: Mapping[int, Floats], at: Sequence[Mapping[str, str]]
@@ -225,8 +266,14 @@ class RealPoints:
 
     def _unstated(self) -> list[str]:
         """Constants without a value that a surface depends on."""
-        shown = [f"{name} = {_number(self.values[name]):.3g}" for name in self.constants if name not in self._stated]
+        shown = [f"{name} = {float(_number(self.values[name])):.3g}" for name in self.constants if name not in self._stated]
         return [f"regions as for {', '.join(shown)}, which have no stated value"] if shown else []
+
+
+def _random_numbers(rng: np.random.Generator, count: int) -> Floats:
+    """Random numbers of either sign, half of them of one, the others of up to sixteen."""
+    sizes = np.exp(_STATE_SPREAD * rng.standard_normal(count)) * 2.0 ** (rng.integers(0, 2, count) * rng.integers(0, 5, count))
+    return np.asarray(sizes * rng.choice([-1.0, 1.0], count))
 
 
 def _balls(values: Floats) -> Balls:

@@ -1,7 +1,7 @@
 """Which surfaces cut the real inputs into regions, and in which products their signs enter the outputs.
 
 A sign is constant on a region.  Logarithms and roots bound the domain, and the signs of the factors of their arguments
-tell its pieces apart.  An output is a polynomial in the signs with coefficients that know nothing of them, so what
+tell its pieces apart.  So do those of denominators in arc tangents, which jump there.  An output is a polynomial in the signs with coefficients that know nothing of them, so what
 matters of a region are the values that the *products* of signs have there, and of those only the ones that occur: signs
 that are only added never need to be combined.  Values of surfaces at real points are in double precision and, where it
 decides, in ball arithmetic.
@@ -48,7 +48,7 @@ class Surfaces:
     """Where signs change and where the domain ends."""
 
     program: Program
-    # whose zeros are the surfaces: arguments of signs, and factors of arguments of logarithms and roots
+    # whose zeros are the surfaces: arguments of signs, factors of those of logarithms and roots, denominators in arc tangents
     nodes: tuple[int, ...]
     signs: frozenset[int]  # those of ``nodes`` that are arguments of signs
     positive: tuple[int, ...]  # arguments of logarithms and roots, which are positive in the domain
@@ -65,7 +65,9 @@ def find_surfaces(program: Program, outputs: Sequence[int]) -> Surfaces:
     needed = program.needed(outputs)
     positive = {lhs[n] for n in needed if ops[n] in _DOMAIN}
     signs = {lhs[n] for n in needed if ops[n] in (Op.SIGN, Op.ABS)}
-    nodes = tuple(sorted(signs | {f for n in positive for f in _factors(program, n) if f not in positive}))
+    poles = {pole for n in needed if ops[n] == Op.ATAN for pole in _poles(program, n)}
+    pieces = {f for n in positive for f in _factors(program, n) if f not in positive}
+    nodes = tuple(sorted(signs | pieces | poles))
     nested = frozenset(n for n in nodes if _jumps(program, n))
     below = sorted({program.rhs[n] for n in needed if ops[n] == Op.DIV}) if signs else []
     nonzero = tuple(n for n in below if _jumps(program, n))
@@ -77,6 +79,11 @@ def find_surfaces(program: Program, outputs: Sequence[int]) -> Surfaces:
 def _jumps(program: Program, node: int) -> bool:
     """Whether there is a sign in a node."""
     return any(program.ops[n] in (Op.SIGN, Op.ABS) for n in program.needed([node]))
+
+
+def _poles(program: Program, node: int) -> set[int]:
+    """Denominators in an arc tangent, which may jump where they vanish."""
+    return {program.rhs[n] for n in program.needed([node]) if program.ops[n] == Op.DIV} - program.constants.keys()
 
 
 def _factors(program: Program, node: int) -> set[int]:
@@ -109,6 +116,8 @@ def _products(program: Program, outputs: Sequence[int], nodes: Sequence[int]) ->
             touched[n] |= bit[a]
         elif op in _DOMAIN:
             touched[n] |= sum(bit.get(f, 0) for f in _factors(program, a))
+        elif op is Op.ATAN:
+            touched[n] |= sum(bit[pole] for pole in _poles(program, n))
         if op is Op.SIGN:
             found[n] = (bit[a],)
         elif op is Op.ABS:
