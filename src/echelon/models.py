@@ -29,7 +29,7 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.sources import Readable, loaded, mechanism_of
 from echelon.names import check_distinct, check_identifier, check_text, check_title
 from echelon.program.arithmetics import BallArithmetic
-from echelon.program.free_states import RealPoints
+from echelon.program.free_states import RealPoints, count_of
 from echelon.program.operations import Op
 from echelon.program.rewriting import with_values
 from echelon.program.schedule import FloatArithmetic, Schedule
@@ -209,11 +209,11 @@ def _vanishes(value: Scalar) -> bool:
     if value.number is not None:
         return value.is_zero
     points, rng = RealPoints(value.program, [value.node]), random_generator(DEFAULT_SEED)
-    schedule = Schedule(value.program, [value.node])
+    schedule = points.schedule(points.outputs)
     with flint.ctx.workprec(_BITS):
         states = points.draw(rng, max(_STATES, points.count))
         leaves = points.leaves(schedule.leaves, states, [{}])
-        found = schedule.run(BallArithmetic(), leaves, len(next(iter(leaves.values()))))[0]
+        found = schedule.run(BallArithmetic(), leaves, count_of(states))[0]
         real = [x for x in found if x.is_finite()]
         if not real:
             raise InputError("division by zero at every point")

@@ -17,6 +17,7 @@ from echelon.exact.polynomial import Surd, generator_values, parts_of
 from echelon.mechanism.closed_pose import shown_loops
 from echelon.mechanism.stated import symbol_roles
 from echelon.program.arithmetics import BallArithmetic, ball, stated_ball
+from echelon.program.free_states import count_of
 from echelon.program.operations import Op
 from echelon.program.schedule import Schedule, is_angle
 from echelon.regressor.linear_forms import LinearForms
@@ -189,8 +190,7 @@ class FreeStates:
     def known(self, at: Sequence[Mapping[str, str]], first: int, poses: int, _: Any, __: int) -> list[Balls]:
         """Entries at known states, without those at which some have no value."""
         states = self.points.known(first, poses)
-        schedule, count = self.forms.schedule, _count(states)
-        table = _entries(self.forms, self.points.leaves(schedule.leaves, states, at), len(at) * count)
+        table, count = _free_entries(self.forms, states, at), count_of(states)
         return [_with_values(table[k * count : (k + 1) * count]) for k in range(len(at))]
 
 
@@ -219,8 +219,7 @@ def ball_rows(
     """
     schedule = forms.schedule
     if forms.loops is None:
-        drawn = forms.points.draw(rng, states)
-        return _with_values(_entries(forms, forms.points.leaves(schedule.leaves, drawn, [at]), _count(drawn)))
+        return _with_values(_free_entries(forms, forms.points.draw(rng, states), [at]))
     poses = forms.loops.poses(rng, -(-states // motions))
     leaves = forms.loops.closed([at], poses).leaves(schedule, rng, motions, at_rest=at_rest)
     return _table(_entries(forms, leaves, len(poses) * motions))
@@ -237,19 +236,21 @@ def bits_of_span(forms: LinearForms, at: Mapping[str, str], rng: np.random.Gener
     InputError
         If values span so much that a comparison would take minutes.
     """
-    program = forms.program
-    nodes = program.needed(forms.entries.values())
+    program, outputs = forms.program, list(forms.entries.values())
+    if forms.loops is None:
+        program, outputs = forms.points.program, forms.points.outputs
+    nodes = program.needed(outputs)
     constants = [ball(program.constants[n]) for n in nodes if program.ops[n] == Op.CONSTANT and program.constants[n]]
     usual = all(abs(exponent(x)) < _USUAL_EXPONENT for x in constants)
     if usual and {program.ops[n] for n in nodes}.isdisjoint(_SPANNING):
         return 0
-    schedule = Schedule(program, nodes)
-    if forms.loops is None:
-        drawn = forms.points.draw(rng, forms.points.count)
-        leaves, states = forms.points.leaves(schedule.leaves, drawn, [at]), _count(drawn)
-    else:
-        leaves, states = forms.loops.closed([at], forms.loops.poses(rng, 1)).leaves(schedule, rng), 1
     with flint.ctx.workprec(_BITS_OF_SPAN):
+        if forms.loops is None:
+            schedule, drawn = forms.points.schedule(nodes), forms.points.draw(rng, forms.points.count)
+            leaves, states = forms.points.leaves(schedule.leaves, drawn, [at]), count_of(drawn)
+        else:
+            schedule, states = Schedule(program, nodes), 1
+            leaves = forms.loops.closed([at], forms.loops.poses(rng, 1)).leaves(schedule, rng)
         values = schedule.run(BallArithmetic(), leaves, states)
     exponents = [exponent(x.abs_lower()) for x in values.flat if x.is_finite() and not x.contains(0)]
     span = max(0, max(exponents, default=0) - min(exponents, default=0) - _USUAL_SPAN)
@@ -263,16 +264,22 @@ def _symbols(forms: LinearForms, leaves: Iterable[int]) -> list[str]:
     return sorted({given.name for given in used if given.role == "symbol"})
 
 
-def _count(states: Mapping[int, Floats]) -> int:
-    """Number of states; one where nothing varies."""
-    return len(next(iter(states.values()), [0]))
+def _free_entries(forms: LinearForms, states: Mapping[int, Floats], at: Sequence[Mapping[str, str]]) -> Balls:
+    """All entries at free states, (at · states, rows, columns)."""
+    points, count = forms.points, len(at) * count_of(states)
+    schedule = points.schedule(points.outputs)
+    return _placed(forms, schedule.run(BallArithmetic(), points.leaves(schedule.leaves, states, at), count))
 
 
 def _entries(forms: LinearForms, leaves: Mapping[int, Balls], states: int) -> Balls:
     """All entries at some states, (states, rows, columns)."""
-    found = forms.schedule.run(BallArithmetic(), leaves, states)
-    table = np.full((states, *forms.shape), flint.arb(0), dtype=object)
-    for (row, column), value in zip(forms.entries, found, strict=True):
+    return _placed(forms, forms.schedule.run(BallArithmetic(), leaves, states))
+
+
+def _placed(forms: LinearForms, values: Balls) -> Balls:
+    """Values of the entries, (entries, states), at their places."""
+    table = np.full((values.shape[1], *forms.shape), flint.arb(0), dtype=object)
+    for (row, column), value in zip(forms.entries, values, strict=True):
         table[:, row, column] = value
     return table
 

@@ -57,13 +57,8 @@ def stated_ball(text: str) -> Any:
     return parse(text).evaluate(pi_generators(flint.arb.pi()), ball)
 
 
-def _is_nothing(x: Any) -> bool:
-    """Whether a ball tells to half of its digits that a number is zero: such signs are zero on whole regions."""
-    return bool(x.contains(0)) and x.is_finite() and bool(x.rad() < flint.arb(2) ** (-(flint.ctx.prec // 2)))
-
-
 _METHODS: dict[Op, Callable[[Any], Any]] = {op: methodcaller(op.name.lower()) for op in FUNCTIONS}
-_METHODS |= {Op.NEG: neg, Op.ABS: abs, Op.SIGN: lambda x: flint.arb(0) if _is_nothing(x) else x.sgn()}
+_METHODS |= {Op.NEG: neg, Op.ABS: abs, Op.SIGN: methodcaller("sgn")}
 _UNARY = {op: np.frompyfunc(function, 1, 1) for op, function in _METHODS.items()}
 
 

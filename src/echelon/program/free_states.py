@@ -1,5 +1,9 @@
 """Random real states of a program whose inputs are free: in the domain of its functions and in all regions of signs.
 
+In a region of signs all is analytic, and what vanishes in the region vanishes wherever it is continued to.  So signs are
+leaves with the values of a region, and the inputs are those of any point of the same piece of the domain, where exp and
+the like are tame: those of a region near x = 1e6 would be at e^1e6.
+
 States are exact: inputs are doubles, taken as the dyadic fractions that they are, quaternions are normalised in ball
 arithmetic, and symbols have exact values as text: the stated ones, and random positive ones where none are stated.
 """
@@ -13,7 +17,6 @@ from functools import cached_property
 from zlib import crc32
 
 import numpy as np
-import numpy.typing as npt
 
 from echelon.arrays import Floats, SignArray
 from echelon.errors import InputError
@@ -22,6 +25,7 @@ from echelon.exact.polynomial import Rational
 from echelon.program.arithmetics import Balls, ball, stated_ball
 from echelon.program.operations import Op
 from echelon.program.region import BUDGET, COMPLETE, EXHAUSTED, RegionSearch
+from echelon.program.rewriting import without_absolutes
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.surfaces import RealValues, find_surfaces
 from echelon.program.tape import Program
@@ -44,6 +48,10 @@ _TRIES = 120
 _POOL = 64
 """States that are drawn at once, which takes little longer than one."""
 _ENDED = {EXHAUSTED: "no change of one sign led to another", BUDGET: "the search ended by its budget"}
+
+
+States = Mapping[int, Floats]
+"""Values of inputs, and of signs, by node, each of shape (states,)."""
 
 
 @dataclass(frozen=True)
@@ -90,14 +98,16 @@ class RealPoints:
     """
 
     def __init__(self, program: Program, outputs: Sequence[int], stated: Mapping[str, str] | None = None) -> None:
-        self.program, self._stated = program, stated or {}
+        program, outputs = without_absolutes(program, outputs)
+        self.program, self.outputs, self._stated = program, outputs, stated or {}
         needed = [n for n in program.needed(outputs) if program.ops[n] == Op.INPUT]
         whole = (n for group in program.unit_groups if not set(group).isdisjoint(needed) for n in group)
         self._inputs = list(dict.fromkeys((*needed, *whole)))
         self._surfaces = find_surfaces(program, outputs)
+        self._signs = [n for n in program.needed(outputs) if program.ops[n] == Op.SIGN]
         self._steep = sorted({program.lhs[n] for n in program.needed(outputs) if program.ops[n] in (Op.EXP, Op.TANH)})
         self._jumps = any(program.ops[n] == Op.ATAN for n in program.needed(outputs))
-        self._known: dict[int, Floats] = {}
+        self._known: States = {}
         self._rng = random_generator(DEFAULT_SEED)
 
     @property
@@ -154,15 +164,19 @@ class RealPoints:
         return found
 
     def signs(self, states: int) -> dict[int, SignArray]:
-        """Signs of the surfaces, by node, in all regions in turn."""
-        regions = self._found[0].regions
+        """Values of signs, by node, at states of all regions in turn."""
+        regions, place = self._found[0].regions, {n: k for k, n in enumerate(self._surfaces.nodes)}
         table = np.stack([regions[k % len(regions)].signs for k in range(states)], axis=1)
-        return dict(zip(self._surfaces.nodes, table, strict=True))
+        return {n: table[place[self.program.lhs[n]]] for n in self._signs}
+
+    def schedule(self, nodes: Sequence[int]) -> Schedule:
+        """Evaluates nodes; signs are leaves."""
+        return Schedule(self.program, nodes, self._signs)
 
     # -- states ------------------------------------------------------------------------------------------------------
 
-    def known(self, first: int, count: int) -> dict[int, Floats]:
-        """Some of a sequence of states that is drawn once, in all regions in turn: values of inputs by node."""
+    def known(self, first: int, count: int) -> States:
+        """Some of a sequence of states that is drawn once, in all regions in turn."""
         while first + count > len(next(iter(self._known.values()), ())):
             more = self.draw(self._rng, self.count * max(1, _POOL // self.count))
             if not more:
@@ -170,84 +184,92 @@ class RealPoints:
             self._known = {n: np.concatenate([self._known.get(n, x[:0]), x]) for n, x in more.items()}
         return {n: x[first : first + count] for n, x in self._known.items()}
 
-    def draw(self, rng: np.random.Generator, states: int) -> dict[int, Floats]:
-        """Values of the inputs, by node, at random states of all regions in turn, each of shape (states,)."""
+    def draw(self, rng: np.random.Generator, states: int) -> States:
+        """Random states of all regions in turn."""
         search = self._found[0]
         turns = [search.regions[k % self.count] for k in range(states)]
         wide = rng.random(states) < 0.5 * self._jumps
-        near = [r.points[int(rng.integers(len(r.points) if w else min(_TAME, len(r.points))))]
-                for r, w in zip(turns, wide, strict=True)]
-        points = np.stack(near, axis=1)
-        signs = np.stack([r.signs for r in turns], axis=1)
-        free = [n for n in self._inputs if self.program.inputs[n].role != "symbol"]
-        found = {n: _random_numbers(rng, states) for n in free}
-        found |= dict(zip(search.values.variables, self._moved(rng, points, signs), strict=True))
-        return self._tamed(rng, found, signs) if self._steep and free else found
+        near = [
+            r.points[int(rng.integers(len(r.points) if w else min(_TAME, len(r.points))))]
+            for r, w in zip(turns, wide, strict=True)
+        ]
+        inputs = {n: _random_numbers(rng, states) for n in self._inputs if n not in self._constants}
+        inputs |= dict(zip(search.values.variables, np.stack(near, axis=1), strict=True))
+        signs = {n: x.astype(np.float64) for n, x in self.signs(states).items()}
+        pieces = np.stack([r.signs[[self._surfaces.nodes.index(n) for n in self._surfaces.pieces]] for r in turns], axis=1)
+        return {**self._walked(rng, inputs, signs, pieces), **signs}
 
-    def _moved(self, rng: np.random.Generator, points: Floats, signs: SignArray) -> Floats:
-        """Points at random places of their regions."""
-        result = points
-        directions = np.where(points == 0, 1.0, np.abs(points)) * rng.standard_normal(points.shape)
-        for size in _MOVES:
-            moved = self._found[0].values.normal(points + size * directions)
-            result = np.where(self._inside(moved, signs), moved, result)
-        return result
+    @cached_property
+    def _constants(self) -> dict[int, float]:
+        """Values of the symbols in doubles."""
+        inputs = self.program.inputs
+        return {n: float(_number(self.values[inputs[n].name])) for n in self._inputs if inputs[n].role == "symbol"}
 
-    def _inside(self, points: Floats, signs: SignArray) -> npt.NDArray[np.bool_]:
-        """Which points are in their regions."""
-        search = self._found[0]
-        tested = [k for k, n in enumerate(self._surfaces.nodes) if n not in search.zero]
-        table = search.values.at(points)
-        same = search.values.in_domain(table) & (np.sign(table[tested]) == signs[tested]).all(axis=0)
-        return np.asarray(same, dtype=bool)
-
-    def _tamed(self, rng: np.random.Generator, states: dict[int, Floats], signs: SignArray) -> dict[int, Floats]:
-        """States of the same regions at which arguments of exp and tanh are moderate, where there are such."""
-        schedule, variables = Schedule(self.program, self._steep), self._found[0].values.variables
-        nodes, count = [*states], signs.shape[1]
-        constants = {n: np.full(count, float(_number(self.values[self.program.inputs[n].name])))
-                     for n in schedule.leaves if n not in states}
-        places = [nodes.index(n) for n in variables]
+    def _walked(self, rng: np.random.Generator, inputs: States, signs: States, pieces: SignArray) -> States:
+        """Points at random places of their pieces of the domain, where arguments of exp and tanh are moderate."""
+        if not inputs:
+            return {}
+        nodes, count = [*inputs], pieces.shape[1]
+        surfaces = self._surfaces
+        schedule = self.schedule([*surfaces.positive, *surfaces.pieces, *self._steep])
         moving = [k for k, n in enumerate(nodes) if n in schedule.leaves]
+        constants = {n: np.full(count, value) for n, value in self._constants.items()}
 
-        def excess(table: Floats) -> Floats:
-            leaves = {**constants, **{n: table[k] for k, n in enumerate(nodes)}}
+        def costs(table: Floats) -> Floats:
+            """How far arguments are beyond the moderate; infinite outside."""
+            leaves = {**constants, **signs, **self._normal(dict(zip(nodes, table, strict=True)))}
             with np.errstate(all="ignore"):
-                sizes = np.abs(schedule.run(FloatArithmetic(), leaves, count)) / _STEEP
-            return np.asarray(np.log(np.maximum(np.nan_to_num(sizes, nan=np.inf), 1.0)).sum(axis=0))
+                found = schedule.run(FloatArithmetic(), leaves, count)
+            first, last = len(surfaces.positive), len(surfaces.positive) + len(surfaces.pieces)
+            inside = (found[:first] > 0).all(axis=0) & (np.sign(found[first:last]) == pieces).all(axis=0)
+            sizes = np.nan_to_num(np.abs(found[last:]), nan=np.inf)
+            return np.where(inside, np.log(np.maximum(sizes / _STEEP, 1.0)).sum(axis=0), np.inf)
 
-        table = np.stack([states[n] for n in nodes])
-        cost = excess(table)
+        table = np.stack([inputs[n] for n in nodes])
+        directions = np.where(table == 0, 1.0, np.abs(table)) * rng.standard_normal(table.shape)
+        cost = costs(table)
+        for size in _MOVES:
+            tried = table + size * directions
+            found = costs(tried)
+            kept = np.isfinite(found)
+            table, cost = np.where(kept, tried, table), np.where(kept, found, cost)
         for _ in range(_TRIES if moving else 0):
             if not cost.any():
                 break
             tried = table.copy()
             tried[rng.choice(moving, count), np.arange(count)] *= 2.0 ** rng.integers(-4, 5, count)
-            better = excess(tried)
-            kept = (better < cost) & self._inside(tried[places], signs)
-            table, cost = np.where(kept, tried, table), np.where(kept, better, cost)
-        return dict(zip(nodes, table, strict=True))
+            found = costs(tried)
+            table, cost = np.where(found < cost, tried, table), np.minimum(found, cost)
+        return self._normal(dict(zip(nodes, table, strict=True)))
 
-    def leaves(
-        self, nodes: Iterable[int], states: Mapping[int, Floats], at: Sequence[Mapping[str, str]]
-    ) -> dict[int, Balls]:
-        """Balls of inputs at some states, at each of some values of the symbols, each of shape (at · states,).
+    def _normal(self, states: States) -> States:
+        """States with quaternions of unit length, nearly."""
+        for group in self.program.unit_groups:
+            if not states.keys().isdisjoint(group):
+                length = np.sqrt(np.sum([states[n] ** 2 for n in group], axis=0))
+                states = {**states, **{n: states[n] / length for n in group}}
+        return states
+
+    def leaves(self, nodes: Iterable[int], states: States, at: Sequence[Mapping[str, str]]) -> dict[int, Balls]:
+        """Balls of inputs and signs at some states, at each of some values of the symbols, of shape (at · states,).
 
         Symbols have :attr:`values` where no others are given.
         """
-        count, inputs = len(next(iter(states.values()), (0.0,))), self.program.inputs
+        inputs = self.program.inputs
+        balls = {n: np.array([ball(float(x)) for x in values], dtype=object) for n, values in states.items()}
+        for group in self.program.unit_groups:
+            if not balls.keys().isdisjoint(group):
+                length = np.array([x.sqrt() for x in np.sum([balls[n] * balls[n] for n in group], axis=0)])
+                balls |= {n: balls[n] / length for n in group}
         found = dict[int, Balls]()
-        for group in (group for group in self.program.unit_groups if not states.keys().isdisjoint(group)):
-            parts = {n: _balls(states[n]) for n in group if n in states}
-            lengths = np.array([x.sqrt() for x in np.sum([part * part for part in parts.values()], axis=0)])
-            found |= {n: part / lengths for n, part in parts.items()}
-        found = {n: np.tile(found.get(n, _balls(x)), len(at)) for n, x in states.items()}
         for node in nodes:
-            if inputs[node].role == "symbol":
+            if node in balls:
+                found[node] = np.tile(balls[node], len(at))
+            else:
                 name = inputs[node].name
                 values = [stated_ball(given.get(name) or self.values[name]) for given in at]
-                found[node] = np.repeat(np.array(values, dtype=object), count)
-        return {node: found[node] for node in nodes}
+                found[node] = np.repeat(np.array(values, dtype=object), count_of(states))
+        return found
 
     # -- remarks -----------------------------------------------------------------------------------------------------
 
@@ -276,8 +298,9 @@ def _random_numbers(rng: np.random.Generator, count: int) -> Floats:
     return np.asarray(sizes * rng.choice([-1.0, 1.0], count))
 
 
-def _balls(values: Floats) -> Balls:
-    return np.array([ball(float(x)) for x in values], dtype=object)
+def count_of(states: States) -> int:
+    """Number of states; one where nothing varies."""
+    return len(next(iter(states.values()), (0.0,)))
 
 
 def _number(text: str) -> Rational | float:

@@ -17,8 +17,10 @@ from echelon.program.operations import Op
 from echelon.program.tape import Program, Scalar
 
 
-def without_absolutes(program: Program, outputs: Sequence[int]) -> tuple[Program, list[int], dict[int, int]]:
-    """The same outputs with sign(x)·x in the place of |x|, and where the nodes of the program are found there."""
+def without_absolutes(program: Program, outputs: Sequence[int]) -> tuple[Program, list[int]]:
+    """The same outputs with sign(x)·x in the place of |x|; the program itself if it has none."""
+    if not any(program.ops[n] == Op.ABS for n in program.needed(outputs)):
+        return program, list(outputs)
 
     def operation(copy: Program, op: Op, a: int, b: int) -> int:
         if op is not Op.ABS:
@@ -26,8 +28,8 @@ def without_absolutes(program: Program, outputs: Sequence[int]) -> tuple[Program
         x = Scalar(copy, a)
         return (copy.function(Op.SIGN, x) * x).node
 
-    copy, places = Program(), dict[int, int]()
-    return copy, replayed(program, outputs, copy, places, operation), places
+    copy = Program()
+    return copy, replayed(program, outputs, copy, {}, operation)
 
 
 def smoothed(program: Program, outputs: Sequence[int], width: float) -> tuple[Program, list[int]]:

@@ -51,6 +51,7 @@ class Surfaces:
     # whose zeros are the surfaces: arguments of signs, factors of those of logarithms and roots, denominators in arc tangents
     nodes: tuple[int, ...]
     signs: frozenset[int]  # those of ``nodes`` that are arguments of signs
+    pieces: tuple[int, ...]  # those that tell pieces of the domain apart
     positive: tuple[int, ...]  # arguments of logarithms and roots, which are positive in the domain
     nonzero: tuple[int, ...]  # denominators with signs, which could vanish on a region
     nested: frozenset[int]  # those of ``nodes`` whose value contains a sign: they may vanish on a whole region
@@ -64,21 +65,21 @@ def find_surfaces(program: Program, outputs: Sequence[int]) -> Surfaces:
     ops, lhs = program.ops, program.lhs
     needed = program.needed(outputs)
     positive = {lhs[n] for n in needed if ops[n] in _DOMAIN}
-    signs = {lhs[n] for n in needed if ops[n] in (Op.SIGN, Op.ABS)}
-    poles = {pole for n in needed if ops[n] == Op.ATAN for pole in _poles(program, n)}
-    pieces = {f for n in positive for f in _factors(program, n) if f not in positive}
-    nodes = tuple(sorted(signs | pieces | poles))
+    signs = {lhs[n] for n in needed if ops[n] == Op.SIGN}
+    pieces = {pole for n in needed if ops[n] == Op.ATAN for pole in _poles(program, n)}
+    pieces |= {f for n in positive for f in _factors(program, n) if f not in positive}
+    nodes = tuple(sorted(signs | pieces))
     nested = frozenset(n for n in nodes if _jumps(program, n))
     below = sorted({program.rhs[n] for n in needed if ops[n] == Op.DIV}) if signs else []
     nonzero = tuple(n for n in below if _jumps(program, n))
     inputs = tuple(n for n in program.needed([*nodes, *positive, *nonzero]) if ops[n] == Op.INPUT)
     products = _products(program, outputs, nodes)
-    return Surfaces(program, nodes, frozenset(signs), tuple(sorted(positive)), nonzero, nested, inputs, products)
+    return Surfaces(program, nodes, frozenset(signs), tuple(sorted(pieces)), tuple(sorted(positive)), nonzero, nested, inputs, products)
 
 
 def _jumps(program: Program, node: int) -> bool:
     """Whether there is a sign in a node."""
-    return any(program.ops[n] in (Op.SIGN, Op.ABS) for n in program.needed([node]))
+    return any(program.ops[n] == Op.SIGN for n in program.needed([node]))
 
 
 def _poles(program: Program, node: int) -> set[int]:
@@ -94,7 +95,7 @@ def _factors(program: Program, node: int) -> set[int]:
         op = program.ops[n]
         if op in (Op.MUL, Op.DIV):
             pending += [program.lhs[n], program.rhs[n]]
-        elif op in (Op.NEG, Op.SQRT, Op.ABS):
+        elif op in (Op.NEG, Op.SQRT):
             pending.append(program.lhs[n])
         elif op not in (Op.CONSTANT, Op.EXP, Op.SIGN):
             found.add(n)
@@ -112,7 +113,7 @@ def _products(program: Program, outputs: Sequence[int], nodes: Sequence[int]) ->
     for n in program.needed(outputs):
         op, a, b = Op(program.ops[n]), program.lhs[n], program.rhs[n]
         touched[n] = touched[a] | touched[b]
-        if op in (Op.SIGN, Op.ABS):
+        if op is Op.SIGN:
             touched[n] |= bit[a]
         elif op in _DOMAIN:
             touched[n] |= sum(bit.get(f, 0) for f in _factors(program, a))
@@ -120,8 +121,6 @@ def _products(program: Program, outputs: Sequence[int], nodes: Sequence[int]) ->
             touched[n] |= sum(bit[pole] for pole in _poles(program, n))
         if op is Op.SIGN:
             found[n] = (bit[a],)
-        elif op is Op.ABS:
-            found[n] = _maximal([bit[a] | m for m in found[a]])
         else:
             found[n] = (touched[n],) if op >= Op.SIN else _operated(op, found[a], found[b], touched[b])
     masks = _maximal([m for n in outputs for m in found[n]])
