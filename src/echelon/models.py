@@ -209,7 +209,7 @@ def _vanishes(value: Scalar) -> bool:
     if value.number is not None:
         return value.is_zero
     points, rng = RealPoints(value.program, [value.node]), random_generator(DEFAULT_SEED)
-    schedule = points.schedule(points.outputs)
+    schedule = points.rows
     with flint.ctx.workprec(_BITS):
         states = points.draw(rng, max(_STATES, points.count))
         leaves = points.leaves(schedule.leaves, states, [{}])

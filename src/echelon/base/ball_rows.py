@@ -267,7 +267,7 @@ def _symbols(forms: LinearForms, leaves: Iterable[int]) -> list[str]:
 def _free_entries(forms: LinearForms, states: Mapping[int, Floats], at: Sequence[Mapping[str, str]]) -> Balls:
     """All entries at free states, (at · states, rows, columns)."""
     points, count = forms.points, len(at) * count_of(states)
-    schedule = points.schedule(points.outputs)
+    schedule = points.rows
     return _placed(forms, schedule.run(BallArithmetic(), points.leaves(schedule.leaves, states, at), count))
 
 

@@ -201,7 +201,7 @@ def base_matrix(
     report: Callable[[str], None],
 ) -> BaseMatrix:
     """B for a column order."""
-    if structure.real is not None and not symbol_roles(mechanism).symbols:
+    if structure.real is not None and not structure.by_joint and not symbol_roles(mechanism).symbols:
         return _in_numbers(mechanism, structure.real, order)
     work = Work.of(budget)
     found = relations(mechanism, structure)
@@ -313,7 +313,7 @@ def specialised(
     structure = find_structure(mechanism, rng)
     if not values.names:
         return SpecialisedMechanism(mechanism, structure)
-    if rows_of(mechanism).forms.rational:
+    if structure.real is None:
         stated = stated or model_at_stated_values(mechanism)
         if _is_general(structure, stated, rng):
             related = stated.fractions_of_pi and not _shown_in_balls(mechanism, structure, stated, rng)

@@ -51,7 +51,7 @@ class Structure:
     singular : bool
         With loops, whether more motions are possible at the assembly pose than near it, so that modes may meet there.
     real : Independent, optional
-        Independent columns at real states, where primes do not show them.
+        Independent columns at real states, where primes do not show them; of columns that are not in ``by_joint``.
     """
 
     parameters: int
@@ -111,8 +111,7 @@ def _at_real_states(mechanism: Mechanism, rows: Rows, rng: np.random.Generator, 
     found, supports = _real_dependence(states, rng, generic=generic)
     by_robot = {columns[k]: tuple(columns[p] for p in support) for k, support in supports.items()}
     pivots = tuple(columns[k] for k in range(len(columns)) if k not in supports)
-    real = None if by_joint else found
-    return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, states.states.singular, real)
+    return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, states.states.singular, found)
 
 
 def _real_dependence(

@@ -1,8 +1,8 @@
 """Random real states of a program whose inputs are free: in the domain of its functions and in all regions of signs.
 
 In a region of signs all is analytic, and what vanishes in the region vanishes wherever it is continued to.  So signs are
-leaves with the values of a region, and the inputs are those of any point of the same piece of the domain, where exp and
-the like are tame: those of a region near x = 1e6 would be at e^1e6.
+leaves with the values of a region.  Where there are no logarithms, roots and arc tangents, whose domains have pieces,
+the inputs are those of any point, where exp and the like are tame: those of a region near x = 1e6 would be at e^1e6.
 
 States are exact: inputs are doubles, taken as the dyadic fractions that they are, quaternions are normalised in ball
 arithmetic, and symbols have exact values as text: the stated ones, and random positive ones where none are stated.
@@ -11,6 +11,7 @@ arithmetic, and symbols have exact values as text: the stated ones, and random p
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -98,7 +99,8 @@ class RealPoints:
     """
 
     def __init__(self, program: Program, outputs: Sequence[int], stated: Mapping[str, str] | None = None) -> None:
-        program, outputs = without_absolutes(program, outputs)
+        program, self._places = without_absolutes(program, outputs)
+        outputs = [self._places[n] for n in outputs]
         self.program, self.outputs, self._stated = program, outputs, stated or {}
         needed = [n for n in program.needed(outputs) if program.ops[n] == Op.INPUT]
         whole = (n for group in program.unit_groups if not set(group).isdisjoint(needed) for n in group)
@@ -109,6 +111,19 @@ class RealPoints:
         self._jumps = any(program.ops[n] == Op.ATAN for n in program.needed(outputs))
         self._known: States = {}
         self._rng = random_generator(DEFAULT_SEED)
+
+    def of(self, outputs: Sequence[int]) -> RealPoints:
+        """The same points for some of the outputs."""
+        _ = self._found  # is searched for once
+        found = copy(self)
+        found.__dict__.pop("rows", None)
+        found.outputs = [self._places[n] for n in outputs]
+        return found
+
+    @cached_property
+    def rows(self) -> Schedule:
+        """Evaluates the outputs; signs are leaves."""
+        return self.schedule(self.outputs)
 
     @property
     def has_signs(self) -> bool:
@@ -196,8 +211,15 @@ class RealPoints:
         inputs = {n: _random_numbers(rng, states) for n in self._inputs if n not in self._constants}
         inputs |= dict(zip(search.values.variables, np.stack(near, axis=1), strict=True))
         signs = {n: x.astype(np.float64) for n, x in self.signs(states).items()}
-        pieces = np.stack([r.signs[[self._surfaces.nodes.index(n) for n in self._surfaces.pieces]] for r in turns], axis=1)
-        return {**self._walked(rng, inputs, signs, pieces), **signs}
+        kept = {n: np.array([r.signs[k] for r in turns]) for k, n in enumerate(self._surfaces.nodes) if n in self._kept}
+        return {**self._walked(rng, inputs, signs, kept), **signs}
+
+    @cached_property
+    def _kept(self) -> list[int]:
+        """Surfaces that states do not cross."""
+        surfaces = self._surfaces
+        crossed = surfaces.signs | self._found[0].zero if surfaces.entire else self._found[0].zero
+        return [n for n in surfaces.nodes if n not in crossed]
 
     @cached_property
     def _constants(self) -> dict[int, float]:
@@ -205,13 +227,13 @@ class RealPoints:
         inputs = self.program.inputs
         return {n: float(_number(self.values[inputs[n].name])) for n in self._inputs if inputs[n].role == "symbol"}
 
-    def _walked(self, rng: np.random.Generator, inputs: States, signs: States, pieces: SignArray) -> States:
-        """Points at random places of their pieces of the domain, where arguments of exp and tanh are moderate."""
+    def _walked(self, rng: np.random.Generator, inputs: States, signs: States, kept: Mapping[int, SignArray]) -> States:
+        """Points on the same side of some surfaces, at random places where arguments of exp and tanh are moderate."""
         if not inputs:
             return {}
-        nodes, count = [*inputs], pieces.shape[1]
-        surfaces = self._surfaces
-        schedule = self.schedule([*surfaces.positive, *surfaces.pieces, *self._steep])
+        nodes, count, positive = [*inputs], count_of(inputs), self._surfaces.positive
+        schedule = self.schedule([*positive, *kept, *self._steep])
+        sides = np.array([*kept.values()]).reshape(len(kept), count)
         moving = [k for k, n in enumerate(nodes) if n in schedule.leaves]
         constants = {n: np.full(count, value) for n, value in self._constants.items()}
 
@@ -220,8 +242,8 @@ class RealPoints:
             leaves = {**constants, **signs, **self._normal(dict(zip(nodes, table, strict=True)))}
             with np.errstate(all="ignore"):
                 found = schedule.run(FloatArithmetic(), leaves, count)
-            first, last = len(surfaces.positive), len(surfaces.positive) + len(surfaces.pieces)
-            inside = (found[:first] > 0).all(axis=0) & (np.sign(found[first:last]) == pieces).all(axis=0)
+            first, last = len(positive), len(positive) + len(kept)
+            inside = (found[:first] > 0).all(axis=0) & (np.sign(found[first:last]) == sides).all(axis=0)
             sizes = np.nan_to_num(np.abs(found[last:]), nan=np.inf)
             return np.where(inside, np.log(np.maximum(sizes / _STEEP, 1.0)).sum(axis=0), np.inf)
 
@@ -231,8 +253,7 @@ class RealPoints:
         for size in _MOVES:
             tried = table + size * directions
             found = costs(tried)
-            kept = np.isfinite(found)
-            table, cost = np.where(kept, tried, table), np.where(kept, found, cost)
+            table, cost = np.where(np.isfinite(found), tried, table), np.where(np.isfinite(found), found, cost)
         for _ in range(_TRIES if moving else 0):
             if not cost.any():
                 break

@@ -17,10 +17,11 @@ from echelon.program.operations import Op
 from echelon.program.tape import Program, Scalar
 
 
-def without_absolutes(program: Program, outputs: Sequence[int]) -> tuple[Program, list[int]]:
-    """The same outputs with sign(x)·x in the place of |x|; the program itself if it has none."""
-    if not any(program.ops[n] == Op.ABS for n in program.needed(outputs)):
-        return program, list(outputs)
+def without_absolutes(program: Program, outputs: Sequence[int]) -> tuple[Program, dict[int, int]]:
+    """A program with sign(x)·x in the place of |x|, and where the nodes that outputs need are there."""
+    needed = program.needed(outputs)
+    if not any(program.ops[n] == Op.ABS for n in needed):
+        return program, {n: n for n in needed}
 
     def operation(copy: Program, op: Op, a: int, b: int) -> int:
         if op is not Op.ABS:
@@ -28,8 +29,9 @@ def without_absolutes(program: Program, outputs: Sequence[int]) -> tuple[Program
         x = Scalar(copy, a)
         return (copy.function(Op.SIGN, x) * x).node
 
-    copy = Program()
-    return copy, replayed(program, outputs, copy, {}, operation)
+    copy, places = Program(), dict[int, int]()
+    replayed(program, outputs, copy, places, operation)
+    return copy, places
 
 
 def smoothed(program: Program, outputs: Sequence[int], width: float) -> tuple[Program, list[int]]:

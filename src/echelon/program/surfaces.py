@@ -51,7 +51,7 @@ class Surfaces:
     # whose zeros are the surfaces: arguments of signs, factors of those of logarithms and roots, denominators in arc tangents
     nodes: tuple[int, ...]
     signs: frozenset[int]  # those of ``nodes`` that are arguments of signs
-    pieces: tuple[int, ...]  # those that tell pieces of the domain apart
+    entire: bool  # whether there are no logarithms, roots and arc tangents, whose domains have pieces
     positive: tuple[int, ...]  # arguments of logarithms and roots, which are positive in the domain
     nonzero: tuple[int, ...]  # denominators with signs, which could vanish on a region
     nested: frozenset[int]  # those of ``nodes`` whose value contains a sign: they may vanish on a whole region
@@ -69,12 +69,13 @@ def find_surfaces(program: Program, outputs: Sequence[int]) -> Surfaces:
     pieces = {pole for n in needed if ops[n] == Op.ATAN for pole in _poles(program, n)}
     pieces |= {f for n in positive for f in _factors(program, n) if f not in positive}
     nodes = tuple(sorted(signs | pieces))
+    entire = not any(ops[n] in (*_DOMAIN, Op.ATAN) for n in needed)
     nested = frozenset(n for n in nodes if _jumps(program, n))
     below = sorted({program.rhs[n] for n in needed if ops[n] == Op.DIV}) if signs else []
     nonzero = tuple(n for n in below if _jumps(program, n))
     inputs = tuple(n for n in program.needed([*nodes, *positive, *nonzero]) if ops[n] == Op.INPUT)
     products = _products(program, outputs, nodes)
-    return Surfaces(program, nodes, frozenset(signs), tuple(sorted(pieces)), tuple(sorted(positive)), nonzero, nested, inputs, products)
+    return Surfaces(program, nodes, frozenset(signs), entire, tuple(sorted(positive)), nonzero, nested, inputs, products)
 
 
 def _jumps(program: Program, node: int) -> bool:

@@ -75,6 +75,7 @@ class LinearForms:
     loops: Loops | None = None  # what keeps motions on closed configurations, where there are loops
     blocks: BlockRows | None = None  # combinations of rows, over all columns, that see little at a time
     values: Mapping[str, str] = field(default_factory=dict)  # stated values of symbols, as exact text
+    whole: LinearForms | None = field(default=None, repr=False, compare=False)  # of which these are some columns
     # the same columns are asked for again and again, and a schedule costs as much as an evaluation
     _restricted: dict[tuple[int, ...], LinearForms] = field(init=False, default_factory=dict, repr=False, compare=False)
     _samplers: list[FieldSampler] = field(init=False, default_factory=list, repr=False, compare=False)
@@ -85,7 +86,9 @@ class LinearForms:
         if kept not in self._restricted:
             position = {column: i for i, column in enumerate(kept)}
             entries = {(r, position[c]): node for (r, c), node in self.entries.items() if c in position}
-            self._restricted[kept] = replace(self, entries=entries, shape=(self.shape[0], len(position)))
+            self._restricted[kept] = replace(
+                self, entries=entries, shape=(self.shape[0], len(position)), whole=self.whole or self
+            )
         return self._restricted[kept]
 
     @cached_property
@@ -104,8 +107,11 @@ class LinearForms:
 
     @cached_property
     def points(self) -> RealPoints:
-        """Random real states, where these are free."""
-        return RealPoints(self.program, list(self.entries.values()), self.values)
+        """Random real states, where these are free; those of all columns serve some, too."""
+        nodes = list(self.entries.values())
+        if self.whole is not None and self.has_signs:
+            return self.whole.points.of(nodes)
+        return RealPoints(self.program, nodes, self.values)
 
     @cached_property
     def has_signs(self) -> bool:
