@@ -8,12 +8,14 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from echelon.base.structure import linear_structure
 from echelon.errors import DegenerateSampleError
-from echelon.exact.field import PrimeField, Residues, rank
+from echelon.exact.field import PrimeField, Residues
 from echelon.exact.polynomial import surd
-from echelon.program.sampling import FunctionSampler
+from echelon.program.sampling import sampler_of
 from echelon.program.schedule import FieldSampler
 from echelon.program.tape import Program, Scalar
+from echelon.regressor.linear_forms import LinearForms
 from support.strategies import FIELDS, SMALL_FIELD
 
 Relation = Callable[[Program, Scalar, Scalar], Scalar]  # of states x and y
@@ -60,26 +62,41 @@ DIFFERENCES: dict[str, Relation] = {
 }
 
 
-def sample(relation: Relation, field: PrimeField, states: int = 20) -> Residues:
+def recorded(relation: Relation) -> LinearForms:
     program = Program()
     x, y = program.input("x"), program.input("y")
-    result = relation(program, x, y)
-    values: Residues = FunctionSampler(program, [result.node]).evaluate(field, np.random.default_rng(0), states, {})
+    return LinearForms(program, {(0, 0): relation(program, x, y).node}, (1, 1))
+
+
+def sample(relation: Relation, field: PrimeField, states: int = 20) -> Residues:
+    values: Residues = recorded(relation).sampler().evaluate(field, np.random.default_rng(0), states, {})
     assert values.shape == (1, 1, states)
     return values.ravel()
 
 
+RATIONAL = ("circle", "odd", "double", "half angle", "sum", "coupling", "large", "angle that", "sine", "two", "tangent")
+"""Relations between functions of rational combinations of inputs, which primes know."""
+
+
 @pytest.mark.parametrize("field", FIELDS, ids=["small", "large"])
-@pytest.mark.parametrize("relation", IDENTITIES.values(), ids=IDENTITIES.keys())
-def test_identities_hold(relation: Relation, field: PrimeField) -> None:
-    assert not sample(relation, field).any()
+@pytest.mark.parametrize("name", IDENTITIES)
+def test_identities_hold(name: str, field: PrimeField) -> None:
+    forms = recorded(IDENTITIES[name])
+    assert forms.rational == name.startswith(RATIONAL)
+    assert linear_structure(forms, np.random.default_rng(0)).rank == 0
+    if forms.rational:
+        assert not sample(IDENTITIES[name], field).any()
 
 
-@pytest.mark.parametrize("relation", DIFFERENCES.values(), ids=DIFFERENCES.keys())
-def test_other_relations_do_not_hold(relation: Relation) -> None:
-    values = sample(relation, SMALL_FIELD)
-    assert values.all()
-    assert len(set(values.tolist())) == len(values)
+@pytest.mark.parametrize("name", DIFFERENCES)
+def test_other_relations_do_not_hold(name: str) -> None:
+    forms = recorded(DIFFERENCES[name])
+    assert forms.rational == name.startswith(RATIONAL)
+    assert linear_structure(forms, np.random.default_rng(0)).rank == 1
+    if forms.rational:
+        values = sample(DIFFERENCES[name], SMALL_FIELD)
+        assert values.all()
+        assert len(set(values.tolist())) == len(values)
 
 
 Columns = Callable[[Program, Scalar, Scalar], list[Scalar]]  # of a state x and a symbol a
@@ -97,53 +114,61 @@ SPANS: dict[str, tuple[Columns, int]] = {
 def test_ranks(columns: Columns, expected: int) -> None:
     program = Program()
     x, a = program.input("x"), program.input("a", "symbol")
-    outputs = [scalar.node for scalar in columns(program, x, a)]
-    kinds = (FunctionSampler, FieldSampler)[: 1 + FieldSampler.suits(program, outputs)]
-    for sampler in (kind(program, outputs) for kind in kinds):
-        rng = np.random.default_rng(1)
-        geometry = {name: SMALL_FIELD.draw(rng, (1,)) for name in sampler.symbols}
-        matrix = sampler.evaluate(SMALL_FIELD, rng, 10, geometry)[:, 0]
-        assert rank(matrix, SMALL_FIELD) == expected
+    outputs = columns(program, x, a)
+    forms = LinearForms(program, {(0, k): scalar.node for k, scalar in enumerate(outputs)}, (1, len(outputs)))
+    assert linear_structure(forms, np.random.default_rng(1)).rank == expected
 
 
 def test_programs_of_arms_have_no_other_functions_than_sines_and_cosines_of_inputs() -> None:
     program = Program()
     x, a = program.input("x"), program.input("a", "symbol")
-    for outputs in ([x, x.sin(), x.cos()], [a.sin(), x * a.cos()], [x * a], []):
+    suited: list[list[Scalar]] = [[x, x.sin(), x.cos()], [a.sin(), x * a.cos()], [x * a], []]
+    suited += [[(2 * x).sin()], [(x / 3 + a).cos()], [x.tan()], [x.sign()], [abs(x)], [x.exp().sign() * x]]
+    for outputs in suited:
         assert FieldSampler.suits(program, [scalar.node for scalar in outputs])
-    for outputs in ([(2 * x).sin()], [x.sign()], [x.sin().sin()], [a, a.sin()], [(x + a).cos()], [x.tan()]):
+    for outputs in ([x.sin().sin()], [a, a.sin()], [(x + a / 2).cos()], [(x + 1).sin()], [(a * x).sin()], [x.exp()]):
         assert not FieldSampler.suits(program, [scalar.node for scalar in outputs])
 
 
-KINDS = pytest.mark.parametrize("kind", [FieldSampler, FunctionSampler])
+def test_signs_are_those_of_regions() -> None:
+    program = Program()
+    x, y = program.input("x"), program.input("y")
+    outputs = [(x - y).sign(), x.sign(), abs(y), y]
+    sampler = sampler_of(program, [scalar.node for scalar in outputs])
+    values = sampler.evaluate(SMALL_FIELD, np.random.default_rng(1), 2 * sampler.regions, {})[:, 0]
+    p = SMALL_FIELD.p
+    signs = {tuple(int(s) if s < 2 else int(s) - p for s in column) for column in values[:2].T}
+    assert signs <= {(1, 1), (1, -1), (-1, 1), (-1, -1)}
+    assert sampler.regions >= 3
+    assert set((values[2] * values[3] % p == values[3] * values[3] % p).tolist()) == {True, False}
 
 
-@KINDS
+
+
 @pytest.mark.parametrize("field", FIELDS, ids=["small", "large"])
-def test_quaternions_have_unit_norm(field: PrimeField, kind: type[FieldSampler]) -> None:
+def test_quaternions_have_unit_norm(field: PrimeField) -> None:
     program = Program()
     q = [program.input(f"q{k}") for k in range(4)]
     program.unit_groups.append(tuple(x.node for x in q))
     norm = sum((x * x for x in q), program.zero)
-    sampler = kind(program, [norm.node, q[0].node, q[3].node])
+    sampler = FieldSampler(program, [norm.node, q[0].node, q[3].node])
     values = sampler.evaluate(field, np.random.default_rng(2), 9, {})
     assert (values[0] == 1).all()
     assert len(set(values[1:].ravel().tolist())) == 18
 
 
-def geometry_sampler(kind: type[FieldSampler]) -> FieldSampler:
+def geometry_sampler() -> FieldSampler:
     program = Program()
     d, a, unused = (program.input(name, "symbol") for name in ("d", "a", "unused"))
     x = program.input("x")
     outputs: list[Scalar] = [d, a.cos(), a.sin() * d, x]
     assert unused.node not in program.needed([s.node for s in outputs])
-    return kind(program, [s.node for s in outputs])
+    return FieldSampler(program, [s.node for s in outputs])
 
 
-@KINDS
 @pytest.mark.parametrize("field", FIELDS, ids=["small", "large"])
-def test_geometry_takes_the_given_values(field: PrimeField, kind: type[FieldSampler]) -> None:
-    sampler = geometry_sampler(kind)
+def test_geometry_takes_the_given_values(field: PrimeField) -> None:
+    sampler = geometry_sampler()
     assert sampler.symbols == ["a", "d"]
     geometry = {"d": np.array([5, 7], dtype=field.dtype), "a": np.array([0, 3], dtype=field.dtype)}
     values = sampler.evaluate(field, np.random.default_rng(3), 4, geometry)
@@ -154,19 +179,17 @@ def test_geometry_takes_the_given_values(field: PrimeField, kind: type[FieldSamp
     assert len(set(values[3].ravel().tolist())) == 8
 
 
-@KINDS
-def test_a_singular_geometry_is_degenerate(kind: type[FieldSampler]) -> None:
+def test_a_singular_geometry_is_degenerate() -> None:
     program = Program()
-    sampler = kind(program, [(1 / program.input("d", "symbol")).node])
+    sampler = FieldSampler(program, [(1 / program.input("d", "symbol")).node])
     with pytest.raises(DegenerateSampleError):
         sampler.evaluate(SMALL_FIELD, np.random.default_rng(4), 2, {"d": np.array([0])})
 
 
-@KINDS
-def test_no_outputs_and_constant_outputs(kind: type[FieldSampler]) -> None:
+def test_no_outputs_and_constant_outputs() -> None:
     program, rng = Program(), np.random.default_rng(5)
-    assert kind(program, []).evaluate(SMALL_FIELD, rng, 3, {}).shape == (0, 1, 3)
-    constant = kind(program, [program.constant(Fraction(1, 2)).node])
+    assert FieldSampler(program, []).evaluate(SMALL_FIELD, rng, 3, {}).shape == (0, 1, 3)
+    constant = FieldSampler(program, [program.constant(Fraction(1, 2)).node])
     assert constant.symbols == []
     assert constant.evaluate(SMALL_FIELD, rng, 3, {}).tolist() == [[[(SMALL_FIELD.p + 1) // 2] * 3]]
 
