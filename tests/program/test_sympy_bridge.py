@@ -12,15 +12,15 @@ import sympy
 from hypothesis import assume, given
 from sympy import Abs, Rational, cos, exp, log, pi, sign, sin, sqrt, tan, tanh
 
+from echelon.base.structure import linear_structure
 from echelon.errors import InputError
-from echelon.exact.field import rank
 from echelon.exact.polynomial import Number
 from echelon.program.operations import FUNCTIONS
-from echelon.program.sampling import FunctionSampler
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.sympy_bridge import SUPPORTED, from_sympy, to_sympy
 from echelon.program.tape import Program, Scalar
-from support.strategies import SMALL_FIELD, calculate, formulas, in_sympy, numbers
+from echelon.regressor.linear_forms import LinearForms
+from support.strategies import calculate, formulas, in_sympy, numbers
 
 x, y = sympy.symbols("x y")
 VALUES = {x: 0.7, y: 1.3}
@@ -99,7 +99,8 @@ def test_programs_survive_the_round_trip(formula: Any) -> None:
     expression = to_sympy(program, [scalar.node])[0]
     assume(not expression.has(sympy.zoo, sympy.nan))
     difference = scalar - from_sympy(program, expression, inputs)
-    assert not FunctionSampler(program, [difference.node]).evaluate(SMALL_FIELD, np.random.default_rng(0), 5, {}).any()
+    forms = LinearForms(program, {(0, 0): difference.node}, (1, 1))
+    assert linear_structure(forms, np.random.default_rng(0)).rank == 0
 
 
 @given(numbers)
@@ -165,8 +166,8 @@ def test_a_regressor_written_in_sympy_has_an_exact_rank() -> None:
     columns = [sin(q), cos(q), sin(q + pi / 4), cos(q - pi / 12), 0.1 * sin(2 * q), sin(q) * cos(q), q**2]
     program = Program()
     outputs = [from_sympy(program, c, {"x": program.input("x")}).node for c in columns]
-    matrix = FunctionSampler(program, outputs).evaluate(SMALL_FIELD, np.random.default_rng(1), 12, {})[:, 0]
-    assert rank(matrix, SMALL_FIELD) == 4
+    forms = LinearForms(program, {(0, k): node for k, node in enumerate(outputs)}, (1, len(outputs)))
+    assert linear_structure(forms, np.random.default_rng(1)).rank == 4
 
 
 @pytest.mark.parametrize(

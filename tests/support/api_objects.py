@@ -262,7 +262,6 @@ OBJECTS: Mapping[str, Example] = {
     "EchelonError": error(ec.EchelonError, "wrong"),
     "InputError": error(ec.InputError, "wrong", source="arm.yaml", element="joint"),
     "MissingExtraError": error(ec.MissingExtraError, "casadi", "excite"),
-    "UnknownRelationsError": error(ec.UnknownRelationsError, "exp"),
     "ClosedFormError": error(ec.ClosedFormError, "none"),
     "CertificateError": error(ec.CertificateError, "wrong"),
 }

@@ -201,7 +201,7 @@ def base_matrix(
     report: Callable[[str], None],
 ) -> BaseMatrix:
     """B for a column order."""
-    if structure.real is not None and not structure.by_joint and not symbol_roles(mechanism).symbols:
+    if structure.real is not None and not structure.by_joint and not all_symbols(mechanism):
         return _in_numbers(mechanism, structure.real, order)
     work = Work.of(budget)
     found = relations(mechanism, structure)
