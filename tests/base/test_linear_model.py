@@ -117,9 +117,9 @@ def test_functions_of_constants_are_numbers_at_their_values() -> None:
     assert base.matrix.numbers.columns == (1, 3)
     assert "the coefficients of q s are numbers at the stated values" in str(base)
     assert base.certificate.in_balls
-    with pytest.raises(ec.InputError, match="numbers at a = 0.25"):
+    with pytest.raises(ec.InputError, match=r"numbers at a = 0\.25"):
         base.B_float({"a": 2.0})
-    with pytest.raises(ec.ClosedFormError, match="give constants values \\(such as k\\)"):
+    with pytest.raises(ec.ClosedFormError, match=r"give constants values \(such as k\)"):
         ec.base_parameters(ec.LinearModel([columns], variables, names, {"a": "1/4", "k": None}))
 
 

@@ -143,8 +143,6 @@ def test_signs_are_those_of_regions() -> None:
     assert set((values[2] * values[3] % p == values[3] * values[3] % p).tolist()) == {True, False}
 
 
-
-
 @pytest.mark.parametrize("field", FIELDS, ids=["small", "large"])
 def test_quaternions_have_unit_norm(field: PrimeField) -> None:
     program = Program()

@@ -88,7 +88,13 @@ class Kernel:
             return found
 
         return UnknownFunctions(
-            evaluate, self.symbols, self.sampler.angles, lengths, [degrees[k] for k in chosen], roles.irrational, self.cost
+            evaluate,
+            self.symbols,
+            self.sampler.angles,
+            lengths,
+            [degrees[k] for k in chosen],
+            roles.irrational,
+            self.cost,
         )
 
     def coefficients(self, field: PrimeField, geometry: Geometry, rng: np.random.Generator) -> Residues:
@@ -190,8 +196,8 @@ def _across_robot(mechanism: Mechanism, structure: Structure) -> Iterable[Relati
         every = rows.columns([*sources, *targets])
         roles = symbol_roles(mechanism)
         if not every.forms.rational and rows.forms.loops is None:
-            roots = zip(roles.irrational, irrational_roots(every.forms), strict=True)
-            roles = replace(roles, irrational=tuple(a or b for a, b in roots))
+            first, second = irrational_roots(every.forms)
+            roles = replace(roles, irrational=(roles.irrational[0] or first, roles.irrational[1] or second))
         kernel = Kernel(roles, every, sources, targets, frozenset(), degrees)
         yield Relation(kernel, range(structure.parameters))
 

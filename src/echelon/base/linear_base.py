@@ -100,9 +100,15 @@ class LinearBase(BaseSet):
         array of shape (base parameters, parameters)
         """
         known = {**self.model.values, **(constants or {})}
-        other = next((n for n in self.matrix.numbers.at if known[n] != self.model.values[n]), None) if self.matrix.numbers else None
+        other = (
+            next((n for n in self.matrix.numbers.at if known[n] != self.model.values[n]), None)
+            if self.matrix.numbers
+            else None
+        )
         if other is not None:
-            raise InputError(f"columns of B are numbers at {other} = {self.model.values[other]}: derive again with the other value")
+            raise InputError(
+                f"columns of B are numbers at {other} = {self.model.values[other]}: derive again with the other value"
+            )
         silent = [n for n in self._constants_used() if n not in known]
         if silent:
             raise InputError(f"constant '{silent[0]}' has no value: give it in constants=")
@@ -233,8 +239,8 @@ def _matrix(
         missing = sum(len(structure.by_robot[column]) for column in open_columns)
         raise ClosedFormError(
             f"{missing} coefficients have no closed form within the budget; give constants values"
-            f"{f' (such as {silent[0]})' if silent else ''}, or a name of their own to products or functions of them, or "
-            "a larger budget (--budget)"
+            f"{f' (such as {silent[0]})' if silent else ''}, or a name of their own to products or functions of them, "
+            "or a larger budget (--budget)"
         )
     independent = RealStates(Rows(model.regressor, 0)).independent()
     return in_numbers(

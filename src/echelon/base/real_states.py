@@ -1,9 +1,9 @@
 """Rows at real states in ball arithmetic: what samples models whose rows are no rational functions of free variables.
 
-Such are mechanisms with loops, whose states solve equations, and models with functions such as exp.  Which columns are independent is found at the stated
-values of the symbols.  Coefficients as functions of symbols are found as those of trees are, by values modulo primes:
-a residue ρ is the fraction a/b next to the stated value with a ≡ ρ b, states are real there, the coefficients are read
-as short exact numbers from balls, and these have residues.
+Such are mechanisms with loops, whose states solve equations, and models with functions such as exp.  Which columns are
+independent is found at the stated values of the symbols.  Coefficients as functions of symbols are found as those of
+trees are, by values modulo primes: a residue ρ is the fraction a/b next to the stated value with a ≡ ρ b, states are
+real there, the coefficients are read as short exact numbers from balls, and these have residues.
 """
 
 from __future__ import annotations

@@ -126,9 +126,7 @@ def _real_dependence(
     ordered = found.in_order(range(len(found.pivots) + len(found.others)))
     supports = {
         dependent: tuple(
-            pivot
-            for pivot, value in zip(ordered.pivots, coefficients, strict=True)
-            if not vanishes(value, found.bits)
+            pivot for pivot, value in zip(ordered.pivots, coefficients, strict=True) if not vanishes(value, found.bits)
         )
         for dependent, coefficients in zip(ordered.others, ordered.solution.T, strict=True)
     }

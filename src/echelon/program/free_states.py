@@ -1,7 +1,7 @@
 """Random real states of a program whose inputs are free: in the domain of its functions and in all regions of signs.
 
-In a region of signs all is analytic, and what vanishes in the region vanishes wherever it is continued to.  So signs are
-leaves with the values of a region.  Where there are no logarithms, roots and arc tangents, whose domains have pieces,
+In a region of signs all is analytic, and what vanishes there vanishes wherever it is continued to.  So signs are leaves
+with the values of a region.  Where there are no logarithms, roots and arc tangents, whose domains have pieces,
 the inputs are those of any point, where exp and the like are tame: those of a region near x = 1e6 would be at e^1e6.
 
 States are exact: inputs are doubles, taken as the dyadic fractions that they are, quaternions are normalised in ball
@@ -39,13 +39,13 @@ grow fast, between 1/3 and 3."""
 _FINENESS = 512
 """Random values of symbols are multiples of its inverse, so that they are short."""
 _TAME = 4
-"""Points of each region that states are drawn around: those whose inputs are nearest to one, where functions are tame."""
+"""Points of a region that states are drawn around: those whose inputs are nearest to one, where functions are tame."""
 _MOVES = 10.0 ** -np.arange(12, -1, -3)
 """Random moves within regions, beside the size of inputs; of those that stay in the region the largest one counts."""
 _STEEP = 16.0
 """Largest wanted arguments of exp and tanh: beyond, they are almost 0, 1 or ±1 beside others, and hide what they do."""
-_TRIES = 120
-"""Random changes of inputs by factors of up to 16, by which arguments become smaller than that where they can."""
+_TRIES = 24
+"""Random changes of inputs by factors of up to 16, for each such argument, by which it is made moderate."""
 _POOL = 64
 """States that are drawn at once, which takes little longer than one."""
 _ENDED = {EXHAUSTED: "no change of one sign led to another", BUDGET: "the search ended by its budget"}
@@ -234,33 +234,41 @@ class RealPoints:
         nodes, count, positive = [*inputs], count_of(inputs), self._surfaces.positive
         schedule = self.schedule([*positive, *kept, *self._steep])
         sides = np.array([*kept.values()]).reshape(len(kept), count)
-        moving = [k for k, n in enumerate(nodes) if n in schedule.leaves]
         constants = {n: np.full(count, value) for n, value in self._constants.items()}
 
-        def costs(table: Floats) -> Floats:
-            """How far arguments are beyond the moderate; infinite outside."""
+        def excess(table: Floats) -> tuple[Floats, Floats]:
+            """How far arguments are beyond the moderate, (arguments, states), and in all; infinite outside."""
             leaves = {**constants, **signs, **self._normal(dict(zip(nodes, table, strict=True)))}
             with np.errstate(all="ignore"):
                 found = schedule.run(FloatArithmetic(), leaves, count)
             first, last = len(positive), len(positive) + len(kept)
             inside = (found[:first] > 0).all(axis=0) & (np.sign(found[first:last]) == sides).all(axis=0)
-            sizes = np.nan_to_num(np.abs(found[last:]), nan=np.inf)
-            return np.where(inside, np.log(np.maximum(sizes / _STEEP, 1.0)).sum(axis=0), np.inf)
+            sizes = np.log(np.maximum(np.nan_to_num(np.abs(found[last:]), nan=np.inf) / _STEEP, 1.0))
+            return sizes, np.where(inside, sizes.sum(axis=0), np.inf)
 
         table = np.stack([inputs[n] for n in nodes])
         directions = np.where(table == 0, 1.0, np.abs(table)) * rng.standard_normal(table.shape)
-        cost = costs(table)
+        sizes, cost = excess(table)
         for size in _MOVES:
             tried = table + size * directions
-            found = costs(tried)
-            table, cost = np.where(np.isfinite(found), tried, table), np.where(np.isfinite(found), found, cost)
-        for _ in range(_TRIES if moving else 0):
+            found, total = excess(tried)
+            inside = np.isfinite(total)
+            table, sizes, cost = (
+                np.where(inside, tried, table),
+                np.where(inside, found, sizes),
+                np.where(inside, total, cost),
+            )
+        cones = [[k for k, n in enumerate(nodes) if n in self.program.needed([steep])] for steep in self._steep]
+        for _ in range(_TRIES * len(cones)):
             if not cost.any():
                 break
+            worst = [cones[k] or [0] for k in np.argmax(sizes, axis=0)]
+            moved = [cone[int(k * len(cone))] for cone, k in zip(worst, rng.random(count), strict=True)]
             tried = table.copy()
-            tried[rng.choice(moving, count), np.arange(count)] *= 2.0 ** rng.integers(-4, 5, count)
-            found = costs(tried)
-            table, cost = np.where(found < cost, tried, table), np.minimum(found, cost)
+            tried[moved, np.arange(count)] *= 2.0 ** rng.integers(-4, 5, count)
+            found, total = excess(tried)
+            better = total < cost
+            table, sizes, cost = np.where(better, tried, table), np.where(better, found, sizes), np.minimum(total, cost)
         return self._normal(dict(zip(nodes, table, strict=True)))
 
     def _normal(self, states: States) -> States:
@@ -309,13 +317,17 @@ class RealPoints:
 
     def _unstated(self) -> list[str]:
         """Constants without a value that a surface depends on."""
-        shown = [f"{name} = {float(_number(self.values[name])):.3g}" for name in self.constants if name not in self._stated]
+        shown = [
+            f"{name} = {float(_number(self.values[name])):.3g}" for name in self.constants if name not in self._stated
+        ]
         return [f"regions as for {', '.join(shown)}, which have no stated value"] if shown else []
 
 
 def _random_numbers(rng: np.random.Generator, count: int) -> Floats:
     """Random numbers of either sign, half of them of one, the others of up to sixteen."""
-    sizes = np.exp(_STATE_SPREAD * rng.standard_normal(count)) * 2.0 ** (rng.integers(0, 2, count) * rng.integers(0, 5, count))
+    sizes = np.exp(_STATE_SPREAD * rng.standard_normal(count)) * 2.0 ** (
+        rng.integers(0, 2, count) * rng.integers(0, 5, count)
+    )
     return np.asarray(sizes * rng.choice([-1.0, 1.0], count))
 
 

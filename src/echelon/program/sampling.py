@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from echelon.exact.field import PrimeField, Residues
-from echelon.program.operations import Op
 from echelon.program.free_states import RealPoints
+from echelon.program.operations import Op
 from echelon.program.schedule import FieldSampler
 from echelon.program.tape import Program
 

@@ -281,7 +281,9 @@ class FieldSampler:
         for n in self._functions:
             cosine, sine = circles[self.program.lhs[n]]
             op = self.program.ops[n]
-            values[n] = cosine if op == Op.COS else sine if op == Op.SIN else sine * field.invert_array(cosine) % field.p
+            values[n] = (
+                cosine if op == Op.COS else sine if op == Op.SIN else sine * field.invert_array(cosine) % field.p
+            )
         values |= self._signs(field, states, geometries)
         return self._schedule.run(ModularArithmetic(field), values, samples).reshape(-1, geometries, states)
 

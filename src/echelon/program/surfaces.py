@@ -1,9 +1,10 @@
 """Which surfaces cut the real inputs into regions, and in which products their signs enter the outputs.
 
 A sign is constant on a region.  Logarithms and roots bound the domain, and the signs of the factors of their arguments
-tell its pieces apart.  So do those of denominators in arc tangents, which jump there.  An output is a polynomial in the signs with coefficients that know nothing of them, so what
-matters of a region are the values that the *products* of signs have there, and of those only the ones that occur: signs
-that are only added never need to be combined.  Values of surfaces at real points are in double precision and, where it
+tell its pieces apart.  So do those of denominators in arc tangents, which jump there.  An output is a polynomial in the
+signs with coefficients that know nothing of them, so what matters of a region are the values that the *products* of
+signs have there, and of those only the ones that occur: signs that are only added never need to be combined.
+Values of surfaces at real points are in double precision and, where it
 decides, in ball arithmetic.
 
 Some combinations of signs cannot occur, because surfaces are parallel: v > d and v < −d of a dead zone.  Every surface
@@ -48,7 +49,8 @@ class Surfaces:
     """Where signs change and where the domain ends."""
 
     program: Program
-    # whose zeros are the surfaces: arguments of signs, factors of those of logarithms and roots, denominators in arc tangents
+    # whose zeros are the surfaces: arguments of signs, factors of those of logarithms and roots, and denominators in
+    # arc tangents
     nodes: tuple[int, ...]
     signs: frozenset[int]  # those of ``nodes`` that are arguments of signs
     entire: bool  # whether there are no logarithms, roots and arc tangents, whose domains have pieces
@@ -75,7 +77,9 @@ def find_surfaces(program: Program, outputs: Sequence[int]) -> Surfaces:
     nonzero = tuple(n for n in below if _jumps(program, n))
     inputs = tuple(n for n in program.needed([*nodes, *positive, *nonzero]) if ops[n] == Op.INPUT)
     products = _products(program, outputs, nodes)
-    return Surfaces(program, nodes, frozenset(signs), entire, tuple(sorted(positive)), nonzero, nested, inputs, products)
+    return Surfaces(
+        program, nodes, frozenset(signs), entire, tuple(sorted(positive)), nonzero, nested, inputs, products
+    )
 
 
 def _jumps(program: Program, node: int) -> bool:

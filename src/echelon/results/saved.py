@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import secrets
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from functools import cache
 from math import isclose
@@ -24,7 +24,6 @@ from echelon.doors import public
 from echelon.errors import CertificateError, EchelonError, InputError
 from echelon.exact.expressions import parse
 from echelon.exact.field import random_generator
-from echelon.exact.polynomial import Polynomial, as_polynomial
 from echelon.exact.rational import RationalFunction
 from echelon.files import write_atomically
 from echelon.formats.linear_document import linear_document
