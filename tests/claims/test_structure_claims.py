@@ -30,6 +30,8 @@ ONE = Polynomial.constant(1)
 def pivots_by_one_elimination(mechanism: Mechanism, seed: int = 5) -> list[int]:
     """Pivots of uᵀX at random states of one random geometry, all columns at once."""
     forms = virtual_power_form(mechanism)
+    if not forms.rational:  # at real states
+        return list(structure.linear_structure(forms, np.random.default_rng(seed)).pivots)
     sampler, rng = forms.sampler(), np.random.default_rng(seed)
     found: list[list[int]] = []
     for _ in range(2):

@@ -4,8 +4,7 @@ A sign is constant on a region.  Logarithms and roots bound the domain, and the 
 tell its pieces apart.  So do those of denominators in arc tangents, which jump there.  An output is a polynomial in the
 signs with coefficients that know nothing of them, so what matters of a region are the values that the *products* of
 signs have there, and of those only the ones that occur: signs that are only added never need to be combined.
-Values of surfaces at real points are in double precision and, where it
-decides, in ball arithmetic.
+Values of surfaces at real points are in double precision and, where it decides, in ball arithmetic.
 
 Some combinations of signs cannot occur, because surfaces are parallel: v > d and v < −d of a dead zone.  Every surface
 is written as Σ ratio · atom + constant with exact numbers, where an atom is whatever is not a sum or a
