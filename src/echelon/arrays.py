@@ -42,6 +42,22 @@ def pivoted_qr(matrix: Floats) -> tuple[Floats, Integers]:
     return sizes, order
 
 
+def widest_cut(sizes: Floats, explained: float) -> tuple[int, float]:
+    """Where descending sizes fall most to what an error explains, and by how much: how many lie above, and the ratio.
+
+    All of them, and infinity, where none is so small.
+
+    >>> widest_cut(np.array([1.0, 0.2, 1e-5, 4e-6]), 1e-4)
+    (2, 20000.0)
+    """
+    cuts = [k for k in range(1, len(sizes)) if sizes[k] <= explained]
+    if not cuts:
+        return len(sizes), np.inf
+    falls = {k: float(sizes[k - 1] / sizes[k]) if sizes[k] else np.inf for k in cuts}
+    best = max(falls, key=lambda k: (falls[k], -k))
+    return best, falls[best]
+
+
 def independent_columns(matrix: Floats, tolerance: float) -> list[int]:
     """Columns of which more than a tolerance is left when those chosen before are projected out.
 
