@@ -1,7 +1,7 @@
 """Exports as files for closer looks, and what the package says of them.
 
-`python -m support.rounded_exports --out DIR --count N` writes N exports and `truth.txt`; `--only CODE_OR_NAME` takes those of a
-mechanism or one export by its code (`scissor_two__m4w`); `--judge` loads them, too, and prints tables.
+`python -m support.rounded_exports --out DIR --count N` writes N exports and `truth.txt`; `--only CODE_OR_NAME` takes
+those of a mechanism or one export by its code (`scissor_two__m4w`); `--judge` loads them, too, and prints tables.
 """
 
 from __future__ import annotations

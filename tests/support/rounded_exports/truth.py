@@ -1,7 +1,7 @@
 """Ranks of the exact mechanisms, by an oracle that uses nothing of the package.
 
-`exact_ranks.json` beside this file keeps them; `python -m support.rounded_exports.truth [NAME ...]` computes those that are
-named, or missing, and writes them there.
+`exact_ranks.json` beside this file keeps them; `python -m support.rounded_exports.truth [NAME ...]` computes those that
+are named, or missing, and writes them there.
 """
 
 from __future__ import annotations
