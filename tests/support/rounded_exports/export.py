@@ -14,7 +14,7 @@ from support.rounded_exports.table import NAMES, build
 FORMATS = {"mjcf": "m", "mjcf_sites": "t", "urdf": "u", "urdf_pairs": "p", "sdf": "s"}
 """With a letter; in the second and fourth one, both frames of a closure are stated, each rounded on its own."""
 FRAMES = {"world": "w", "natural": "n", "random": "r"}
-"""Link frames along the world, with z along the joint's axis, or turned at random."""
+"""Link frames along the world, with z along the joint's axis, or turned at random with origins anywhere on the axis."""
 DIGITS = (3, 4, 5, 6, 7, 8, 9, 10, 12, 15, 17)
 """Decimals of all numbers in a file."""
 UNITS = {"m": "", "mm": "k"}

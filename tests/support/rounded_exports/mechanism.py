@@ -56,6 +56,15 @@ class Exact:
         closures = (replace(c, point=turn @ c.point, axis=turn @ c.axis) for c in self.closures)
         return replace(self, parts=tuple(parts), closures=tuple(closures))
 
+    def sawn(self) -> Exact:
+        """The mechanism with a piece of the last closure's first body that is a body of its own, and welded to it."""
+        *others, last = self.closures
+        axes = (last.axis,) if last.kind == "pin" else ()
+        piece = Part("piece", last.second, "hinge" if axes else "ball", last.point, axes)
+        return replace(
+            self, parts=(*self.parts, piece), closures=(*others, Closure("weld", "piece", last.first, last.point))
+        )
+
     def linkage(self) -> Linkage:
         """The mechanism for the oracle: body frames along the world, origins at the joints."""
         places = {GROUND: Y * 0} | {part.name: part.point for part in self.parts}

@@ -33,6 +33,24 @@ def delta_four(d: Draft) -> None:
     delta_legs(d, (0, 90, 180, 270))
 
 
+def four_legs_in_pairs(d: Draft) -> None:
+    """Parallelograms of rods to two halves of a platform, which a bar connects by vertical hinges: it can turn, too."""
+    half = exactly(0.04)
+    for k, angle in enumerate((10, 80, 200, 310)):
+        radial, tangent = about(Z, angle, X), about(Z, angle, Y)
+        tip = radial * exactly(0.1) + Z * exactly(-0.62)
+        elbow = radial * exactly(0.36) + Z * exactly(-0.12)
+        d.hinge(f"arm{k}", GROUND, radial * exactly(0.15), tangent)
+        for name, side in (("l", -half), ("r", half)):
+            rod = d.rod(f"rod{k}{name}", f"arm{k}", elbow + tangent * side, tip + tangent * side, Z)
+            if k in (0, 2) and name == "l":
+                d.ball(f"half{k // 2}", rod, tip + tangent * side)
+            else:
+                d.meet(rod, f"half{k // 2}", tip + tangent * side)
+    d.hinge("bar", "half0", vec(0, 0.08, -0.62), Z)
+    d.pin("bar", "half1", vec(0, -0.08, -0.62), Z)
+
+
 def delta_pins(d: Draft) -> None:
     """Parallelograms with pins instead of balls, in the planes of their rods."""
     half = exactly(0.04)

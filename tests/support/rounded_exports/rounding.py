@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cached_property
 
@@ -48,6 +48,11 @@ class Rounded:
         found = {GROUND: Frame(base, X * 0)}
         for part in exact.parts:
             found[part.name] = Frame(self._turn(part, rng), part.point)
+            if self.export.frames == "random" and part.kind in ("hinge", "slide"):
+                # anywhere on the axis, as drawing programs place it
+                found[part.name] = replace(
+                    found[part.name], origin=part.point + part.axes[0] * exactly(round(rng.uniform(-0.1, 0.1), 6))
+                )
         return found
 
     def _turn(self, part: Part, rng: np.random.Generator) -> Mat:

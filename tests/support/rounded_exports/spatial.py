@@ -103,6 +103,37 @@ def bennett(d: Draft) -> None:
     ring(d, dh_lines(bennett_rows(40, 75, 0.3, 70)))
 
 
+def goldberg(d: Draft) -> None:
+    """Two Bennett linkages without the link they had in common: at its one end their neighbours are one body."""
+
+    def from_common(beta: float, angle: float) -> list[tuple[Vec, Vec]]:
+        back = rotation(Z, degrees(-angle))
+        return [(back @ p, back @ axis) for p, axis in dh_lines(bennett_rows(40, beta, 0.3, angle))]
+
+    (_, joint, third, fourth), (_, _, third2, fourth2) = from_common(75, 70), from_common(55, 100)
+    ring(d, [third, fourth, fourth2, third2, joint])
+
+
+def threefold_bricard(d: Draft) -> None:
+    """Six equal links with twists of plus and minus 90 degrees, symmetric about an axis."""
+    angle, side, zero = degrees(75), exactly(0.2), arb(0)
+    other = (-angle.cos() / (1 + angle.cos())).acos()
+    pair = [(angle, zero, side, degrees(90)), (other, zero, side, degrees(-90))]
+    ring(d, dh_lines(pair * 3))
+
+
+def double_cardan(d: Draft) -> None:
+    """Parallel shafts with a shaft between them, whose forks lie in one plane."""
+    between = about(Y, 30, X)
+    fork, far = cross(Y, between), between * exactly(0.4)
+    d.hinge("shaft", GROUND, CENTER, X)
+    d.hinge("cross", "shaft", CENTER, Y)
+    d.hinge("between", "cross", CENTER, fork)
+    d.hinge("cross2", "between", far, fork)
+    d.hinge("shaft2", "cross2", far, Y)
+    d.pin("shaft2", GROUND, far + X * exactly(0.2), X)
+
+
 def line_symmetric_bricard(d: Draft) -> None:
     """Six hinges, of which three are the others turned half about a line, here z."""
     half = [

@@ -24,13 +24,13 @@ PLANAR: tuple[Callable[[Draft], None], ...] = (
     planar.ackermann, planar.hart, planar.watt_line,
 )  # fmt: skip
 SPATIAL: tuple[Callable[[Draft], None], ...] = (
-    planar.remote_center, planar.palletizer, planar.sr400,
-    spatial.spherical_four_bar, spatial.cardan, spatial.agile_eye, spatial.spherical_3rrr, spatial.sarrus,
-    spatial.sarrus_oblique, spatial.bennett, spatial.line_symmetric_bricard, spatial.plane_symmetric_bricard,
-    spatial.four_bar_across, spatial.double_wishbone, spatial.rssr, spatial.rssr_spin,
-    parallel.delta, parallel.delta_four, parallel.delta_pins, parallel.orthoglide, parallel.linear_delta,
-    parallel.three_rps, parallel.gough_stewart, parallel.gough_stewart_general, parallel.two_ups_u, parallel.exechon,
-    parallel.three_upu, parallel.hexa,
+    planar.remote_center, planar.palletizer, planar.sr400, spatial.spherical_four_bar, spatial.cardan,
+    spatial.agile_eye, spatial.spherical_3rrr, spatial.sarrus, spatial.sarrus_oblique, spatial.bennett,
+    spatial.goldberg, spatial.double_cardan, spatial.threefold_bricard, spatial.line_symmetric_bricard,
+    spatial.plane_symmetric_bricard, spatial.four_bar_across, spatial.double_wishbone, spatial.rssr,
+    spatial.rssr_spin, parallel.delta, parallel.delta_four, parallel.four_legs_in_pairs, parallel.delta_pins,
+    parallel.orthoglide, parallel.linear_delta, parallel.three_rps, parallel.gough_stewart,
+    parallel.gough_stewart_general, parallel.two_ups_u, parallel.exechon, parallel.three_upu, parallel.hexa,
     legs.ankle_two_rods, legs.ankle_balls, legs.leg_with_rods, legs.biped, legs.digit_leg, legs.kangaroo_leg,
     legs.waist,
 )  # fmt: skip
@@ -43,7 +43,8 @@ VARIANTS = (
     "five_bar-level", "planar_3rrr-level", "bennett-tilted", "sarrus-tilted", "agile_eye-tilted",
     "four_bar-floating", "ankle_two_rods-floating", "biped-floating", "waist-floating", "two_ups_u-floating",
     "delta-moved", "three_rps-moved", "ankle_two_rods-moved", "parallel_gripper-moved", "scissor_two-moved",
-    "line_symmetric_bricard-moved", "orthoglide-moved", "palletizer-moved",
+    "line_symmetric_bricard-moved", "four_bar-sawn", "scissor_one-sawn", "bennett-sawn", "delta-sawn", "biped-sawn",
+    "orthoglide-moved", "palletizer-moved",
 )  # fmt: skip
 NAMES = (*FUNCTIONS, *VARIANTS)
 
@@ -60,6 +61,8 @@ def build(name: str) -> Exact:
         for variant in variants:
             if variant == "floating":
                 exact = replace(exact, floating=True)
+            elif variant == "sawn":
+                exact = exact.sawn()
             elif variant == "moved":
                 exact = elsewhere(exact, np.random.default_rng(len(parts)))
             else:
