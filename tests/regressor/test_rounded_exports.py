@@ -8,8 +8,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from flint import arb, arb_mat
 
-from support.rounded_exports.export import Export, some_exports
+from support.loop_linkage import Linkage
+from support.loop_readers import mjcf, urdf
+from support.rounded_exports.export import FRAMES, Export, some_exports
+from support.rounded_exports.files import write
 from support.rounded_exports.table import NAMES, build
 from support.rounded_exports.truth import computed, kept
 from support.rounded_exports.verdict import RIGHT, SILENT, UNNAMED, Verdict, judged, tables
@@ -57,3 +61,37 @@ def test_exports_are_right_or_say_why_not(part: int, tmp_path: Path) -> None:
 def test_truths_are_found_again(name: str) -> None:
     found = computed(build(name), seed=7)
     assert (found.freedom, found.rank) == (kept()[name]["freedom"], kept()[name]["rank"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_files_say_the_mechanism(name: str, tmp_path: Path) -> None:
+    """As MuJoCo and a reader of URDF read it, with seventeen digits; a URDF's balls and crosses are told beside it."""
+    meant = twists(build(name).linkage())
+    single = {part.name for part in build(name).parts if part.kind in ("hinge", "slide")}
+    for frames in FRAMES:
+        for form in ("mjcf", "mjcf_sites"):
+            read = mjcf(write(Export(name, form, 17, frames), tmp_path), literal=True)
+            assert max(float(abs(x)) for x in read.residual([arb(0)] * len(read.start))) < CLOSE
+            assert differing(meant, twists(read), single) == []
+        if build(name).floating:
+            continue  # the world of a URDF is its root link's frame
+        file = write(Export(name, "urdf_pairs", 17, frames), tmp_path)
+        assert differing(meant, twists(urdf(file.with_suffix(".urdf"), literal=True)), single) == []
+
+
+CLOSE = 1e-12
+
+
+def twists(linkage: Linkage) -> dict[str, arb_mat]:
+    """The motions of bodies with one freedom, in the world."""
+    zero = [arb(0)] * len(linkage.start)
+    axes, found = linkage.state(zero, zero).axes, {}
+    for body, chain in zip(linkage.bodies, linkage.chains, strict=False):
+        if len(body.motions) == 1:
+            found[body.name] = axes[chain[-1]]
+    return found
+
+
+def differing(meant: dict[str, arb_mat], read: dict[str, arb_mat], names: set[str]) -> list[str]:
+    return [n for n in names if any(abs(float(x)) > CLOSE for x in (meant[n] - read[n]).entries())]

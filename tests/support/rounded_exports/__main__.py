@@ -58,7 +58,7 @@ def main() -> None:
     for export in exports:
         file = write(export, folder)
         truth = known[export.mechanism]
-        floating = " floating" * export.exact.floating
+        floating = ", to be read with floating=True" * export.to_be_freed
         truths.append(f"{file.name}: rank {truth['rank']}, freedom {truth['freedom']}{floating}")
         if options.judge:
             verdicts.append(within(options.seconds, export, folder, options.sets))

@@ -42,6 +42,11 @@ class Export:
         return build(self.mechanism)
 
     @property
+    def to_be_freed(self) -> bool:
+        """The base floats, and the file cannot say so."""
+        return self.exact.floating and not self.format.startswith("mjcf")
+
+    @property
     def seed(self) -> int:
         return zlib.crc32(self.code.encode())
 

@@ -38,7 +38,7 @@ def judged(export: Export, folder: Path, sets: bool = False) -> Verdict:
     truth = kept()[export.mechanism]["rank"]
     file, start = write(export, folder), time.process_time()
     try:
-        rank, doubt = (answered_set if sets else answered_rank)(file, export.exact.floating)
+        rank, doubt = (answered_set if sets else answered_rank)(file, export.to_be_freed)
     except ec.EchelonError as refusal:
         return Verdict(export, REFUSED, f"for {truth}: {refusal}", time.process_time() - start)
     if rank == truth:
