@@ -67,6 +67,18 @@ def all_exports() -> Iterator[Export]:
         yield Export(name, form, 5, frames, "mm")
 
 
+PLAIN = (
+    "scissor_one", "scissor_two", "scissor_two-moved", "remote_center", "sarrus", "peaucellier", "hoberman", "hart",
+    "three_cranks", "bennett", "parallel_gripper", "four_bar_across",
+)  # fmt: skip
+"""Mechanisms that are special, so that few decimals break what their ranks depend on."""
+
+
+def plain_exports() -> list[Export]:
+    """Special mechanisms with links along the world and few digits."""
+    return [Export(name, form, digits, "world") for name, form, digits in product(PLAIN, FORMATS, (3, 4))]
+
+
 def some_exports(count: int, seed: int = 0, names: tuple[str, ...] = NAMES) -> list[Export]:
     """Exports in which all mechanisms, formats, digits and frames come about equally often."""
     draw = random.Random(seed)

@@ -75,10 +75,11 @@ def table(verdicts: Iterable[Verdict], title: str, key: Callable[[Export], objec
     """Verdicts of each kind, by a property of exports."""
     found = list(verdicts)
     values = sorted({key(v.export) for v in found}, key=lambda value: (isinstance(value, str), value))
-    lines = [f"{title:<12}" + "".join(f"{kind:>24}" for kind in KINDS)]
+    kinds = [*KINDS, *sorted({v.kind for v in found} - {*KINDS})]
+    lines = [f"{title:<12}" + "".join(f"{kind:>24}" for kind in kinds)]
     for value in [*values, None]:
         counts = Counter(v.kind for v in found if value is None or key(v.export) == value)
-        lines.append(f"{'all' if value is None else str(value):<12}" + "".join(f"{counts[kind]:>24}" for kind in KINDS))
+        lines.append(f"{'all' if value is None else str(value):<12}" + "".join(f"{counts[kind]:>24}" for kind in kinds))
     return "\n".join(lines)
 
 
