@@ -13,7 +13,7 @@ from echelon.arrays import Floats
 from echelon.base.ball_tables import Balls
 from echelon.exact.polynomial import generator_values
 from echelon.program.arithmetics import BallArithmetic, ball, stated_ball
-from echelon.program.schedule import Schedule
+from echelon.program.schedule import Schedule, StagedSchedule
 from echelon.regressor.linear_forms import LinearForms
 from echelon.regressor.loops.closed_balls import BALL_STEPS, random_balls
 
@@ -38,14 +38,12 @@ def ball_rows(
     With loops these are some motions, perhaps from rest, through each of some random poses, or of the given ones in
     double precision.
     """
-    schedule = forms.schedule
     if forms.loops is None:
-        leaves = _free_states(forms, schedule, at, states, rng)
-    else:
-        poses = forms.loops.poses(rng, -(-states // motions)) if poses is None else poses
-        leaves = forms.loops.closed([at], poses).leaves(schedule, rng, motions, at_rest=at_rest)
-        states = len(poses) * motions
-    return _table(forms, leaves, states)
+        schedule = Schedule(forms.program, list(forms.entries.values()))
+        return _table(forms, schedule, _free_states(forms, schedule, at, states, rng), states)
+    poses = forms.loops.poses(rng, -(-states // motions)) if poses is None else poses
+    leaves = forms.loops.closed([at], poses).leaves(forms.schedule, rng, motions, at_rest=at_rest)
+    return _table(forms, forms.schedule.moving, leaves, len(poses) * motions)
 
 
 def rows_at_values(
@@ -57,14 +55,15 @@ def rows_at_values(
     """
     assert forms.loops is not None
     states = len(at) * len(poses) * motions
-    table = _table(forms, forms.loops.closed(at, poses).leaves(forms.schedule, rng, motions), states)
+    leaves = forms.loops.closed(at, poses).leaves(forms.schedule, rng, motions)
+    table = _table(forms, forms.schedule.moving, leaves, states)
     split = table.reshape(motions, len(at), len(poses) * forms.shape[0], forms.shape[1])
     return [split[:, k].reshape(-1, forms.shape[1]) for k in range(len(at))]
 
 
-def _table(forms: LinearForms, leaves: Mapping[int, Balls], states: int) -> Balls:
+def _table(forms: LinearForms, schedule: Schedule, leaves: Mapping[int, Balls], states: int) -> Balls:
     """All entries at some states, (states · rows, columns)."""
-    found = forms.schedule.run(BallArithmetic(), leaves, states)
+    found = schedule.run(BallArithmetic(), leaves, states)
     table = np.full((states, *forms.shape), flint.arb(0), dtype=object)
     for (row, column), value in zip(forms.entries, found, strict=True):
         table[:, row, column] = value
@@ -83,11 +82,12 @@ def _of_one_size(table: Balls) -> Balls:
 
 def ball_values(forms: LinearForms, nodes: Sequence[int], at: Mapping[str, str], rng: np.random.Generator) -> Balls:
     """Values of nodes of the forms' program at one random state, shape (nodes,)."""
-    schedule = Schedule(forms.program, nodes)
     if forms.loops is None:
+        schedule = Schedule(forms.program, nodes)
         leaves = _free_states(forms, schedule, at, 1, rng)
     else:
-        leaves = forms.loops.closed([at], forms.loops.poses(rng, 1)).leaves(schedule, rng)
+        staged = StagedSchedule(forms.program, nodes)
+        leaves, schedule = forms.loops.closed([at], forms.loops.poses(rng, 1)).leaves(staged, rng), staged.moving
     found: Balls = schedule.run(BallArithmetic(), leaves, 1)[:, 0]
     return found
 

@@ -269,7 +269,7 @@ def base_structure(mechanism: Mechanism | Readable, *, generic: bool = False, se
         answer = SpecialisedMechanism(model, stated_structure(model, rng))
     else:
         answer = specialised(model, rng, generic=generic)
-    if doubt := answer.doubt or doubt_of_loops(answer.mechanism, answer.structure.rank):
+    if doubt := answer.doubt or doubt_of_loops(answer.mechanism):
         warnings.warn(doubt, DoubtWarning, stacklevel=3)  # of the caller, behind the door
     return answer.structure
 

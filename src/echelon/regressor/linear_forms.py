@@ -35,7 +35,7 @@ from echelon.mechanism.effect import Side
 from echelon.mechanism.joint import GROUND
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
-from echelon.program.schedule import FieldSampler, Schedule
+from echelon.program.schedule import FieldSampler, StagedSchedule
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.blocks import Block, BlockRows, blocks_of
 from echelon.regressor.steps import (
@@ -102,9 +102,9 @@ class LinearForms:
         return self._samplers[0]
 
     @cached_property
-    def schedule(self) -> Schedule:
+    def schedule(self) -> StagedSchedule:
         """All entries, ordered for evaluation in any arithmetic."""
-        return Schedule(self.program, list(self.entries.values()))
+        return StagedSchedule(self.program, list(self.entries.values()))
 
     def stacked(self, values: Residues) -> Residues:
         """Sampled entries as matrices, one for each geometry."""

@@ -14,7 +14,7 @@ from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, value_texts
 from echelon.program.arithmetics import stated_ball
-from echelon.program.schedule import Schedule
+from echelon.program.schedule import StagedSchedule
 from echelon.program.tape import Scalar
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.closed_balls import ClosedBalls
@@ -52,15 +52,15 @@ class Loops:
         return closing_values(self.mechanism)
 
     @cached_property
-    def closing(self) -> Schedule:
+    def closing(self) -> StagedSchedule:
         """The closure equations and their derivatives."""
         equations = self.equations
-        return Schedule(equations.program, [*equations.equations, *equations.jacobian.values()])
+        return StagedSchedule(equations.program, [*equations.equations, *equations.jacobian.values()])
 
     @cached_property
-    def driven(self) -> Schedule:
+    def driven(self) -> StagedSchedule:
         """The virtual velocities that are known."""
-        return Schedule(self.equations.program, list((self.speeds or {}).values()))
+        return StagedSchedule(self.equations.program, list((self.speeds or {}).values()))
 
     def poses(self, rng: np.random.Generator, count: int) -> Floats:
         """Random closed poses in double precision at :attr:`values`, shape (count, positions)."""
@@ -96,7 +96,7 @@ class Loops:
             wanted = self._followed(wanted, spread)
         balls = [{name: stated_ball(text) for name, text in given.items()} for given in values]
         names = [given.name for given in self.equations.program.inputs.values() if given.role == "symbol"]
-        symbols = {name: np.repeat(np.array([b[name] for b in balls], dtype=object), len(poses)) for name in names}
+        symbols = {name: np.array([b[name] for b in balls], dtype=object) for name in names}
         return ClosedBalls(self, symbols, wanted)
 
     def _followed(self, poses: Floats, symbols: Mapping[str, Floats]) -> Floats:
