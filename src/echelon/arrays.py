@@ -42,20 +42,22 @@ def pivoted_qr(matrix: Floats) -> tuple[Floats, Integers]:
     return sizes, order
 
 
-def widest_cut(sizes: Floats, explained: float) -> tuple[int, float]:
-    """Where descending sizes fall most to what an error explains, and by how much: how many lie above, and the ratio.
+def cut_at(sizes: Floats, explained: float, floor: float, clear: float) -> tuple[int, float]:
+    """How many of some descending sizes lie above what an error explains, and by how much they exceed the others.
 
-    All of them, and infinity, where none is so small.
+    Where sizes fall by less than ``clear`` there, the widest fall behind it counts.  Sizes below the floor are alike.
 
-    >>> widest_cut(np.array([1.0, 0.2, 1e-5, 4e-6]), 1e-4)
+    >>> cut_at(np.array([1.0, 0.2, 1e-5, 4e-6]), 1e-4, 1e-12, 10.0)
     (2, 20000.0)
     """
-    cuts = [k for k in range(1, len(sizes)) if sizes[k] <= explained]
-    if not cuts:
-        return len(sizes), np.inf
-    falls = {k: float(sizes[k - 1] / sizes[k]) if sizes[k] else np.inf for k in cuts}
-    best = max(falls, key=lambda k: (falls[k], -k))
-    return best, falls[best]
+    above = int((sizes > explained).sum())
+    if above in (0, len(sizes)):
+        return above, np.inf
+    clipped = np.maximum(sizes, floor)
+    falls = clipped[:-1] / clipped[1:]
+    if falls[above - 1] < clear:
+        above += int(falls[above - 1 :].argmax())
+    return above, float(falls[above - 1])
 
 
 def independent_columns(matrix: Floats, tolerance: float) -> list[int]:

@@ -27,6 +27,22 @@ _REMAINS = 1e-9
 
 
 @dataclass(frozen=True)
+class Relations:
+    """Columns of a table, each divided by its size, as combinations of others."""
+
+    sizes: Balls
+    pivots: Sequence[int]
+    others: Sequence[int]
+    solution: Balls
+
+    def hold(self, rows: Balls, bits: int) -> bool:
+        """Whether nothing is left of the columns in some rows."""
+        with flint.ctx.workprec(bits):
+            left = left_of(rows / self.sizes, self.pivots, self.others, self.solution)
+            return all(vanishes(x, bits) for x in left.flat)
+
+
+@dataclass(frozen=True)
 class Independent:
     """Independent columns of a table, and the others as combinations of them.
 
@@ -41,6 +57,8 @@ class Independent:
     solution : array of arb, shape (pivots, others)
     bits : int
         Precision of the balls.
+    relations : Relations
+        The same with auxiliary columns and scales.
     """
 
     pivots: tuple[int, ...]
@@ -48,6 +66,11 @@ class Independent:
     others: tuple[int, ...]
     solution: Balls
     bits: int
+    relations: Relations
+
+    def holds(self, rows: Balls) -> bool:
+        """Whether the combinations hold in further rows, auxiliary columns included."""
+        return self.relations.hold(rows, self.bits)
 
     @property
     def basis(self) -> Balls:
@@ -76,7 +99,7 @@ class Independent:
                 assert found is not None  # an exchange for a column with a coefficient keeps them independent
                 basis = found
         others = tuple(column for column in order if column not in set(chosen))
-        return Independent(tuple(chosen), (), others, basis[:, list(others)], self.bits)
+        return Independent(tuple(chosen), (), others, basis[:, list(others)], self.bits, self.relations)
 
 
 def _too_late(basis: Balls, chosen: Sequence[int], order: Sequence[int], bits: int) -> tuple[int, int] | None:
@@ -93,14 +116,12 @@ def _too_late(basis: Balls, chosen: Sequence[int], order: Sequence[int], bits: i
     return None
 
 
-def eliminated(table: Balls, bits: int, auxiliary: int = 0, others: Balls | None = None) -> Independent | None:
+def eliminated(table: Balls, bits: int, auxiliary: int = 0) -> Independent | None:
     """Independent columns of a table of balls; auxiliary columns, which come first, are taken to be independent.
 
-    None if the precision does not tell, or a combination does not hold in ``others``, further rows.  The auxiliary
-    columns are left out of the result.
+    None if the precision does not tell.  The auxiliary columns are left out of the result.
     """
     table, sizes = _scaled(table)
-    further = table[:0] if others is None else others / sizes
     pivots = list(range(auxiliary))
     left = list(range(auxiliary, table.shape[1]))
     shown = list[float]()
@@ -109,8 +130,7 @@ def eliminated(table: Balls, bits: int, auxiliary: int = 0, others: Balls | None
         solution, rest = solved
         verdicts = {vanishes(x, bits) for x in rest.flat}
         if verdicts <= {True}:
-            holds = all(vanishes(x, bits) for x in left_of(further, pivots, left, solution).flat)
-            return _independent(pivots, shown, left, solution, sizes, auxiliary, bits) if holds else None
+            return _independent(pivots, shown, left, solution, sizes, auxiliary, bits)
         if False not in verdicts:
             return None
         new, sizes_of_new, solved = _with_more(table, rest, pivots, left)
@@ -153,6 +173,7 @@ def _independent(
         tuple(column - auxiliary for column in left),
         unscaled,
         bits,
+        Relations(sizes, pivots, left, solution),
     )
 
 

@@ -34,7 +34,9 @@ _FIRST_ROWS, _SURPLUS = 64, 20
 """Rows at first, and rows beyond the rank; of more columns that seem independent, twice as many rows are taken."""
 _OTHERS = 10
 """Rows at further poses, at which relations are checked."""
-_FEWEST = 4
+_MOST_POSES = 1000
+"""Poses after which relations that still fail at others are given up."""
+_FEWEST = 8
 """Poses that are taken at least, however many motions go through each."""
 _AT_ONCE = 16
 """Values of the symbols at which the loops are closed together."""
@@ -83,41 +85,55 @@ class RealStates:
         SingularPoseError
             If the loops are not proved to close, or no precision tells.
         """
-        several = self.loops.motions
         wanted = min(self.rows.forms.shape[1], _FIRST_ROWS)
-        attempts = dict.fromkeys(((_BITS[0], several), *((bits, 1) for bits in _BITS)))
-        for bits, motions in attempts:
+        for bits, most in dict.fromkeys(((_BITS[0], self.loops.motions), *((bits, 1) for bits in _BITS))):
             with flint.ctx.workprec(bits):
                 try:
-                    found, wanted = self._independent(at or {}, bits, motions, wanted)
+                    found, wanted = self._independent(at or {}, bits, most, wanted)
                 except InputError as error:
                     raise SingularPoseError(str(error)) from None
             if found is not None:
                 return found
         raise SingularPoseError(f"{_BITS[-1]} bits do not tell what {shown_loops(self.mechanism)} leave independent")
 
-    def _independent(
-        self, at: Mapping[str, str], bits: int, motions: int, wanted: int
-    ) -> tuple[Independent | None, int]:
-        """Independent columns, if the precision tells, and how many rows beyond the surplus it took."""
-        columns, auxiliary, rng = self.rows.forms.shape[1], self.rows.auxiliary, random_generator(DEFAULT_SEED)
-        each = self.rows.forms.shape[0] * motions
-        checked = max(1, _OTHERS // each)
-        others = self._table(at, 0, checked, motions, rng)
-        poses = max(_FEWEST, -(-(wanted + _SURPLUS) // each))
-        table = self._table(at, checked, poses, motions, rng)
-        while True:
-            found = eliminated(table, bits, auxiliary, others)
-            if found is None or auxiliary + len(found.pivots) <= wanted or wanted == columns:
-                return found, wanted
-            more = min(columns, 2 * wanted) - wanted
-            further = self._table(at, checked + poses, -(-more // each), motions, rng)
-            wanted, poses, table = wanted + more, poses + len(further) // each, np.vstack([table, further])
+    def _independent(self, at: Mapping[str, str], bits: int, most: int, wanted: int) -> tuple[Independent | None, int]:
+        """Independent columns, if the precision tells, and how many rows beyond the surplus it took.
 
-    def _table(self, at: Mapping[str, str], first: int, poses: int, motions: int, rng: np.random.Generator) -> Balls:
-        """Rows at some motions through each of some known poses."""
-        known = self.loops.known_poses(first, poses)
-        return ball_rows(self.rows.forms, at, poses * motions, rng, motions, poses=known)
+        No more than ``most`` motions go through each pose.
+        """
+        columns, auxiliary = self.rows.forms.shape[1], self.rows.auxiliary
+        rng, used = random_generator(DEFAULT_SEED), 0
+        others, used = self._table(at, used, _OTHERS, most, rng)
+        table, used = self._table(at, used, wanted + _SURPLUS, most, rng)
+        while True:
+            found = eliminated(table, bits, auxiliary)
+            if found is None:
+                return None, wanted
+            if auxiliary + len(found.pivots) > wanted and wanted < columns:
+                more = min(columns, 2 * wanted) - wanted
+                further, used = self._table(at, used, more, most, rng)
+                wanted, table = wanted + more, np.vstack([table, further])
+            elif found.holds(others):
+                return found, wanted
+            elif used > _MOST_POSES:
+                return None, wanted
+            else:  # the poses were too few, however many motions went through each
+                table = np.vstack([table, others])
+                others, used = self._table(at, used, _OTHERS, most, rng)
+
+    def _table(
+        self, at: Mapping[str, str], used: int, rows: int, most: int, rng: np.random.Generator
+    ) -> tuple[Balls, int]:
+        """Rows at known poses behind those that were used, and how many of them are used then."""
+        poses, motions = self._shared(rows, most)
+        known = self.loops.known_poses(used, poses)
+        return ball_rows(self.rows.forms, at, poses * motions, rng, motions, poses=known), used + poses
+
+    def _shared(self, rows: int, most: int) -> tuple[int, int]:
+        """Poses, and motions through each, no more than some, that make some rows."""
+        states = -(-rows // self.rows.forms.shape[0])
+        poses = min(states, max(_FEWEST, -(-states // most)))
+        return poses, -(-states // poses)
 
     # -- coefficients ------------------------------------------------------------------------------------------------
 
@@ -148,9 +164,8 @@ class RealStates:
 
     def _numbers(self, at: Sequence[Mapping[str, str]], sources: int) -> list[list[Number]]:
         """Exact coefficients at each of some values of the symbols, target by target for each source."""
-        forms, motions = self.rows.forms, self.loops.motions
-        unknowns = self.rows.auxiliary + sources
-        poses = max(_FEWEST, -(-(unknowns + _CHECKED) // (forms.shape[0] * motions)))
+        forms = self.rows.forms
+        poses, motions = self._shared(self.rows.auxiliary + sources + _CHECKED, self.loops.motions)
         known, found = self.loops.known_poses(0, poses), list[list[Number]]()
         for bits in _BITS:
             with flint.ctx.workprec(bits):

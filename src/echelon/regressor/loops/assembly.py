@@ -14,13 +14,14 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from echelon.arrays import Flags, Floats, one_thread, pivoted_qr, widest_cut
+from echelon.arrays import Flags, Floats, cut_at, one_thread, pivoted_qr
 from echelon.errors import AssemblyWarning, InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.mechanism.closed_pose import loop_motions
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.loops.closed_motion import (
+    NOISE,
     REMEMBERED,
     ClosedMotion,
     Known,
@@ -43,6 +44,7 @@ STRIDE, _SHORTEST = 0.1, 1e-4  # of a step on the way to given coordinates, rad 
 _FEW = 8  # iterations for one such step; if these do not do, it is shortened
 LARGEST_CORRECTION = 0.05  # of what its trend predicts; more may be a jump to another way of assembly
 _FAR = 0.1  # beyond which poses may be nearer than a closed one, rad or lengths
+_CLEAR = 10.0  # by how much what closures hold exceeds what rounding makes them resist
 _SEEN = 8  # configurations that show which equations are independent
 _TRIES, _NEAR = 64, 1.0  # disturbances of a pose that does not close, rad or characteristic lengths
 _WALK, _FEWEST = 20, 4  # random strides from the assembly pose, and from it to states near it
@@ -176,7 +178,7 @@ class Assembly(ClosedMotion):
                 q = self.step(q)
         jacobian = self._jacobian(q)
         sizes = np.linalg.svd(jacobian, compute_uv=False)
-        rank, fall = widest_cut((sizes / sizes[:, :1]).max(axis=0), self.tolerance)
+        rank, fall = cut_at((sizes / sizes[:, :1]).max(axis=0), self.tolerance, NOISE, _CLEAR)
         order = pivoted_qr(jacobian.swapaxes(1, 2).reshape(-1, jacobian.shape[1]))[1]
         return sorted(order[:rank].tolist()), fall
 

@@ -32,6 +32,8 @@ _NEARLY_CLOSED = 1e-8
 """What equations may miss after them, rad or characteristic lengths; ball arithmetic goes on from there."""
 _NEARBY = 8
 """Random poses at which motions are counted."""
+_SHARED = 4
+"""Motions that share a pose: more show little that is new where many bodies are alike."""
 _STEPS = 256
 """Random values are multiples of 1/512 between 1/2 and 3/2."""
 
@@ -110,9 +112,9 @@ class Loops:
 
     @property
     def motions(self) -> int:
-        """Motions through one pose that show about as much as motions through several: half of those that could."""
+        """Motions through one pose that show about as much as motions through several, which take longer to close."""
         freedoms = len(self.mechanism.independent_velocities)
-        return 1 + freedoms * (freedoms + 1) // 4
+        return min(_SHARED, 1 + freedoms * (freedoms + 1) // 2)
 
     @cached_property
     def singular(self) -> bool:
