@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 import flint
@@ -22,6 +23,10 @@ _FIRM = (1e-6, 1e-4, 1e-2)
 """Share of the largest pivot above which doubles show a column to be independent; more where balls deny it."""
 _CHECKED = 40
 """Rows, beyond those that are solved, in which what is left of columns has to vanish."""
+_SMALLEST = 1e-3
+"""Share of the largest column, in comparable units, below which a column is not made as large."""
+_FAINT = 1e-2
+"""Share of a column beside others below which rounding of a file may have made it."""
 _REMAINS = 1e-9
 """Share of a column beside others that doubles surely show in a basis whose entries are moderate."""
 
@@ -30,7 +35,9 @@ _REMAINS = 1e-9
 class Relations:
     """Columns of a table, each divided by its size, as combinations of others."""
 
+    table: Balls
     sizes: Balls
+    auxiliary: int
     pivots: Sequence[int]
     others: Sequence[int]
     solution: Balls
@@ -59,6 +66,8 @@ class Independent:
         Precision of the balls.
     relations : Relations
         The same with auxiliary columns and scales.
+    error : float
+        What rounding of a file leaves open of coefficients; 0 where these are exact.
     """
 
     pivots: tuple[int, ...]
@@ -67,6 +76,29 @@ class Independent:
     solution: Balls
     bits: int
     relations: Relations
+    error: float = 0.0
+
+    def without_faint(self, count: int, order: Sequence[int]) -> Independent:
+        """The same without the columns that show least, whose rounded relations to the others are taken for exact.
+
+        Coefficients are those of least squares.  Pivots come first in the order where that keeps them firm.
+        """
+        relations = self.relations
+        auxiliary, rows = relations.auxiliary, doubles(relations.table)
+        chosen = self.pivots[:count]
+        spanned, _ = _least_squares(rows, auxiliary, chosen)
+        ranked = [order[k] for k in independent_columns(spanned[:, list(order)], _FAINT)]
+        pivots = tuple(ranked) if len(ranked) == count else tuple(column for column in order if column in set(chosen))
+        solution, error = _least_squares(rows, auxiliary, pivots)
+        others = tuple(column for column in order if column not in set(pivots))
+        sizes = np.array([float(x) for x in relations.sizes[auxiliary:]])
+        found = solution[:, list(others)]
+        place = {column: k for k, column in enumerate(order)}
+        before = np.array([[place[c] < place[p] for c in others] for p in pivots]).reshape(found.shape)
+        found[(np.abs(found) <= error) | (before & (np.abs(found) <= _FAINT))] = 0.0
+        unscaled = found * sizes[list(others)] / sizes[list(pivots)][:, None]
+        balls = np.frompyfunc(flint.arb, 1, 1)(unscaled).astype(object).reshape(found.shape)
+        return Independent(pivots, self.shown[:count], others, balls, self.bits, relations, error)
 
     def holds(self, rows: Balls) -> bool:
         """Whether the combinations hold in further rows, auxiliary columns included."""
@@ -102,6 +134,16 @@ class Independent:
         return Independent(tuple(chosen), (), others, basis[:, list(others)], self.bits, self.relations)
 
 
+def _least_squares(rows: Floats, auxiliary: int, pivots: Sequence[int]) -> tuple[Floats, float]:
+    """All columns behind the auxiliary ones as combinations of some, (pivots, columns), and how much they are open."""
+    left = rows[:, [*range(auxiliary), *(auxiliary + column for column in pivots)]]
+    inverse = np.linalg.pinv(left)
+    solution = inverse @ rows[:, auxiliary:]
+    missed = np.abs(rows[:, auxiliary:] - left @ solution).max(initial=0.0)
+    error = float(missed * np.abs(inverse[auxiliary:]).sum(axis=1).max(initial=0.0))
+    return solution[auxiliary:], error
+
+
 def _too_late(basis: Balls, chosen: Sequence[int], order: Sequence[int], bits: int) -> tuple[int, int] | None:
     """The first column that depends on a pivot behind it in the order, and the row of the last such pivot."""
     rows = {column: row for row, column in enumerate(chosen)}
@@ -116,12 +158,13 @@ def _too_late(basis: Balls, chosen: Sequence[int], order: Sequence[int], bits: i
     return None
 
 
-def eliminated(table: Balls, bits: int, auxiliary: int = 0) -> Independent | None:
+def eliminated(table: Balls, bits: int, auxiliary: int = 0, units: Sequence[float] | None = None) -> Independent | None:
     """Independent columns of a table of balls; auxiliary columns, which come first, are taken to be independent.
 
-    None if the precision does not tell.  The auxiliary columns are left out of the result.
+    None if the precision does not tell.  The auxiliary columns are left out of the result.  With units in which the
+    columns are comparable, those that hold little beside others are not taken for as large: rounding may have made it.
     """
-    table, sizes = _scaled(table)
+    table, sizes = _scaled(table, units)
     pivots = list(range(auxiliary))
     left = list(range(auxiliary, table.shape[1]))
     shown = list[float]()
@@ -130,7 +173,7 @@ def eliminated(table: Balls, bits: int, auxiliary: int = 0) -> Independent | Non
         solution, rest = solved
         verdicts = {vanishes(x, bits) for x in rest.flat}
         if verdicts <= {True}:
-            return _independent(pivots, shown, left, solution, sizes, auxiliary, bits)
+            return _independent(table, pivots, shown, left, solution, sizes, auxiliary, bits)
         if False not in verdicts:
             return None
         new, sizes_of_new, solved = _with_more(table, rest, pivots, left)
@@ -155,6 +198,7 @@ def _with_more(
 
 
 def _independent(
+    table: Balls,
     pivots: Sequence[int],
     shown: Sequence[float],
     left: Sequence[int],
@@ -173,7 +217,7 @@ def _independent(
         tuple(column - auxiliary for column in left),
         unscaled,
         bits,
-        Relations(sizes, pivots, left, solution),
+        Relations(table, sizes, auxiliary, pivots, left, solution),
     )
 
 
@@ -184,9 +228,14 @@ def _most_independent(rest: Balls) -> tuple[Floats, Integers, float]:
     return sizes, order, float(largest)
 
 
-def _scaled(table: Balls) -> tuple[Balls, Balls]:
+def _scaled(table: Balls, units: Sequence[float] | None = None) -> tuple[Balls, Balls]:
     """The table with columns of about size one, and their sizes, powers of two; 1 for columns that may vanish."""
     sizes = np.array([_power_of_two(column) for column in table.T], dtype=object)
+    if units is not None:
+        comparable = [(float(size) / unit, unit) for size, unit in zip(sizes, units, strict=True)]
+        largest = max((size for size, unit in comparable if unit != inf), default=0.0)
+        least = [_SMALLEST * largest * unit if unit != inf else 0.0 for _, unit in comparable]
+        sizes = np.array([max(size, flint.arb(x)) for size, x in zip(sizes, least, strict=True)], dtype=object)
     return table / sizes, sizes
 
 

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import flint
 import numpy as np
 
-from echelon.base.ball_tables import exact_number, in_decimals, vanishes
+from echelon.base.ball_tables import exact_number, in_decimals, supported, vanishes
 from echelon.base.elimination import Independent
 from echelon.base.matrix import BaseMatrix, StatedNumbers
+from echelon.exact.polynomial import Number
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, symbol_roles, value_texts
@@ -27,9 +28,15 @@ def in_numbers(mechanism: Mechanism, independent: Independent, order: Sequence[i
                 if vanishes(ball, found.bits):
                     continue
                 exact = exact_number(ball, roles.irrational)
-                number, error = (exact, 0.0) if exact is not None else in_decimals(ball)
+                number: Number
+                if independent.error:
+                    number, error = supported(float(ball.mid()), independent.error), independent.error
+                elif exact is not None:
+                    number, error = exact, 0.0
+                else:
+                    number, error = in_decimals(ball)
                 radius = max(radius, error)
-                if roles.symbols or exact is None:
+                if roles.symbols or exact is None or independent.error:
                     stated.add(column)
                 rows[pivot][column] = RationalFunction(number)
     at = value_texts(mechanism, all_symbols(mechanism))

@@ -24,7 +24,7 @@ from echelon.errors import DegenerateSampleError, InputError, SingularPoseError
 from echelon.exact.field import DEFAULT_SEED, Geometry, PrimeField, Residues, random_generator
 from echelon.exact.polynomial import Number
 from echelon.mechanism.closed_pose import shown_loops
-from echelon.mechanism.stated import symbol_roles
+from echelon.mechanism.stated import named_symbols, symbol_roles
 from echelon.program.arithmetics import stated_ball, twice_arc_text
 from echelon.regressor.linear_forms import Rows
 
@@ -53,17 +53,19 @@ _FINE = 1 / 128
 class RealStates:
     """Rows of a mechanism with loops at closed states."""
 
-    def __init__(self, rows: Rows) -> None:
+    def __init__(self, rows: Rows, units: Sequence[float] | None = None) -> None:
+        """``units`` make columns comparable, the auxiliary ones included; see :func:`eliminated`."""
         assert rows.forms.loops is not None
+        self.units = units
         self.rows, self.loops = rows, rows.forms.loops
         self.mechanism = self.loops.mechanism
 
     @cached_property
     def symbols(self) -> list[str]:
-        """Symbols of the geometry, sorted."""
-        leaves = {*self.rows.forms.schedule.leaves, *self.loops.closing.leaves}
-        used = [self.rows.forms.program.inputs[node] for node in leaves]
-        return sorted({given.name for given in used if given.role == "symbol"})
+        """Symbols that coefficients may depend on, sorted."""
+        constants = {*self.rows.forms.schedule.constants.leaves, *self.loops.closing.constants.leaves}
+        used = {self.rows.forms.program.inputs[node].name for node in constants}
+        return sorted(used & named_symbols(self.mechanism))
 
     @property
     def singular(self) -> bool:
@@ -96,6 +98,19 @@ class RealStates:
                 return found
         raise SingularPoseError(f"{_BITS[-1]} bits do not tell what {shown_loops(self.mechanism)} leave independent")
 
+    def sizes(self, like: RealStates, rows: int, bits: int) -> list[float]:
+        """How much each independent column shows beside those before, descending, in some rows.
+
+        States are next to known ones of another mechanism of the same kind, perhaps the same one.
+        """
+        poses, motions = self._shared(rows, self.loops.motions)
+        known = self.loops.next_to(like.loops.known_poses(0, poses))
+        with flint.ctx.workprec(bits):
+            rng = random_generator(DEFAULT_SEED)
+            table = ball_rows(self.rows.forms, {}, poses * motions, rng, motions, poses=known)
+            found = eliminated(table, bits, self.rows.auxiliary, self.units)
+        return [] if found is None else sorted(found.shown, reverse=True)
+
     def _independent(self, at: Mapping[str, str], bits: int, most: int, wanted: int) -> tuple[Independent | None, int]:
         """Independent columns, if the precision tells, and how many rows beyond the surplus it took.
 
@@ -106,7 +121,7 @@ class RealStates:
         others, used = self._table(at, used, _OTHERS, most, rng)
         table, used = self._table(at, used, wanted + _SURPLUS, most, rng)
         while True:
-            found = eliminated(table, bits, auxiliary)
+            found = eliminated(table, bits, auxiliary, self.units)
             if found is None:
                 return None, wanted
             if auxiliary + len(found.pivots) > wanted and wanted < columns:

@@ -20,6 +20,7 @@ from echelon.arrays import one_thread
 from echelon.base.ball_tables import vanishes
 from echelon.base.elimination import Independent
 from echelon.base.real_states import RealStates
+from echelon.base.spectrum import Spectrum, spectrum_of, units_of
 from echelon.doors import public
 from echelon.errors import DegenerateSampleError, EchelonError
 from echelon.exact.field import PrimeField, by_pivots
@@ -51,6 +52,8 @@ class Structure:
         With loops, whether more motions are possible at the assembly pose than near it, so that modes may meet there.
     real : Independent, optional
         With loops, independent columns at real closed states with the stated values of the symbols.
+    spectrum : Spectrum, optional
+        With loops, how much each shows, and what of it rounding of a file explains.
     """
 
     parameters: int
@@ -59,6 +62,7 @@ class Structure:
     by_robot: Mapping[int, tuple[int, ...]]
     singular: bool = False
     real: Independent | None = None
+    spectrum: Spectrum | None = None
 
     @property
     def rank(self) -> int:
@@ -68,7 +72,7 @@ class Structure:
     @property
     def doubt(self) -> str:
         """What speaks against the rank; empty if nothing does."""
-        return self.where_modes_meet
+        return self.where_modes_meet or (self.spectrum.doubt if self.spectrum else "")
 
     @property
     def where_modes_meet(self) -> str:
@@ -106,9 +110,12 @@ def _at_real_states(mechanism: Mechanism, rows: Rows, rng: np.random.Generator, 
     named = bool(RealStates(rows).symbols)
     by_joint = _dependent_by_joint(mechanism, rng) if named else {}
     columns = _not_local(mechanism, by_joint)
-    states = RealStates(rows.columns(columns))
+    states = RealStates(rows.columns(columns), units_of(mechanism, columns, rows.auxiliary))
     found = states.independent(states.elsewhere(rng) if generic and named else {})
-    ordered = found.in_order(range(len(columns)))
+    spectrum = spectrum_of(mechanism, states, columns, found)
+    order = range(len(columns))
+    faint = spectrum.intended < spectrum.literal
+    ordered = found.without_faint(spectrum.intended, order) if faint else found.in_order(order)
     by_robot = {
         columns[dependent]: tuple(
             columns[pivot]
@@ -118,7 +125,7 @@ def _at_real_states(mechanism: Mechanism, rows: Rows, rng: np.random.Generator, 
         for dependent, coefficients in zip(ordered.others, ordered.solution.T, strict=True)
     }
     pivots = tuple(columns[k] for k in ordered.pivots)
-    return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, states.singular, found)
+    return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, states.singular, ordered, spectrum)
 
 
 def _not_local(mechanism: Mechanism, by_joint: Mapping[int, tuple[int, ...]]) -> list[int]:

@@ -11,9 +11,10 @@ import numpy as np
 
 from echelon.exact.polynomial import as_polynomial, is_trigonometric, symbol_of
 from echelon.inertia import rotation_quaternion
-from echelon.mechanism.closed_pose import parted, rational_rotation
+from echelon.mechanism.closed_pose import parted
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.joint import IDENTITY, Body, Motion, Placement, Symbol, shift
+from echelon.mechanism.rational_turns import rational_rotation
 from echelon.mechanism.stated import placement_matrix
 
 _ROUNDING = 1e-15

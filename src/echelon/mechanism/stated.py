@@ -161,6 +161,16 @@ def symbol_roles(mechanism: Mechanism) -> SymbolRoles:
     return SymbolRoles(frozenset(lengths) if usable else frozenset(), frozenset(angles), symbols, irrational)
 
 
+def named_symbols(mechanism: Mechanism) -> frozenset[str]:
+    """Symbols of the geometry for whose other values loops close, too: all, where lengths or ratios have names.
+
+    Where only angles are symbols, these are directions of a file, between which loops close at its own numbers.
+    """
+    translations, others = geometry(mechanism)
+    used = {symbol for expression in (*translations, *others) for symbol in expression.symbols()}
+    return frozenset(used) if used - symbol_roles(mechanism).angles else frozenset()
+
+
 def geometry(mechanism: Mechanism) -> tuple[list[Polynomial], list[Polynomial]]:
     """All expressions beside those of gravity: those that are lengths, and the others."""
     translations: list[Polynomial] = []

@@ -75,6 +75,12 @@ class Loops:
             pool.grow()
         return pool.poses[first : first + count]
 
+    def next_to(self, poses: Floats) -> Floats:
+        """Closed poses next to some that nearly are, shape (poses, positions)."""
+        for _ in range(_STEPS_TO_CLOSE):
+            poses = self.assembly.step(poses)
+        return poses
+
     def closed(self, at: Sequence[Mapping[str, str]], poses: Floats) -> ClosedBalls:
         """Closed poses in ball arithmetic next to some in doubles, at :attr:`values` or others of some symbols.
 
