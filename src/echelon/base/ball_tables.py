@@ -48,9 +48,9 @@ def combinations_of(
         return table[:0, others], table[:most, others]
     square, further = independent_rows(table[:, pivots])
     chosen = table[np.ix_(square, pivots)]
-    if not others and _matrix(chosen).det().contains(0):  # FLINT solves for nothing without a look
-        return None
     try:
+        if not others:  # FLINT solves for nothing without a look
+            _matrix(chosen).solve(_matrix(chosen[:, :1]))
         solution = _array(_matrix(chosen).solve(_matrix(table[np.ix_(square, others)])))
     except ZeroDivisionError:
         return None

@@ -14,6 +14,7 @@ import numpy as np
 
 from echelon.base.matrix import BaseMatrix
 from echelon.base.numeric_ranks import numeric_ranks
+from echelon.base.spectrum import Spectrum
 from echelon.base.stated_values import stated_structure
 from echelon.errors import DegenerateSampleError, InputError, SingularPoseError
 from echelon.exact.field import ARRAY_BITS, DEFAULT_SEED, PrimeField, random_generator
@@ -24,7 +25,7 @@ from echelon.mechanism.mechanism import Mechanism, Reading, Snap
 from echelon.mechanism.stated import StatedValues, stated_values
 from echelon.regressor.linear_forms import LinearForms
 from echelon.regressor.loops.assembly import Assembled
-from echelon.regressor.loops.closing import assembled, locked_joints, nearly_free
+from echelon.regressor.loops.closing import assembled, locked_joints
 from echelon.regressor.loops.coordinates import split_balls
 
 ROUNDING = 1e-9
@@ -75,9 +76,15 @@ def report_reading(
     rng: np.random.Generator,
     recorded: LinearForms | None = None,
     matrix: BaseMatrix | None = None,
+    spectrum: Spectrum | None = None,
 ) -> ReadingReport:
-    """The numbers that were snapped, and the rank of the literal reading of the mechanism's file."""
+    """The numbers that were snapped, and the rank of the literal reading of the mechanism's file.
+
+    Of loops the spectrum says what rounding of lengths and directions makes.
+    """
     report = _compared(mechanism, rank, rng, recorded, matrix)
+    if spectrum is not None and spectrum.note:
+        report = replace(report, notes=(*report.notes, spectrum.note), literal_rank=spectrum.literal)
     return replace(report, doubt=_together(report.doubt, _locked_drives(mechanism)))
 
 
@@ -94,9 +101,10 @@ def _compared(
     mimics, moved = mimic_ranks(mechanism, rank, rng), assembled(mechanism) if mechanism.closures else None
     report = ReadingReport(snaps, notes, mimics=mimics, assembled=moved)
     coarse = [snap for snap in snaps if snap.difference > ROUNDING]
+    if mechanism.closures:
+        return report
     if reading is None or not coarse:  # to double precision, the numbers as they are read are those of the file
-        doubt = "" if mechanism.closures else _doubt(mechanism, recorded, rank, rank, matrix, mechanism)
-        return replace(report, doubt=doubt)
+        return replace(report, doubt=_doubt(mechanism, recorded, rank, rank, matrix, mechanism))
     try:
         literal = reading.literal()
         literal_rank = stated_structure(literal, rng).rank
@@ -107,9 +115,7 @@ def _compared(
         elements = list(dict.fromkeys(snap.element for snap in coarse))
         chosen = set(_decisive(reading, elements, rank, len(mechanism.bodies), rng))
     decisive = tuple(snap for snap in coarse if snap.element in chosen)
-    doubt = ""
-    if not mechanism.closures:  # of loops the spectrum itself was read
-        doubt = _doubt(mechanism, None, literal_rank, rank, matrix if literal_rank == rank else None, literal)
+    doubt = _doubt(mechanism, None, literal_rank, rank, matrix if literal_rank == rank else None, literal)
     return replace(report, literal_rank=literal_rank, decisive=decisive, doubt=doubt)
 
 
@@ -126,7 +132,7 @@ def mechanism_notes(mechanism: Mechanism) -> list[str]:
         notes.append(f"cannot move, because of {shown_loops(mechanism, locked[0])}: {in_quotes(locked, _MOST_NAMED)}")
     split = ", ".join(f"'{name}'" for name in split_balls(mechanism))
     what = "the loops leave part of a free rotation undetermined, such as the spin of a rod between two ball joints"
-    return [*nearly_free(mechanism), *notes, *([f"{what}: {split} is independent"] if split else [])]
+    return [*notes, *([f"{what}: {split} is independent"] if split else [])]
 
 
 def doubt_of_loops(mechanism: Mechanism) -> str:

@@ -40,6 +40,6 @@ def in_numbers(mechanism: Mechanism, independent: Independent, order: Sequence[i
                     stated.add(column)
                 rows[pivot][column] = RationalFunction(number)
     at = value_texts(mechanism, all_symbols(mechanism))
-    numbers = StatedNumbers(tuple(sorted(stated)), at, radius) if stated else None
+    numbers = StatedNumbers(tuple(sorted(stated)), at, radius, bool(independent.error)) if stated else None
     ordered = tuple(dict(sorted(rows[pivot].items())) for pivot in found.pivots)
     return BaseMatrix(mechanism.parameters, found.pivots, ordered, tuple(order), numbers)

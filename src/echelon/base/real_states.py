@@ -105,11 +105,14 @@ class RealStates:
         """
         poses, motions = self._shared(rows, self.loops.motions)
         known = self.loops.next_to(like.loops.known_poses(0, poses))
-        with flint.ctx.workprec(bits):
-            rng = random_generator(DEFAULT_SEED)
-            table = ball_rows(self.rows.forms, {}, poses * motions, rng, motions, poses=known)
-            found = eliminated(table, bits, self.rows.auxiliary, self.units)
-        return [] if found is None else sorted(found.shown, reverse=True)
+        for precision in (bits, *(more for more in _BITS if more > bits)):
+            with flint.ctx.workprec(precision):
+                rng = random_generator(DEFAULT_SEED)
+                table = ball_rows(self.rows.forms, {}, poses * motions, rng, motions, poses=known)
+                found = eliminated(table, precision, self.rows.auxiliary, self.units)
+            if found is not None:
+                return sorted(found.shown, reverse=True)
+        raise SingularPoseError(f"{_BITS[-1]} bits do not tell how much is due to rounding of {self.mechanism.name}")
 
     def _independent(self, at: Mapping[str, str], bits: int, most: int, wanted: int) -> tuple[Independent | None, int]:
         """Independent columns, if the precision tells, and how many rows beyond the surplus it took.

@@ -33,6 +33,8 @@ _DRAWS = 3
 """Random changes: by one of them a value may change little by chance."""
 _CHANGES = 0.1
 """Relative change, for a change of numbers by a whole last decimal, from which on rounding makes a value."""
+_MOST_NAMED = 6
+"""Numbers that a doubt names one by one."""
 _SURPLUS = 20
 """Rows beyond the rank in which values are compared."""
 _VANISHED = -1e3
@@ -116,11 +118,16 @@ def spectrum_of(mechanism: Mechanism, states: RealStates, columns: Sequence[int]
     firm[first:] = _changes(mechanism, states, columns, found)[first:] < _CHANGES
     if firm.all():
         return Spectrum(shown, count, inf, (count,))
+    falls = np.divide(shown, [*shown[1:], 0.0], out=np.full(count, inf), where=np.array([*shown[1:], 0.0]) > 0)
     intended = int(firm.argmin())
-    fall = shown[intended - 1] / shown[intended] if intended and shown[intended] else inf
-    clear = fall >= _CLEAR and not firm[intended:].any()
-    counts = (intended,) if clear else tuple(sorted({intended, int(firm.sum()), count}))
-    return Spectrum(shown, intended, fall, counts)
+    fall = float(falls[intended - 1]) if intended else inf
+    # what is as small as the last decimals changes as a whole, made by rounding or not: a wider gap may follow
+    widest = intended + int(falls[intended:-1].argmax()) + 1 if intended + 1 < count else intended
+    clear = fall >= max(_CLEAR, float(falls[widest - 1])) and not firm[intended:].any()
+    if clear:
+        return Spectrum(shown, intended, fall, (intended,))
+    few = range(intended, count + 1) if count - intended < _MOST_NAMED else (intended, widest, int(firm.sum()), count)
+    return Spectrum(shown, intended, fall, tuple(sorted({*few})))
 
 
 def _changes(mechanism: Mechanism, states: RealStates, columns: Sequence[int], found: Independent) -> Floats:

@@ -231,7 +231,7 @@ class Additions:
         closures = (*self.mechanism.closures, *self._closures())
         if not closures:
             problem = "there are no loops, so no coordinate depends on others through them"
-            for key in ("independent", "assembly"):
+            for key in ("independent", "assembly", "rounding"):
                 if key in self.robot.model_fields_set:
                     raise self.expressions.error(key, problem)
             return self.mechanism
@@ -240,7 +240,9 @@ class Additions:
         assembly = {**self.mechanism.assembly, **self._assembly()}
         symbols = {**self.mechanism.symbols, **self.expressions.named}
         opened = replace(self.mechanism, closures=closures, independent=(), assembly=assembly, symbols=symbols)
-        if self.robot.robot is None and not self.robot.symbols:  # what has a name is as it is stated
+        if self.robot.rounding:
+            opened = replace(opened, rounding=self.robot.rounding)
+        elif self.robot.robot is None and not self.robot.symbols:  # what has a name is as it is stated
             opened = replace(opened, rounding=rounding_of_mechanism(opened))
         from echelon.regressor.loops.closing import close  # robots without loops load without it
 

@@ -225,26 +225,3 @@ def locked_joints(mechanism: Mechanism) -> tuple[str, ...]:
     locked = {motion.name for motion in mechanism.free_motions if moving.isdisjoint(motion.velocities)}
     followers = {c.coordinate for c in mechanism.couplings if locked.issuperset(name for name, _ in c.terms)}
     return tuple(motion.name for motion in mechanism.motions if motion.name in locked | followers)
-
-
-def nearly_free(mechanism: Mechanism) -> list[str]:
-    """What is said of motions that the loops nearly allow; nothing where symbols have no values."""
-    if not has_values(mechanism):
-        return []
-    assembly = Assembly(mechanism)
-    here = assembly.singular_values(assembly.pose[None])
-    if not (here[here > RANK_TOLERANCE] < NEARLY_FREE).any():
-        return []
-    states, _, _ = assembly.random_closed_states(random_generator(DEFAULT_SEED), _STATES, _NEAR)
-    sizes = np.vstack([here, assembly.singular_values(states)]).max(axis=0)
-    near = sizes[(sizes > RANK_TOLERANCE) & (sizes < NEARLY_FREE)]
-    if not near.size:
-        return []
-    freedoms, (coordinate, closure, _) = len(mechanism.independent_velocities), assembly.easiest(states[-1])
-    more = "a motion" if len(near) == 1 else f"{len(near)} motions"
-    return [
-        f"{shown_loops(mechanism)} nearly allow {more} (singular value {near.max():.1g} of their "
-        f"equations): that of '{coordinate}' is stopped by closure '{closure}'.  If rounding has locked "
-        f"it, the mechanism is meant to have {freedoms + len(near)} degrees of freedom instead of {freedoms}: write "
-        "directions and angles as expressions such as pi/3, lengths exactly"
-    ]
