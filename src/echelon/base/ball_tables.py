@@ -47,14 +47,19 @@ def combinations_of(
     if not pivots:
         return table[:0, others], table[:most, others]
     square, further = independent_rows(table[:, pivots])
-    chosen = table[np.ix_(square, pivots)]
+    solution = solved(table, square, pivots, others)
+    return None if solution is None else (solution, left_of(table[further[:most]], pivots, others, solution))
+
+
+def solved(table: Balls, rows: Sequence[int], pivots: Sequence[int], others: Sequence[int]) -> Balls | None:
+    """Columns as combinations of as many others as there are rows, by these; None if precision does not show them."""
+    square = _matrix(table[np.ix_(rows, pivots)])
     try:
         if not others:  # FLINT solves for nothing without a look
-            _matrix(chosen).solve(_matrix(chosen[:, :1]))
-        solution = _array(_matrix(chosen).solve(_matrix(table[np.ix_(square, others)])))
+            square.solve(_matrix(table[np.ix_(rows, pivots[:1])]))
+        return _array(square.solve(_matrix(table[np.ix_(rows, others)])))
     except ZeroDivisionError:
         return None
-    return solution, left_of(table[further[:most]], pivots, others, solution)
 
 
 def left_of(table: Balls, pivots: Sequence[int], others: Sequence[int], solution: Balls) -> Balls:

@@ -17,12 +17,10 @@ import flint
 import numpy as np
 
 from echelon.arrays import Floats, Integers, independent_columns, pivoted_qr
-from echelon.base.ball_tables import Balls, combinations_of, doubles, left_of, solved_for, vanishes
+from echelon.base.ball_tables import Balls, doubles, left_of, solved, solved_for, vanishes
 
 _FIRM = (1e-6, 1e-4, 1e-2)
 """Share of the largest pivot above which doubles show a column to be independent; more where balls deny it."""
-_CHECKED = 40
-"""Rows, beyond those that are solved, in which what is left of columns has to vanish."""
 _SMALLEST = 1e-3
 """Share of the largest column, in comparable units, below which a column is not made as large."""
 _FAINT = 1e-2
@@ -165,36 +163,53 @@ def eliminated(table: Balls, bits: int, auxiliary: int = 0, units: Sequence[floa
     columns are comparable, those that hold little beside others are not taken for as large: rounding may have made it.
     """
     table, sizes = _scaled(table, units)
-    pivots = list(range(auxiliary))
-    left = list(range(auxiliary, table.shape[1]))
-    shown = list[float]()
-    solved = combinations_of(table, pivots, left)
-    while solved is not None:
-        solution, rest = solved
+    pivots, rows, shown = list[int](), list[int](), list[float]()
+    left = list(range(table.shape[1]))
+    first = list(range(auxiliary))
+    state = _with_more(table, table, pivots, rows, first) if first else (table[:0], table)
+    if first:
+        pivots, left = first, left[auxiliary:]
+    while state is not None:
+        solution, rest = state
         verdicts = {vanishes(x, bits) for x in rest.flat}
         if verdicts <= {True}:
             return _independent(table, pivots, shown, left, solution, sizes, auxiliary, bits)
         if False not in verdicts:
             return None
-        new, sizes_of_new, solved = _with_more(table, rest, pivots, left)
-        shown += sizes_of_new
-        pivots += new
-        left = [column for column in left if column not in new]
+        lengths, ranked, size = _most_independent(rest)
+        state = None
+        for firm in _FIRM:
+            count = int((lengths > firm * lengths[0]).sum())
+            new = [left[k] for k in ranked[:count]]
+            state = _with_more(table, rest, pivots, rows, new)
+            if state is not None:
+                shown += [float(length * size) for length in lengths[:count]]
+                pivots = [*pivots, *new]
+                left = [column for column in left if column not in set(new)]
+                break
     return None
 
 
 def _with_more(
-    table: Balls, rest: Balls, pivots: Sequence[int], left: Sequence[int]
-) -> tuple[list[int], list[float], tuple[Balls, Balls] | None]:
-    """Further pivots, what each shows, and the other columns as combinations of all pivots; None if none is firm."""
-    lengths, ranked, size = _most_independent(rest)
-    for firm in _FIRM:
-        count = int((lengths > firm * lengths[0]).sum())
-        new = [left[k] for k in ranked[:count]]
-        solved = combinations_of(table, [*pivots, *new], [column for column in left if column not in new], _CHECKED)
-        if solved is not None:
-            return new, [float(length * size) for length in lengths[:count]], solved
-    return [], [], None
+    table: Balls, rest: Balls, pivots: list[int], rows: list[int], new: list[int]
+) -> tuple[Balls, Balls] | None:
+    """The other columns as combinations of old and new pivots, and what is left of them in the rows that are unused.
+
+    Rows in which the new pivots are most independent are used beside the old ones, and added to them.  None if the
+    precision does not show that.
+    """
+    left = [column for column in range(table.shape[1]) if column not in set(pivots)]
+    unused = [row for row in range(len(table)) if row not in set(rows)]
+    places = [left.index(column) for column in new]
+    chosen = [unused[k] for k in pivoted_qr(doubles(rest[:, places] / _largest(rest[:, places])).T)[1][: len(new)]]
+    used, solved_by = [*rows, *chosen], [*pivots, *new]
+    others = [column for column in left if column not in set(new)]
+    solution = solved(table, used, solved_by, others)
+    if solution is None:
+        return None
+    rows[:] = used
+    remaining = [row for row in unused if row not in set(chosen)]
+    return solution, left_of(table[remaining], solved_by, others, solution)
 
 
 def _independent(
@@ -223,9 +238,14 @@ def _independent(
 
 def _most_independent(rest: Balls) -> tuple[Floats, Integers, float]:
     """Pivots and order of a QR factorisation in doubles, of a table divided by its largest entry, and that entry."""
-    largest = max((abs(x).mid() for x in rest.flat), default=flint.arb(0))
+    largest = _largest(rest)
     sizes, order = pivoted_qr(doubles(rest / largest))
     return sizes, order, float(largest)
+
+
+def _largest(table: Balls) -> Any:
+    """The largest entry of a table that does not vanish."""
+    return max((abs(x).mid() for x in table.flat), default=flint.arb(1))
 
 
 def _scaled(table: Balls, units: Sequence[float] | None = None) -> tuple[Balls, Balls]:

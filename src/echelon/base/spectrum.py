@@ -33,6 +33,8 @@ _DRAWS = 3
 """Random changes: by one of them a value may change little by chance."""
 _CHANGES = 0.1
 """Relative change, for a change of numbers by a whole last decimal, from which on rounding makes a value."""
+_WIDE = 1e4
+"""Fall that is clear whatever follows: squares of the last decimals leave gaps behind it, too."""
 _MOST_NAMED = 6
 """Numbers that a doubt names one by one."""
 _SURPLUS = 20
@@ -123,7 +125,7 @@ def spectrum_of(mechanism: Mechanism, states: RealStates, columns: Sequence[int]
     fall = float(falls[intended - 1]) if intended else inf
     # what is as small as the last decimals changes as a whole, made by rounding or not: a wider gap may follow
     widest = intended + int(falls[intended:-1].argmax()) + 1 if intended + 1 < count else intended
-    clear = fall >= max(_CLEAR, float(falls[widest - 1])) and not firm[intended:].any()
+    clear = fall >= min(_WIDE, max(_CLEAR, float(falls[widest - 1]))) and not firm[intended:].any()
     if clear:
         return Spectrum(shown, intended, fall, (intended,))
     few = range(intended, count + 1) if count - intended < _MOST_NAMED else (intended, widest, int(firm.sum()), count)
