@@ -156,14 +156,30 @@ def _too_late(basis: Balls, chosen: Sequence[int], order: Sequence[int], bits: i
     return None
 
 
-def eliminated(table: Balls, bits: int, auxiliary: int = 0, units: Sequence[float] | None = None) -> Independent | None:
+def sizes_shown(table: Balls, bits: int, auxiliary: int, units: Sequence[float] | None) -> list[float]:
+    """How much each independent column shows beside those before, descending, as far as the precision tells."""
+    shown = list[float]()
+    eliminated(table, bits, auxiliary, units, shown)
+    ranked = sorted(shown, reverse=True)
+    return [size / ranked[0] for size in ranked] if ranked and ranked[0] else ranked
+
+
+def eliminated(
+    table: Balls,
+    bits: int,
+    auxiliary: int = 0,
+    units: Sequence[float] | None = None,
+    shown: list[float] | None = None,
+) -> Independent | None:
     """Independent columns of a table of balls; auxiliary columns, which come first, are taken to be independent.
 
     None if the precision does not tell.  The auxiliary columns are left out of the result.  With units in which the
     columns are comparable, those that hold little beside others are not taken for as large: rounding may have made it.
+    What every pivot shows is added to ``shown``.
     """
     table, sizes = _scaled(table, units)
-    pivots, rows, shown = list[int](), list[int](), list[float]()
+    pivots, rows = list[int](), list[int]()
+    shown = [] if shown is None else shown
     left = list(range(table.shape[1]))
     first = list(range(auxiliary))
     state = _with_more(table, table, pivots, rows, first) if first else (table[:0], table)
@@ -183,7 +199,8 @@ def eliminated(table: Balls, bits: int, auxiliary: int = 0, units: Sequence[floa
             new = [left[k] for k in ranked[:count]]
             state = _with_more(table, rest, pivots, rows, new)
             if state is not None:
-                shown += [float(length * size) for length in lengths[:count]]
+                values = np.linalg.svd(_as_doubles(rest), compute_uv=False)
+                shown += [float(value * size) for value in values[:count]]
                 pivots = [*pivots, *new]
                 left = [column for column in left if column not in set(new)]
                 break
@@ -201,7 +218,7 @@ def _with_more(
     left = [column for column in range(table.shape[1]) if column not in set(pivots)]
     unused = [row for row in range(len(table)) if row not in set(rows)]
     places = [left.index(column) for column in new]
-    chosen = [unused[k] for k in pivoted_qr(doubles(rest[:, places] / _largest(rest[:, places])).T)[1][: len(new)]]
+    chosen = [unused[k] for k in pivoted_qr(_as_doubles(rest[:, places]).T)[1][: len(new)]]
     used, solved_by = [*rows, *chosen], [*pivots, *new]
     others = [column for column in left if column not in set(new)]
     solution = solved(table, used, solved_by, others)
@@ -238,9 +255,13 @@ def _independent(
 
 def _most_independent(rest: Balls) -> tuple[Floats, Integers, float]:
     """Pivots and order of a QR factorisation in doubles, of a table divided by its largest entry, and that entry."""
-    largest = _largest(rest)
-    sizes, order = pivoted_qr(doubles(rest / largest))
-    return sizes, order, float(largest)
+    sizes, order = pivoted_qr(_as_doubles(rest))
+    return sizes, order, float(_largest(rest))
+
+
+def _as_doubles(table: Balls) -> Floats:
+    """A table divided by its largest entry, in doubles."""
+    return doubles(table / _largest(table))
 
 
 def _largest(table: Balls) -> Any:

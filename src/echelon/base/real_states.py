@@ -19,7 +19,7 @@ import numpy as np
 
 from echelon.base.ball_rows import ball_rows, rows_at_values
 from echelon.base.ball_tables import Balls, combinations_of, exact_number, vanishes
-from echelon.base.elimination import Independent, eliminated
+from echelon.base.elimination import Independent, eliminated, sizes_shown
 from echelon.errors import DegenerateSampleError, InputError, SingularPoseError
 from echelon.exact.field import DEFAULT_SEED, Geometry, PrimeField, Residues, random_generator
 from echelon.exact.polynomial import Number
@@ -105,14 +105,10 @@ class RealStates:
         """
         poses, motions = self._shared(rows, self.loops.motions)
         known = self.loops.next_to(like.loops.known_poses(0, poses))
-        for precision in (bits, *(more for more in _BITS if more > bits)):
-            with flint.ctx.workprec(precision):
-                rng = random_generator(DEFAULT_SEED)
-                table = ball_rows(self.rows.forms, {}, poses * motions, rng, motions, poses=known)
-                found = eliminated(table, precision, self.rows.auxiliary, self.units)
-            if found is not None:
-                return sorted(found.shown, reverse=True)
-        raise SingularPoseError(f"{_BITS[-1]} bits do not tell how much is due to rounding of {self.mechanism.name}")
+        with flint.ctx.workprec(bits):
+            rng = random_generator(DEFAULT_SEED)
+            table = ball_rows(self.rows.forms, {}, poses * motions, rng, motions, poses=known)
+            return sizes_shown(table, bits, self.rows.auxiliary, self.units)
 
     def _independent(self, at: Mapping[str, str], bits: int, most: int, wanted: int) -> tuple[Independent | None, int]:
         """Independent columns, if the precision tells, and how many rows beyond the surplus it took.

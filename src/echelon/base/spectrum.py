@@ -27,6 +27,8 @@ from echelon.regressor.linear_forms import rows_of
 
 EXPLAINED = 10_000.0
 """Times the last decimal, as a share of the largest singular value: what rounding of all numbers may make at most."""
+_MOST = 0.05
+"""Share of the largest singular value above which nothing is taken for rounding, however coarse the file is."""
 _PART = Fraction(1, 10_000)
 """Part of the last decimal by which numbers are changed."""
 _DRAWS = 3
@@ -39,8 +41,6 @@ _MOST_NAMED = 6
 """Numbers that a doubt names one by one."""
 _SURPLUS = 20
 """Rows beyond the rank in which values are compared."""
-_VANISHED = -1e3
-"""Logarithm that stands for a value that is not found again."""
 _CLEAR = 10.0
 """Fall of the spectrum behind the last value that does not change, from which on the gap is clear."""
 
@@ -113,7 +113,8 @@ def spectrum_of(mechanism: Mechanism, states: RealStates, columns: Sequence[int]
     """Read the spectrum of some columns of a mechanism with loops."""
     shown = tuple(sorted(found.shown, reverse=True))
     count = len(shown)
-    first = next((k for k, size in enumerate(shown) if size <= EXPLAINED * mechanism.rounding), count)
+    most = min(_MOST, EXPLAINED * mechanism.rounding)
+    first = next((k for k, size in enumerate(shown) if size <= most), count)
     if not mechanism.rounding or first == count:
         return Spectrum(shown, count, inf, (count,))
     firm = np.arange(count) < first
@@ -129,7 +130,8 @@ def spectrum_of(mechanism: Mechanism, states: RealStates, columns: Sequence[int]
     if clear:
         return Spectrum(shown, intended, fall, (intended,))
     few = range(intended, count + 1) if count - intended < _MOST_NAMED else (intended, widest, int(firm.sum()), count)
-    return Spectrum(shown, intended, fall, tuple(sorted({*few})))
+    likely = int(firm.sum())
+    return Spectrum(shown, likely, float(falls[likely - 1]) if likely else inf, tuple(sorted({*few})))
 
 
 def _changes(mechanism: Mechanism, states: RealStates, columns: Sequence[int], found: Independent) -> Floats:
@@ -141,8 +143,8 @@ def _changes(mechanism: Mechanism, states: RealStates, columns: Sequence[int], f
     for _ in range(_DRAWS):
         other = nudged(mechanism, amount, length, rng)
         near = RealStates(rows_of(other).columns(columns), states.units)
-        largest = np.maximum(largest, np.abs(_logs(near, states, found) - before))
-    return np.asarray(largest / float(_PART))
+        largest = np.maximum(largest, np.abs(_logs(near, states, found) - before))  # not a number where one is lost
+    return np.asarray(np.nan_to_num(largest, nan=inf) / float(_PART))
 
 
 def _logs(states: RealStates, like: RealStates, found: Independent) -> Floats:
@@ -150,4 +152,4 @@ def _logs(states: RealStates, like: RealStates, found: Independent) -> Floats:
     count = len(found.shown)
     sizes = states.sizes(like, count + _SURPLUS, found.bits)
     padded = [*sizes, *[0.0] * count][:count]
-    return np.array([log(size) if size > 0 else _VANISHED for size in padded])
+    return np.array([log(size) if size > 0 else np.nan for size in padded])
