@@ -37,11 +37,13 @@ _CHANGES = 0.1
 """Relative change, for a change of numbers by a whole last decimal, from which on rounding makes a value."""
 _WIDE = 1e4
 """Fall that is clear whatever follows: squares of the last decimals leave gaps behind it, too."""
-_MOST_NAMED = 6
+_HIDDEN = 1e-3
+"""Times the last decimal: values down to this one may be true beside others that rounding makes."""
+_MOST_NAMED = 12
 """Numbers that a doubt names one by one."""
 _SURPLUS = 20
 """Rows beyond the rank in which values are compared."""
-_CLEAR = 10.0
+_CLEAR = 100.0
 """Fall of the spectrum behind the last value that does not change, from which on the gap is clear."""
 
 
@@ -76,7 +78,9 @@ class Spectrum:
         """What speaks against the intended number; empty if it is clear."""
         if len(self.counts) < 2:
             return ""
-        named = " or ".join(map(str, self.counts))
+        named = f"{self.counts[0]} to {self.counts[-1]}"
+        if len(self.counts) <= _MOST_NAMED:
+            named = f"{', '.join(map(str, self.counts[:-1]))} or {self.counts[-1]}"
         return (
             f"{named} base parameters: the file's last decimals do not tell, as what rounding may show "
             f"({self._size(min(self.counts))} of what others do, and less) is as large as what is meant; state the "
@@ -129,9 +133,11 @@ def spectrum_of(mechanism: Mechanism, states: RealStates, columns: Sequence[int]
     clear = fall >= min(_WIDE, max(_CLEAR, float(falls[widest - 1]))) and not firm[intended:].any()
     if clear:
         return Spectrum(shown, intended, fall, (intended,))
-    few = range(intended, count + 1) if count - intended < _MOST_NAMED else (intended, widest, int(firm.sum()), count)
+    # true values as small as the last decimals hide among those that rounding makes
+    hidden = int((np.array(shown) > _HIDDEN * mechanism.rounding).sum())
     likely = int(firm.sum())
-    return Spectrum(shown, likely, float(falls[likely - 1]) if likely else inf, tuple(sorted({*few})))
+    possible = {*range(intended, hidden + 1), intended, likely, widest, count}
+    return Spectrum(shown, likely, float(falls[likely - 1]) if likely else inf, tuple(sorted(possible)))
 
 
 def _changes(mechanism: Mechanism, states: RealStates, columns: Sequence[int], found: Independent) -> Floats:
