@@ -36,14 +36,16 @@ _DRAWS = 3
 _CHANGES = 0.1
 """Relative change, for a change of numbers by a whole last decimal, from which on rounding makes a value."""
 _WIDE = 1e4
-"""Fall that is clear whatever follows: squares of the last decimals leave gaps behind it, too."""
+"""Fall that is clear whatever follows."""
+_BETWEEN = 1.5
+"""Power of the last decimals between what they make and what their squares make."""
 _HIDDEN = 1e-3
 """Times the last decimal: values down to this one may be true beside others that rounding makes."""
 _MOST_NAMED = 12
 """Numbers that a doubt names one by one."""
 _SURPLUS = 20
 """Rows beyond the rank in which values are compared."""
-_CLEAR = 100.0
+_CLEAR = 30.0
 """Fall of the spectrum behind the last value that does not change, from which on the gap is clear."""
 
 
@@ -128,8 +130,10 @@ def spectrum_of(mechanism: Mechanism, states: RealStates, columns: Sequence[int]
     falls = np.divide(shown, [*shown[1:], 0.0], out=np.full(count, inf), where=np.array([*shown[1:], 0.0]) > 0)
     intended = int(firm.argmin())
     fall = float(falls[intended - 1]) if intended else inf
-    # what is as small as the last decimals changes as a whole, made by rounding or not: a wider gap may follow
-    widest = intended + int(falls[intended:-1].argmax()) + 1 if intended + 1 < count else intended
+    # what is as small as the last decimals changes as a whole, made by rounding or not: a wider gap may follow.  Gaps
+    # towards what is made by squares of the last decimals mean nothing
+    made = max(intended + 1, int((np.array(shown) > mechanism.rounding**_BETWEEN).sum()))
+    widest = intended + int(falls[intended:made].argmax()) + 1 if intended < count - 1 else intended
     clear = fall >= min(_WIDE, max(_CLEAR, float(falls[widest - 1]))) and not firm[intended:].any()
     if clear:
         return Spectrum(shown, intended, fall, (intended,))
