@@ -1,4 +1,4 @@
-"""Check a saved set of base parameters with this file and Python: trees modulo random primes, loops in 130 digits.
+"""Check a saved set of base parameters with this file and Python: trees modulo random primes, loops in 150 digits.
 
     python echelon_verify.py set.json        exit codes: 0 valid, 1 NOT valid, 2 not readable, 3 not covered here
 The virtual work of what is measured is Σ m δx·(a − g).  A particle p of a body is at H (p, 1), which a displacement moves by
@@ -21,7 +21,7 @@ MOMENTS |= {"M" + a: {(i, 3): 2, (3, i): 2} for i, a in enumerate("XYZ")}
 POINT, AXIS, TURN = [(0, 3), (1, 3), (2, 3)], [(0, 2), (1, 2), (2, 2)], [(i, j) for i in range(3) for j in range(3)]
 CLOSURES = {"weld": TURN + POINT, "revolute": AXIS + POINT, "prismatic": TURN + POINT[:2], "cylindrical": AXIS + POINT[:2], "spherical":
             POINT, "planar": AXIS + POINT[2:], "universal": [(0, 1), *POINT], "point_on_axis": POINT[:2], "point_on_plane": POINT[2:]}
-DIGITS, HUGE, CLOSED, ZERO, LEFT, FALSE, SMALL, NEAR = 130, 10**20, *map(Decimal, "1e-110 1e-80 1e-60 1e-40 1e-6 0.1".split())
+DIGITS, HUGE, CLOSED, ZERO, LEFT, FALSE, SMALL, NEAR = 150, 10**20, *map(Decimal, ("1e-130", "1e-80", "1e-60", "1e-40", "1e-6", "0.1"))
 
 def fail(error): raise error
 def need(condition, problem): return condition or fail(AssertionError(problem))  # the set is not valid
@@ -31,9 +31,9 @@ def only(data, keys):  # one that is not known here may change what the others m
 def unique(pairs): return dict(pairs) if len(dict(pairs)) == len(pairs) else need(False, "a name stands twice")
 def kinds(body): return unique([(k, MOMENTS[k]) for k in ([] if body.get("massless") else body.get("parameters", MOMENTS))])
 def random_prime(n):  # of 81 bits, 1 modulo an even n; the strong test is a proof below 3.3e24 (Sorenson and Webster, 2015)
-    for p in (1 + n * RANDOM.randrange(2**80 // n + 1, 2**81 // n) for _ in iter(int, 1)):  # p − 1 is halved until it is odd
-        halves = [p >> k for k in range(1, (p - 1 & 1 - p).bit_length())]
-        if all(pow(a, halves[-1], p) == 1 or p - 1 in (pow(a, half, p) for half in halves) for a in PRIMES): return p
+    numbers = (1 + n * RANDOM.randrange(2**80 // n + 1, 2**81 // n) for _ in iter(int, 1))  # p − 1 is halved until it is odd
+    halved = ((p, [p >> k for k in range(1, (p - 1 & 1 - p).bit_length())]) for p in numbers)
+    return next(p for p, x in halved if all(pow(a, x[-1], p) == 1 or p - 1 in [pow(a, k, p) for k in x] for a in PRIMES))
 def cross(a, b): return [a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2] for i in range(3)]
 def bracket(a, b): return [*cross(a[:3], b[:3]), *map(add, cross(a[:3], b[3:]), cross(a[3:], b[:3]))]
 def work(h, f): return [*cross(h[:3], f[:3]), *(h[3] * x for x in f[:3])]  # tr(ξ h fᵀ) is linear in the twist ξ
@@ -233,11 +233,13 @@ class Linkage(Robot):
             if self.close({}, {*self.free}) < NEAR and self.close({}, self.dependent) < NEAR: return
         cover(False, "an assembly pose at which loops are not closed, or their ways of assembly may meet")
     def numbers(self, stated, at_values):
-        cover(stated.keys() == self.model.get("symbols", {}).keys(), "loops with symbols that have no values")
         near = {n: f"({text} + 7/3)*1.0001{RANDOM.randrange(10**20):020} - 7/3" for n, text in stated.items()}
         self.stated, self.leads, self.p, pi = stated if at_values else near, {}, *map(Decimal, ("Infinity", "3.14159265358979"))
         for _ in "1234": pi += self.cosine_sine((pi, 1))[1]
         self.known = {"pi": pi, **{f"sqrt({n})": Decimal(n).sqrt() for n in (2, 3, 6)}}
+        for n, t in [(n, (entry or {}).get("tangent_squared")) for n, entry in self.model.get("symbols", {}).items() if n not in stated]:
+            cover(t, "loops with symbols that have no values")
+            self.known |= {f"{part}({n})": self.read(f"{x}/(1 + {t})").sqrt() for part, x in (("cos", "1"), ("sin", f"({t})"))}
         texts = json.dumps(self.model | {"poses": 0, "bodies": [body["joint"] for body in self.model["bodies"]]})
         cover(not re.search(r'[0-9.]e[-+]?[2-9]|\.0{19}|"name": "qd?d?"', texts), "numbers of such sizes, or joints called q, qd or qdd")
     def random(self): return Decimal(RANDOM.randrange(-(10**30), 10**30)) / 10**30
@@ -261,11 +263,9 @@ class Linkage(Robot):
             H, L = self.times(H, self.frame(loop["at"])), self.times(L, self.frame(loop["on_second"]))
             apart = {x: self.plus(two.get(x, [0] * 6), -1, one.get(x, [0] * 6)) for x in one | two}
             D, A = matrix(apart["qd"]), matrix(self.plus(apart.pop("qdd"), 1, bracket(apart.pop("qd"), two["qd"])))
-            parts = zip(ONE, A, self.times(D, D), strict=True)  # C = H⁻¹ L has Ċ = H⁻¹ D L and C̈ = H⁻¹ (A + D D) L
-            N = self.times([self.plus(self.plus(a, 1, b), 1, c) for a, b, c in parts], L)
-            for i, j in CLOSURES[loop["joint"]]:  # these entries of C are those of the unit matrix
-                f, miss = [row[i] for row in H[:3]], [row[j] - L[3][j] * h[3] for row, h in zip(N, H, strict=True)]
-                way = work([row[j] for row in L], f)
+            N = self.times([self.plus(self.plus(a, 1, b), 1, c) for a, b, c in zip(ONE, A, self.times(D, D), strict=True)], L)
+            for i, j in CLOSURES[loop["joint"]]:  # entries of C = H⁻¹ L, where C̈ = H⁻¹ (A + D D) L, as in the unit matrix
+                way, miss = work([row[j] for row in L], f := [row[i] for row in H[:3]]), [N[k][j] - L[3][j] * H[k][3] for k in range(3)]
                 rows.append({x: sum(map(mul, way, twist)) for x, twist in apart.items()} | {None: sum(map(mul, f, miss)) - ONE[i][j]})
         for _ in self.dependent:  # the largest entry leads
             least, n, k = max(((abs(row[k]), n, k) for n, row in enumerate(rows) for k in row.keys() & columns), default=(0, 0, 0))
@@ -274,8 +274,8 @@ class Linkage(Robot):
             rows = [self.remains(row, {k: leads[k]}) for row in rows]
         return {k: self.remains({k: 1}, leads) for k in leads}, least, max(abs(x) for row in rows for x in row.values())
     def close(self, step, columns):  # after a step, by Newton's method; how far that moves coordinates
-        far, size, self.moves = 0, 1, self.alone
-        while size > CLOSED and far < 1:
+        sizes, self.moves = [1], self.alone
+        while sizes[-1] > CLOSED and sum(sizes) < 2 and len(sizes) < 99:
             self.q = {x: q + step.get(x, 0) for x, q in self.q.items()}
             for name, (w, *e) in self.balls.items():
                 d = [Decimal(step.get(f"{name}.{x}", 0)) / 2 for x in "xyz"]  # times the quaternion (1, d) of a small turn
@@ -283,10 +283,10 @@ class Linkage(Robot):
             self.angles |= {("joint", x): q / self.part for x, q in self.q.items()}
             self.known |= {f"q[{n}]": sum(r * self.q[x] for x, r in of.items()) for n, of in self.rates.items() if of.keys() <= {*self.q}}
             self.leads, least, left = self.loops(columns)
-            size = max(map(abs, (step := {x: row.get(None, 0) for x, row in self.leads.items()}).values()), default=0)
-            far += size
-        cover(least < SMALL or far >= 1 or left < LEFT, "loops that do not close in 60 digits, or tie or free what is independent")
-        return far if least > SMALL else 1
+            sizes.append(max(map(abs, (step := {x: row.get(None, 0) for x, row in self.leads.items()}).values()), default=0))
+        if least < SMALL or sizes[-1] > CLOSED: return 1  # ways of assembly may meet, or it is none
+        cover(left < LEFT, "loops that do not close in 60 digits, or that do not determine what follows or is measured")
+        return sum(sizes[1:])
     def walk(self):  # a step that is so short that Newton's method then moves coordinates by less than a tenth of it
         size, here, far = Decimal("0.6"), (self.q, self.balls, self.leads), 1
         while far >= size / 10:
