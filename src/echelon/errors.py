@@ -93,18 +93,6 @@ class SingularPoseError(EchelonError):
     """A pose of a mechanism with loops from which no curve of closed poses goes on."""
 
 
-class ShakyPoseError(SingularPoseError):
-    """Poses at which velocities are possible that no motion goes on with."""
-
-
-class BrokenRelationsError(InputError):
-    """Relations between stated numbers, such as parallel axes, hold to rounding only, and a rank depends on them."""
-
-
-class OtherModeError(EchelonError):
-    """No assembly mode that was found is the one of the stated pose."""
-
-
 class ClosedFormError(EchelonError):
     """No closed form was found within the budget, and no stated values give numbers; the rank is not affected."""
 

@@ -15,12 +15,14 @@ from echelon.errors import DegenerateSampleError, InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.exact.polynomial import Surd, generator_values, parts_of
 from echelon.mechanism.closed_pose import shown_loops
-from echelon.mechanism.stated import symbol_roles
+from echelon.mechanism.stated import named_symbols, symbol_roles
 from echelon.program.arithmetics import BallArithmetic, ball, stated_ball
 from echelon.program.free_states import count_of
 from echelon.program.operations import Op
-from echelon.program.schedule import Schedule, is_angle
+from echelon.program.schedule import StagedSchedule, is_angle
+from echelon.program.tape import Program
 from echelon.regressor.linear_forms import LinearForms
+from echelon.regressor.loops.closed_balls import closed_states
 
 _MOST_LOST = 0.5
 """Share of states at which entries may have no value, as on a pole or beyond a domain that depends on symbols."""
@@ -112,7 +114,8 @@ class ClosedStates:
     @property
     def symbols(self) -> list[str]:
         """Symbols that the rows or the closing of the loops depend on, sorted."""
-        return _symbols(self.forms, (*self.forms.schedule.leaves, *self.loops.closing.leaves))
+        constants = (*self.forms.schedule.constants.leaves, *self.loops.closing.constants.leaves)
+        return sorted({*_symbols(self.forms.program, constants)} & named_symbols(self.mechanism))
 
     @property
     def angles(self) -> frozenset[str]:
@@ -136,7 +139,7 @@ class ClosedStates:
 
     def known(self, at: Sequence[Mapping[str, str]], first: int, poses: int, rng: Any, motions: int) -> list[Balls]:
         """Entries at motions through known closed poses, or those next to them at other values of the symbols."""
-        closed = self.loops.closed(at, self.loops.known_poses(first, poses))
+        closed = closed_states(self.loops, at, self.loops.known_poses(first, poses))
         table = _entries(self.forms, closed.leaves(self.forms.schedule, rng, motions), len(at) * poses * motions)
         split = table.reshape(motions, len(at), poses, *self.forms.shape)
         return [_table(split[:, k].reshape(-1, *self.forms.shape)) for k in range(len(at))]
@@ -163,14 +166,14 @@ class FreeStates:
     @property
     def symbols(self) -> list[str]:
         """Symbols that the rows depend on, sorted."""
-        return _symbols(self.forms, self.forms.schedule.leaves)
+        return _symbols(self.points.program, self.points.rows.leaves)
 
     @property
     def angles(self) -> frozenset[str]:
         """Symbols that are added to angles, and occur in no other way."""
-        nodes = list(self.forms.entries.values())
-        inputs = self.forms.program.inputs
-        return frozenset(inputs[n].name for n in self.forms.schedule.leaves if is_angle(self.forms.program, nodes, n))
+        program, nodes = self.points.program, self.points.outputs
+        inputs = {n: program.inputs[n].name for n in self.points.rows.leaves if n in program.inputs}
+        return frozenset(name for n, name in inputs.items() if is_angle(program, nodes, n))
 
     @cached_property
     def span(self) -> int:
@@ -185,7 +188,7 @@ class FreeStates:
     @property
     def size(self) -> int:
         """Operations that one state takes."""
-        return self.forms.schedule.size
+        return self.points.rows.size
 
     def known(self, at: Sequence[Mapping[str, str]], first: int, poses: int, _: Any, __: int) -> list[Balls]:
         """Entries at known states, without those at which some have no value."""
@@ -212,16 +215,17 @@ def ball_rows(
     motions: int = 1,
     *,
     at_rest: bool = False,
+    poses: Floats | None = None,
 ) -> Balls:
     """Entries of forms at fresh random states, in all regions of signs.
 
-    With loops these are some motions, perhaps from rest, through each of some random poses.
+    With loops these are some motions, perhaps from rest, through each of some random poses, or of the given ones in
+    double precision.
     """
-    schedule = forms.schedule
     if forms.loops is None:
         return _with_values(_free_entries(forms, forms.points.draw(rng, states), [at]))
-    poses = forms.loops.poses(rng, -(-states // motions))
-    leaves = forms.loops.closed([at], poses).leaves(schedule, rng, motions, at_rest=at_rest)
+    poses = forms.loops.poses(rng, -(-states // motions)) if poses is None else poses
+    leaves = closed_states(forms.loops, [at], poses).leaves(forms.schedule, rng, motions, at_rest=at_rest)
     return _table(_entries(forms, leaves, len(poses) * motions))
 
 
@@ -249,8 +253,9 @@ def bits_of_span(forms: LinearForms, at: Mapping[str, str], rng: np.random.Gener
             schedule, drawn = forms.points.schedule(nodes), forms.points.draw(rng, forms.points.count)
             leaves, states = forms.points.leaves(schedule.leaves, drawn, [at]), count_of(drawn)
         else:
-            schedule, states = Schedule(program, nodes), 1
-            leaves = forms.loops.closed([at], forms.loops.poses(rng, 1)).leaves(schedule, rng)
+            staged, states = StagedSchedule(program, nodes), 1
+            leaves = closed_states(forms.loops, [at], forms.loops.poses(rng, 1)).leaves(staged, rng)
+            schedule = staged.moving
         values = schedule.run(BallArithmetic(), leaves, states)
     exponents = [exponent(x.abs_lower()) for x in values.flat if x.is_finite() and not x.contains(0)]
     span = max(0, max(exponents, default=0) - min(exponents, default=0) - _USUAL_SPAN)
@@ -259,8 +264,8 @@ def bits_of_span(forms: LinearForms, at: Mapping[str, str], rng: np.random.Gener
     return 4 * span
 
 
-def _symbols(forms: LinearForms, leaves: Iterable[int]) -> list[str]:
-    used = [forms.program.inputs[node] for node in {*leaves}]
+def _symbols(program: Program, leaves: Iterable[int]) -> list[str]:
+    used = [program.inputs[node] for node in {*leaves} & program.inputs.keys()]
     return sorted({given.name for given in used if given.role == "symbol"})
 
 
@@ -273,7 +278,7 @@ def _free_entries(forms: LinearForms, states: Mapping[int, Floats], at: Sequence
 
 def _entries(forms: LinearForms, leaves: Mapping[int, Balls], states: int) -> Balls:
     """All entries at some states, (states, rows, columns)."""
-    return _placed(forms, forms.schedule.run(BallArithmetic(), leaves, states))
+    return _placed(forms, forms.schedule.moving.run(BallArithmetic(), leaves, states))
 
 
 def _placed(forms: LinearForms, values: Balls) -> Balls:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from fractions import Fraction
+from math import floor, log10
 from typing import Any
 
 import flint
@@ -20,6 +21,8 @@ _DIGITS = 40
 """Significant digits of coefficients that are no short exact numbers."""
 _SURPLUS_BITS = 40
 """Bits by which an exact number must be shorter than the digits of a ball that hold it: chance is below 2^-40."""
+_LARGEST_PLAIN = 4
+"""Denominators of fractions that rounded coefficients are read as."""
 _RADICANDS = (1, 2, 3, 6)
 
 
@@ -44,14 +47,19 @@ def combinations_of(
     if not pivots:
         return table[:0, others], table[:most, others]
     square, further = independent_rows(table[:, pivots])
-    chosen = table[np.ix_(square, pivots)]
-    if not others and _matrix(chosen).det().contains(0):  # FLINT solves for nothing without a look
-        return None
+    solution = solved(table, square, pivots, others)
+    return None if solution is None else (solution, left_of(table[further[:most]], pivots, others, solution))
+
+
+def solved(table: Balls, rows: Sequence[int], pivots: Sequence[int], others: Sequence[int]) -> Balls | None:
+    """Columns as combinations of as many others as there are rows, by these; None if precision does not show them."""
+    square = _matrix(table[np.ix_(rows, pivots)])
     try:
-        solution = _array(_matrix(chosen).solve(_matrix(table[np.ix_(square, others)])))
+        if not others:  # FLINT solves for nothing without a look
+            square.solve(_matrix(table[np.ix_(rows, pivots[:1])]))
+        return _array(square.solve(_matrix(table[np.ix_(rows, others)])))
     except ZeroDivisionError:
         return None
-    return solution, left_of(table[further[:most]], pivots, others, solution)
 
 
 def left_of(table: Balls, pivots: Sequence[int], others: Sequence[int], solution: Balls) -> Balls:
@@ -163,6 +171,16 @@ def in_decimals(x: Any) -> tuple[Rational, float]:
     """A ball rounded to a fixed number of significant digits, and a bound on the error."""
     number = simplest(Fraction(x.mid().str(_DIGITS, radius=False)))
     return number, abs(float(number)) * 10.0 ** (1 - _DIGITS) + 2 * ball_error(x)
+
+
+def supported(value: float, error: float) -> Rational:
+    """A number with the digits that an error leaves, as a short fraction where it is next to one."""
+    for denominator in range(1, _LARGEST_PLAIN + 1):
+        fraction = Fraction(round(value * denominator), denominator)
+        if abs(float(fraction) - value) <= error:
+            return simplest(fraction)
+    digits = max(0, -floor(log10(error)))
+    return simplest(round(Fraction(value), digits))
 
 
 def rounded(values: Sequence[Any]) -> tuple[list[Number], float]:

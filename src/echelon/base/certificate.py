@@ -31,6 +31,7 @@ from echelon.base.ball_checks import BallEvidence, check_in_balls, has_plain_sig
 from echelon.base.matrix import BaseMatrix
 from echelon.base.prime_checks import FEWEST_POINTS, Identity, Minor, check_spanned, find_minor
 from echelon.base.real_states import RealStates
+from echelon.base.rounded_checks import check_to_rounding
 from echelon.errors import CertificateError, DegenerateSampleError, InputError
 from echelon.exact.field import CERTIFICATE_BITS, random_generator
 from echelon.mechanism.stated import StatedValues
@@ -70,6 +71,7 @@ class Certificate:
     # where nothing was checked in ball arithmetic
     log10_residual: float | None = None
     ball_states: int = 0  # real states at which coefficients were solved for in ball arithmetic
+    rounding: float = 0.0  # with loops, the last decimal of the file, to which the set holds; 0 where it is exact
     other_values: int = 0  # random values of the symbols at which formulas were checked in ball arithmetic, too
     closed: bool = False  # whether states are closed ones of loops, near the assembly pose
     columns: Mapping[str, int] = field(default_factory=dict)  # number of columns that each kind of check reached
@@ -123,6 +125,8 @@ class Certificate:
             found.append(
                 f"in ball arithmetic at {self.ball_states} {closed}, residual below 1e{int(self.log10_residual)}"
             )
+        if self.rounding:
+            found.append(f"to the last decimals of the file ({self.rounding:.0e} of its size)")
         if self.other_values:
             found.append(f"formulas also at {self.other_values} other values of the symbols")
         return found
@@ -237,6 +241,7 @@ class _Checks:
         self.at_values = False
         self.primes: tuple[int, ...] = ()
         self.degree, self.log10_error, self.other_values = 0, 0.0, 0
+        self.rounding = 0.0
         self.balls: BallEvidence | None = None
 
     def certificate(self, seed: int) -> Certificate:
@@ -275,6 +280,7 @@ class _Checks:
             ball_states=balls.states if balls else 0,
             other_values=self.other_values,
             closed=closed,
+            rounding=self.rounding,
             columns={kind: len(columns) for kind, columns in self.reached.items()},
             unchecked=tuple(self.unchecked),
         )
@@ -341,6 +347,13 @@ class _Checks:
         matrix, stated = self.matrix, self.stated
         others = self._others()
         everywhere = stated is not None and stated.everywhere
+        loops = self.regressor.loops
+        if loops is not None and matrix.numbers and matrix.numbers.rounded and loops.mechanism.rounding:
+            self.rounding = loops.mechanism.rounding
+            evidence = check_to_rounding(self.regressor, matrix, loops.mechanism, self.rng)
+            self._take_balls(evidence, others)
+            self.at_values = True
+            return
         if self.numbers and not everywhere:
             raise CertificateError("columns of numbers hold at stated values only, and not all symbols have one")
         if matrix.symbols or not everywhere:
@@ -411,7 +424,7 @@ def _check_numbers(matrix: BaseMatrix) -> None:
     if any(value.symbols() for value in coefficients):
         raise CertificateError("a coefficient in a column of numbers is not a number")
     size = max((abs(value.evaluate({}, float)) for value in coefficients), default=0.0)
-    if not numbers.radius <= _LARGEST_RADIUS * max(1.0, size):
+    if not numbers.rounded and not numbers.radius <= _LARGEST_RADIUS * max(1.0, size):
         raise CertificateError(f"numbers with errors of {numbers.radius:.0e} prove nothing")
 
 

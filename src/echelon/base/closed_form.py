@@ -189,7 +189,9 @@ def _across_robot(mechanism: Mechanism, structure: Structure) -> Iterable[Relati
     groups: dict[int | None, list[int]] = {}
     for column, support in structure.by_robot.items():
         if support:
-            groups.setdefault(None if together else mechanism.columns[column].body, []).append(column)
+            body = mechanism.columns[column].body
+            alone = not (together or rows.forms.rational) and body is None  # some may have no closed form
+            groups.setdefault(None if together else -1 - column if alone else body, []).append(column)
     for targets in groups.values():
         sources = sorted({c for t in targets for c in structure.by_robot[t]})
         degrees = _degrees(mechanism, sources, targets)

@@ -184,7 +184,7 @@ def base_parameters(
         stated = model_at_stated_values(own, recorded)
     certificate = certify(recorded, matrix, seed, None if generic else stated, structure.where_modes_meet)
     stated_rank = structure.rank if found.special is None else found.special.rank
-    reading = report_reading(mechanism, stated_rank, rng, recorded, None if generic else matrix)
+    reading = report_reading(mechanism, stated_rank, rng, recorded, None if generic else matrix, structure.spectrum)
     if matrix is not classical:
         reading = replace(reading, notes=(*reading.notes, exchange_note(own, classical, matrix)))
     if doubt := found.doubt or reading.doubt or ("" if generic else doubt_of_coefficients(own, matrix, recorded)):
@@ -282,7 +282,7 @@ def base_structure(mechanism: Mechanism | Readable, *, generic: bool = False, se
         answer = SpecialisedMechanism(model, stated_structure(model, rng))
     else:
         answer = specialised(model, rng, generic=generic)
-    if doubt := answer.doubt or doubt_of_loops(answer.mechanism, answer.structure.rank):
+    if doubt := answer.doubt or doubt_of_loops(answer.mechanism):
         warnings.warn(doubt, DoubtWarning, stacklevel=3)  # of the caller, behind the door
     return answer.structure
 

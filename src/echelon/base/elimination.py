@@ -10,20 +10,41 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 import flint
 import numpy as np
 
 from echelon.arrays import Floats, Integers, independent_columns, pivoted_qr
-from echelon.base.ball_tables import Balls, combinations_of, doubles, left_of, solved_for, vanishes
+from echelon.base.ball_tables import Balls, doubles, left_of, solved, solved_for, vanishes
 
 _FIRM = (1e-6, 1e-4, 1e-2)
 """Share of the largest pivot above which doubles show a column to be independent; more where balls deny it."""
-_CHECKED = 40
-"""Rows, beyond those that are solved, in which what is left of columns has to vanish."""
+_SMALLEST = 1e-3
+"""Share of the largest column, in comparable units, below which a column is not made as large."""
+_FAINT = 1e-2
+"""Share of a column beside others below which rounding of a file may have made it."""
 _REMAINS = 1e-9
 """Share of a column beside others that doubles surely show in a basis whose entries are moderate."""
+
+
+@dataclass(frozen=True)
+class Relations:
+    """Columns of a table, each divided by its size, as combinations of others."""
+
+    table: Balls
+    sizes: Balls
+    auxiliary: int
+    pivots: Sequence[int]
+    others: Sequence[int]
+    solution: Balls
+
+    def hold(self, rows: Balls, bits: int) -> bool:
+        """Whether nothing is left of the columns in some rows."""
+        with flint.ctx.workprec(bits):
+            left = left_of(rows / self.sizes, self.pivots, self.others, self.solution)
+            return all(vanishes(x, bits) for x in left.flat)
 
 
 @dataclass(frozen=True)
@@ -41,6 +62,10 @@ class Independent:
     solution : array of arb, shape (pivots, others)
     bits : int
         Precision of the balls.
+    relations : Relations
+        The same with auxiliary columns and scales.
+    error : float
+        What rounding of a file leaves open of coefficients; 0 where these are exact.
     """
 
     pivots: tuple[int, ...]
@@ -48,6 +73,34 @@ class Independent:
     others: tuple[int, ...]
     solution: Balls
     bits: int
+    relations: Relations
+    error: float = 0.0
+
+    def without_faint(self, count: int, order: Sequence[int]) -> Independent:
+        """The same without the columns that show least, whose rounded relations to the others are taken for exact.
+
+        Coefficients are those of least squares.  Pivots come first in the order where that keeps them firm.
+        """
+        relations = self.relations
+        auxiliary, rows = relations.auxiliary, doubles(relations.table)
+        chosen = self.pivots[:count]
+        spanned, _ = _least_squares(rows, auxiliary, chosen)
+        ranked = [order[k] for k in independent_columns(spanned[:, list(order)], _FAINT)]
+        pivots = tuple(ranked) if len(ranked) == count else tuple(column for column in order if column in set(chosen))
+        solution, error = _least_squares(rows, auxiliary, pivots)
+        others = tuple(column for column in order if column not in set(pivots))
+        sizes = np.array([float(x) for x in relations.sizes[auxiliary:]])
+        found = solution[:, list(others)]
+        place = {column: k for k, column in enumerate(order)}
+        before = np.array([[place[c] < place[p] for c in others] for p in pivots]).reshape(found.shape)
+        found[(np.abs(found) <= error) | (before & (np.abs(found) <= _FAINT))] = 0.0
+        unscaled = found * sizes[list(others)] / sizes[list(pivots)][:, None]
+        balls = np.frompyfunc(flint.arb, 1, 1)(unscaled).astype(object).reshape(found.shape)
+        return Independent(pivots, self.shown[:count], others, balls, self.bits, relations, error)
+
+    def holds(self, rows: Balls) -> bool:
+        """Whether the combinations hold in further rows, auxiliary columns included."""
+        return self.relations.hold(rows, self.bits)
 
     @property
     def basis(self) -> Balls:
@@ -76,7 +129,17 @@ class Independent:
                 assert found is not None  # an exchange for a column with a coefficient keeps them independent
                 basis = found
         others = tuple(column for column in order if column not in set(chosen))
-        return Independent(tuple(chosen), (), others, basis[:, list(others)], self.bits)
+        return Independent(tuple(chosen), (), others, basis[:, list(others)], self.bits, self.relations)
+
+
+def _least_squares(rows: Floats, auxiliary: int, pivots: Sequence[int]) -> tuple[Floats, float]:
+    """All columns behind the auxiliary ones as combinations of some, (pivots, columns), and how much they are open."""
+    left = rows[:, [*range(auxiliary), *(auxiliary + column for column in pivots)]]
+    inverse = np.linalg.pinv(left)
+    solution = inverse @ rows[:, auxiliary:]
+    missed = np.abs(rows[:, auxiliary:] - left @ solution).max(initial=0.0)
+    error = float(missed * np.abs(inverse[auxiliary:]).sum(axis=1).max(initial=0.0))
+    return solution[auxiliary:], error
 
 
 def _too_late(basis: Balls, chosen: Sequence[int], order: Sequence[int], bits: int) -> tuple[int, int] | None:
@@ -93,48 +156,81 @@ def _too_late(basis: Balls, chosen: Sequence[int], order: Sequence[int], bits: i
     return None
 
 
-def eliminated(table: Balls, bits: int, auxiliary: int = 0, others: Balls | None = None) -> Independent | None:
+def sizes_shown(table: Balls, bits: int, auxiliary: int, units: Sequence[float] | None) -> list[float]:
+    """How much each independent column shows beside those before, descending, as far as the precision tells."""
+    shown = list[float]()
+    eliminated(table, bits, auxiliary, units, shown)
+    ranked = sorted(shown, reverse=True)
+    return [size / ranked[0] for size in ranked] if ranked and ranked[0] else ranked
+
+
+def eliminated(
+    table: Balls,
+    bits: int,
+    auxiliary: int = 0,
+    units: Sequence[float] | None = None,
+    shown: list[float] | None = None,
+) -> Independent | None:
     """Independent columns of a table of balls; auxiliary columns, which come first, are taken to be independent.
 
-    None if the precision does not tell, or a combination does not hold in ``others``, further rows.  The auxiliary
-    columns are left out of the result.
+    None if the precision does not tell.  The auxiliary columns are left out of the result.  With units in which the
+    columns are comparable, those that hold little beside others are not taken for as large: rounding may have made it.
+    What every pivot shows is added to ``shown``.
     """
-    table, sizes = _scaled(table)
-    further = table[:0] if others is None else others / sizes
-    pivots = list(range(auxiliary))
-    left = list(range(auxiliary, table.shape[1]))
-    shown = list[float]()
-    solved = combinations_of(table, pivots, left)
-    while solved is not None:
-        solution, rest = solved
+    table, sizes = _scaled(table, units)
+    pivots, rows = list[int](), list[int]()
+    shown = [] if shown is None else shown
+    left = list(range(table.shape[1]))
+    first = list(range(auxiliary))
+    state = _with_more(table, table, pivots, rows, first) if first else (table[:0], table)
+    if first:
+        pivots, left = first, left[auxiliary:]
+    while state is not None:
+        solution, rest = state
         verdicts = {vanishes(x, bits) for x in rest.flat}
         if verdicts <= {True}:
-            holds = all(vanishes(x, bits) for x in left_of(further, pivots, left, solution).flat)
-            return _independent(pivots, shown, left, solution, sizes, auxiliary, bits) if holds else None
+            return _independent(table, pivots, shown, left, solution, sizes, auxiliary, bits)
         if False not in verdicts:
             return None
-        new, sizes_of_new, solved = _with_more(table, rest, pivots, left)
-        shown += sizes_of_new
-        pivots += new
-        left = [column for column in left if column not in new]
+        lengths, ranked, size = _most_independent(rest)
+        state = None
+        for firm in _FIRM:
+            count = int((lengths > firm * lengths[0]).sum())
+            new = [left[k] for k in ranked[:count]]
+            state = _with_more(table, rest, pivots, rows, new)
+            if state is not None:
+                values = np.linalg.svd(_as_doubles(rest), compute_uv=False)
+                shown += [float(value * size) for value in values[:count]]
+                pivots = [*pivots, *new]
+                left = [column for column in left if column not in set(new)]
+                break
     return None
 
 
 def _with_more(
-    table: Balls, rest: Balls, pivots: Sequence[int], left: Sequence[int]
-) -> tuple[list[int], list[float], tuple[Balls, Balls] | None]:
-    """Further pivots, what each shows, and the other columns as combinations of all pivots; None if none is firm."""
-    lengths, ranked, size = _most_independent(rest)
-    for firm in _FIRM:
-        count = int((lengths > firm * lengths[0]).sum())
-        new = [left[k] for k in ranked[:count]]
-        solved = combinations_of(table, [*pivots, *new], [column for column in left if column not in new], _CHECKED)
-        if solved is not None:
-            return new, [float(length * size) for length in lengths[:count]], solved
-    return [], [], None
+    table: Balls, rest: Balls, pivots: list[int], rows: list[int], new: list[int]
+) -> tuple[Balls, Balls] | None:
+    """The other columns as combinations of old and new pivots, and what is left of them in the rows that are unused.
+
+    Rows in which the new pivots are most independent are used beside the old ones, and added to them.  None if the
+    precision does not show that.
+    """
+    left = [column for column in range(table.shape[1]) if column not in set(pivots)]
+    unused = [row for row in range(len(table)) if row not in set(rows)]
+    places = [left.index(column) for column in new]
+    chosen = [unused[k] for k in pivoted_qr(_as_doubles(rest[:, places]).T)[1][: len(new)]]
+    used, solved_by = [*rows, *chosen], [*pivots, *new]
+    others = [column for column in left if column not in set(new)]
+    solution = solved(table, used, solved_by, others)
+    if solution is None:
+        return None
+    rows[:] = used
+    remaining = [row for row in unused if row not in set(chosen)]
+    return solution, left_of(table[remaining], solved_by, others, solution)
 
 
 def _independent(
+    table: Balls,
     pivots: Sequence[int],
     shown: Sequence[float],
     left: Sequence[int],
@@ -153,19 +249,34 @@ def _independent(
         tuple(column - auxiliary for column in left),
         unscaled,
         bits,
+        Relations(table, sizes, auxiliary, pivots, left, solution),
     )
 
 
 def _most_independent(rest: Balls) -> tuple[Floats, Integers, float]:
     """Pivots and order of a QR factorisation in doubles, of a table divided by its largest entry, and that entry."""
-    largest = max((abs(x).mid() for x in rest.flat), default=flint.arb(0))
-    sizes, order = pivoted_qr(doubles(rest / largest))
-    return sizes, order, float(largest)
+    sizes, order = pivoted_qr(_as_doubles(rest))
+    return sizes, order, float(_largest(rest))
 
 
-def _scaled(table: Balls) -> tuple[Balls, Balls]:
+def _as_doubles(table: Balls) -> Floats:
+    """A table divided by its largest entry, in doubles."""
+    return doubles(table / _largest(table))
+
+
+def _largest(table: Balls) -> Any:
+    """The largest entry of a table that does not vanish."""
+    return max((abs(x).mid() for x in table.flat), default=flint.arb(1))
+
+
+def _scaled(table: Balls, units: Sequence[float] | None = None) -> tuple[Balls, Balls]:
     """The table with columns of about size one, and their sizes, powers of two; 1 for columns that may vanish."""
     sizes = np.array([_power_of_two(column) for column in table.T], dtype=object)
+    if units is not None:
+        comparable = [(float(size) / unit, unit) for size, unit in zip(sizes, units, strict=True)]
+        largest = max((size for size, unit in comparable if unit != inf), default=0.0)
+        least = [_SMALLEST * largest * unit if unit != inf else 0.0 for _, unit in comparable]
+        sizes = np.array([max(size, flint.arb(x)) for size, x in zip(sizes, least, strict=True)], dtype=object)
     return table / sizes, sizes
 
 

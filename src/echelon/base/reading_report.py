@@ -14,17 +14,18 @@ import numpy as np
 
 from echelon.base.matrix import BaseMatrix
 from echelon.base.numeric_ranks import numeric_ranks
+from echelon.base.spectrum import Spectrum
 from echelon.base.stated_values import stated_structure
 from echelon.errors import DegenerateSampleError, InputError, SingularPoseError
 from echelon.exact.field import ARRAY_BITS, DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.field import rank as rank_modulo
 from echelon.hints import in_quotes
 from echelon.mechanism.closed_pose import shown_loops
-from echelon.mechanism.mechanism import RESTORED, Mechanism, Reading, Snap
-from echelon.mechanism.stated import StatedValues, inexact_symbols, stated_values, symbol_roles
+from echelon.mechanism.mechanism import Mechanism, Reading, Snap
+from echelon.mechanism.stated import StatedValues, stated_values
 from echelon.regressor.linear_forms import LinearForms
 from echelon.regressor.loops.assembly import Assembled
-from echelon.regressor.loops.closing import assembled, locked_joints, nearly_free
+from echelon.regressor.loops.closing import assembled, locked_joints
 from echelon.regressor.loops.coordinates import split_balls
 
 ROUNDING = 1e-9
@@ -75,9 +76,15 @@ def report_reading(
     rng: np.random.Generator,
     recorded: LinearForms | None = None,
     matrix: BaseMatrix | None = None,
+    spectrum: Spectrum | None = None,
 ) -> ReadingReport:
-    """The numbers that were snapped, and the rank of the literal reading of the mechanism's file."""
+    """The numbers that were snapped, and the rank of the literal reading of the mechanism's file.
+
+    Of loops the spectrum says what rounding of lengths and directions makes.
+    """
     report = _compared(mechanism, rank, rng, recorded, matrix)
+    if spectrum is not None and spectrum.note:
+        report = replace(report, notes=(*report.notes, spectrum.note), literal_rank=spectrum.literal)
     return replace(report, doubt=_together(report.doubt, _locked_drives(mechanism)))
 
 
@@ -94,6 +101,8 @@ def _compared(
     mimics, moved = mimic_ranks(mechanism, rank, rng), assembled(mechanism) if mechanism.closures else None
     report = ReadingReport(snaps, notes, mimics=mimics, assembled=moved)
     coarse = [snap for snap in snaps if snap.difference > ROUNDING]
+    if mechanism.closures:
+        return report
     if reading is None or not coarse:  # to double precision, the numbers as they are read are those of the file
         return replace(report, doubt=_doubt(mechanism, recorded, rank, rank, matrix, mechanism))
     try:
@@ -107,7 +116,6 @@ def _compared(
         chosen = set(_decisive(reading, elements, rank, len(mechanism.bodies), rng))
     decisive = tuple(snap for snap in coarse if snap.element in chosen)
     doubt = _doubt(mechanism, None, literal_rank, rank, matrix if literal_rank == rank else None, literal)
-    doubt = doubt or _faint(mechanism, rank, [snap.difference for snap in coarse], recorded)
     return replace(report, literal_rank=literal_rank, decisive=decisive, doubt=doubt)
 
 
@@ -124,30 +132,12 @@ def mechanism_notes(mechanism: Mechanism) -> list[str]:
         notes.append(f"cannot move, because of {shown_loops(mechanism, locked[0])}: {in_quotes(locked, _MOST_NAMED)}")
     split = ", ".join(f"'{name}'" for name in split_balls(mechanism))
     what = "the loops leave part of a free rotation undetermined, such as the spin of a rod between two ball joints"
-    return [*nearly_free(mechanism), *notes, *([f"{what}: {split} is independent"] if split else [])]
+    return [*notes, *([f"{what}: {split} is independent"] if split else [])]
 
 
-def doubt_of_loops(mechanism: Mechanism, rank: int) -> str:
-    """Evidence against a rank with loops; empty if there is none.
-
-    Points that are stated along directions without exact values, such as (1, 2, 0), are not on them exactly, and
-    rounding may break relations that are not among those that are restored.
-    """
-    if not mechanism.closures:
-        return ""
-    return _together(_doubt_of_numbers(mechanism, rank), _locked_drives(mechanism))
-
-
-def _doubt_of_numbers(mechanism: Mechanism, rank: int) -> str:
-    snaps = () if mechanism.reading is None else mechanism.reading.snaps
-    coarse = [snap.difference for snap in snaps if snap.difference > ROUNDING]
-    if coarse:
-        doubt = _faint(mechanism, rank, coarse)
-    else:
-        doubt = _doubt(mechanism, None, rank, rank, None, mechanism) if inexact_symbols(mechanism) else ""
-    # rounding may have locked what is meant to move, but not where lengths have names and frames are as they are stated
-    named = symbol_roles(mechanism).lengths
-    return doubt or "".join(() if named else nearly_free(mechanism))
+def doubt_of_loops(mechanism: Mechanism) -> str:
+    """Evidence against what loops let move; empty if there is none."""
+    return _locked_drives(mechanism) if mechanism.closures else ""
 
 
 def _locked_drives(mechanism: Mechanism) -> str:
@@ -204,36 +194,6 @@ def _doubt(
     ranks = ", ".join(f"{r} at {t:.0e}" for r, t in zip(found.ranks, found.tolerances, strict=True))
     expected = literal if columns is None else high
     return f"the file's numbers in floating point do not confirm {expected}{where}: rank {ranks}"
-
-
-def _faint(mechanism: Mechanism, rank: int, moved: Sequence[float], recorded: LinearForms | None = None) -> str:
-    """Which part of a rank with loops shows no more than rounding of the file's numbers does; empty if none.
-
-    Relations such as three points on a line may be broken by rounding, and not among those that are restored.
-    """
-    snaps = () if mechanism.reading is None else mechanism.reading.snaps
-    restored = max((snap.difference for snap in snaps if snap.literal == RESTORED), default=0.0)
-    most = max((restored, *(difference for difference in moved if difference < _ROUNDED)))
-    if not (mechanism.closures and most):
-        return ""
-    try:
-        found = numeric_ranks(mechanism, literal=False, recorded=recorded)
-    except InputError:  # values are missing, or loops do not close at the stated ones
-        return ""
-    singular = found.singular[:rank]
-    clear = next((k for k in range(1, rank) if ROUNDING < singular[k] < most and found.gap(k) > _CLEAR_GAP), None)
-    faint = sum(value < restored / 10 for value in singular)
-    if clear is not None:
-        shown = f"{rank - clear} of {rank} base parameters show {found.gap(clear):.0e} times less than the others"
-        meant = f"{clear}"
-    elif faint:
-        shown, meant = f"{faint} of {rank} base parameters hardly show", f"perhaps fewer than {rank}"
-    else:
-        return ""
-    return (
-        f"{shown}, not more than rounding of the file does ({most:.0e}): if lengths are meant to be equal, or points "
-        f"to lie on one line, there are {meant}; state them with more digits"
-    )
 
 
 def _neighbours(count: int) -> range:

@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 import flint
 import numpy as np
 
-from echelon.base.ball_tables import exact_number, in_decimals, vanishes
+from echelon.base.ball_tables import exact_number, in_decimals, supported, vanishes
 from echelon.base.elimination import Independent
 from echelon.base.matrix import BaseMatrix, StatedNumbers
+from echelon.exact.polynomial import Number
 from echelon.exact.rational import RationalFunction
 
 
@@ -56,11 +57,17 @@ def in_numbers(
                 if column in known or vanishes(ball, found.bits):
                     continue
                 exact = exact_number(ball, irrational)
-                number, error = (exact, 0.0) if exact is not None else in_decimals(ball)
+                number: Number
+                if independent.error:
+                    number, error = supported(float(ball.mid()), independent.error), independent.error
+                elif exact is not None:
+                    number, error = exact, 0.0
+                else:
+                    number, error = in_decimals(ball)
                 radius = max(radius, error)
-                if at or exact is None:
+                if at or exact is None or independent.error:
                     stated.add(column)
                 rows[pivot][column] = RationalFunction(number)
-    numbers = StatedNumbers(tuple(sorted(stated)), at, radius) if stated else None
+    numbers = StatedNumbers(tuple(sorted(stated)), at, radius, bool(independent.error)) if stated else None
     ordered = tuple(dict(sorted(rows[pivot].items())) for pivot in found.pivots)
     return BaseMatrix(parameters, found.pivots, ordered, tuple(order), numbers)

@@ -17,14 +17,16 @@ from typing import Any
 import flint
 import numpy as np
 
-from echelon.base.ball_rows import states_in
+from echelon.arrays import Floats
+from echelon.base.ball_rows import ball_rows, states_in
 from echelon.base.ball_tables import Balls, combinations_of, exact_number, vanishes
-from echelon.base.elimination import Independent, eliminated
+from echelon.base.elimination import Independent, eliminated, sizes_shown
 from echelon.errors import ClosedFormError, DegenerateSampleError, InputError, SingularPoseError
 from echelon.exact.field import DEFAULT_SEED, Geometry, PrimeField, Residues, random_generator
 from echelon.exact.polynomial import Number
 from echelon.program.arithmetics import stated_ball, twice_arc_text
 from echelon.regressor.linear_forms import Rows
+from echelon.regressor.loops.recorded_loops import Loops
 
 _BITS = (640, 1280, 2560)
 """Precisions that are tried: values of chains of loops fall smoothly past 1e-54."""
@@ -32,7 +34,11 @@ _FIRST_ROWS, _SURPLUS = 64, 20
 """Rows at first, and rows beyond the rank; of more columns that seem independent, twice as many rows are taken."""
 _OTHERS = 10
 """Rows at further poses, at which relations are checked."""
-_FEWEST = 4
+_MOST_POSES = 1000
+"""Poses after which relations that still fail at others are given up."""
+_MOST_VISITS = 32
+"""Visits of each region of signs after which they are, where there are many."""
+_FEWEST = 8
 """Poses that are taken at least, however many motions go through each."""
 _AT_ONCE = 16
 """Values of the symbols at which the loops are closed together."""
@@ -49,14 +55,36 @@ _FINE = 1 / 128
 class RealStates:
     """Rows of a model at real states, free or closed."""
 
-    def __init__(self, rows: Rows) -> None:
-        self.rows, self.states = rows, states_in(rows.forms)
+    def __init__(self, rows: Rows, units: Sequence[float] | None = None) -> None:
+        """``units`` make columns comparable, the auxiliary ones included; see :func:`eliminated`."""
+        self.rows, self.units, self.states = rows, units, states_in(rows.forms)
         self._numbers_known: dict[int, list[Number]] = {}  # of models without symbols, by the number of sources
 
     @cached_property
     def symbols(self) -> list[str]:
-        """Symbols of the model, sorted."""
+        """Symbols that coefficients may depend on, sorted."""
         return self.states.symbols
+
+    @cached_property
+    def angles(self) -> frozenset[str]:
+        """Symbols that are angles."""
+        return self.states.angles
+
+    @property
+    def singular(self) -> bool:
+        """With loops, whether more motions are possible at the assembly pose than near it."""
+        return self.states.singular
+
+    @property
+    def loops(self) -> Loops:
+        """What keeps states closed, of mechanisms with loops."""
+        assert self.rows.forms.loops is not None
+        return self.rows.forms.loops
+
+    @property
+    def free_velocities(self) -> Floats:
+        """With loops, orthonormal velocities that are possible at one closed pose, (velocities, freedoms)."""
+        return self.loops.assembly.free_velocities(self.loops.known_poses(0, 1)[0])
 
     # -- structure ---------------------------------------------------------------------------------------------------
 
@@ -70,14 +98,12 @@ class RealStates:
         DegenerateSampleError
             If entries have no values at most states.
         """
-        several = self.states.motions
         wanted = min(self.rows.forms.shape[1], _FIRST_ROWS)
-        attempts = dict.fromkeys(((_BITS[0], several), *((bits, 1) for bits in _BITS)))
-        for times, (bits, motions) in enumerate(attempts, 1):
+        for bits, most in dict.fromkeys(((_BITS[0], self.states.motions), *((bits, 1) for bits in _BITS))):
             bits += self.states.span
             with flint.ctx.workprec(bits):
                 try:
-                    found, wanted = self._independent(at or {}, bits, motions, wanted, times)
+                    found, wanted = self._independent(at or {}, bits, most, wanted)
                 except InputError as error:
                     if self.rows.forms.loops is None:
                         raise
@@ -86,31 +112,55 @@ class RealStates:
                 return found
         raise SingularPoseError(f"{_BITS[-1]} bits do not tell what {self.states.subject} leave independent")
 
-    def _independent(
-        self, at: Mapping[str, str], bits: int, motions: int, wanted: int, times: int
-    ) -> tuple[Independent | None, int]:
+    def sizes(self, like: RealStates, rows: int, bits: int) -> list[float]:
+        """How much each independent column shows beside those before, descending, in some rows.
+
+        States are next to known ones of another mechanism of the same kind, perhaps the same one.
+        """
+        poses, motions = self._shared(rows, self.loops.motions)
+        known = self.loops.next_to(like.loops.known_poses(0, poses))
+        with flint.ctx.workprec(bits):
+            rng = random_generator(DEFAULT_SEED)
+            table = ball_rows(self.rows.forms, {}, poses * motions, rng, motions, poses=known)
+            return sizes_shown(table, bits, self.rows.auxiliary, self.units)
+
+    def _independent(self, at: Mapping[str, str], bits: int, most: int, wanted: int) -> tuple[Independent | None, int]:
         """Independent columns, if the precision tells, and how many rows beyond the surplus it took.
 
-        Regions of signs are visited ``4^times`` times, because some columns may show in few of them.
+        No more than ``most`` motions go through each pose.
         """
-        columns, auxiliary, rng = self.rows.forms.shape[1], self.rows.auxiliary, random_generator(DEFAULT_SEED)
-        each = self.rows.forms.shape[0] * motions
-        regions = self.states.regions if self.states.regions > 1 else 0
-        checked = max(1, _OTHERS // each, regions)
-        others = self._table(at, 0, checked, motions, rng)
-        poses = max(_FEWEST, -(-(wanted + _SURPLUS) // each), 4**times * regions)
-        table = self._table(at, checked, poses, motions, rng)
+        columns, auxiliary = self.rows.forms.shape[1], self.rows.auxiliary
+        rng, used = random_generator(DEFAULT_SEED), 0
+        others, used = self._table(at, used, _OTHERS, most, rng)
+        table, used = self._table(at, used, wanted + _SURPLUS, most, rng)
         while True:
-            found = eliminated(table, bits, auxiliary, others)
-            if found is None or auxiliary + len(found.pivots) <= wanted or wanted == columns:
+            found = eliminated(table, bits, auxiliary, self.units)
+            if found is None:
+                return None, wanted
+            if auxiliary + len(found.pivots) > wanted and wanted < columns:
+                more = min(columns, 2 * wanted) - wanted
+                further, used = self._table(at, used, more, most, rng)
+                wanted, table = wanted + more, np.vstack([table, further])
+            elif found.holds(others):
                 return found, wanted
-            more = min(columns, 2 * wanted) - wanted
-            further = self._table(at, checked + poses, -(-more // each), motions, rng)
-            wanted, poses, table = wanted + more, poses + len(further) // each, np.vstack([table, further])
+            elif used > max(_MOST_POSES, _MOST_VISITS * self.states.regions):
+                return None, wanted
+            else:  # the poses were too few, however many motions went through each
+                table = np.vstack([table, others])
+                others, used = self._table(at, used, _OTHERS, most, rng)
 
-    def _table(self, at: Mapping[str, str], first: int, poses: int, motions: int, rng: np.random.Generator) -> Balls:
-        """Rows at some motions through each of some known poses."""
-        return self.states.known([at], first, poses, rng, motions)[0]
+    def _table(
+        self, at: Mapping[str, str], used: int, rows: int, most: int, rng: np.random.Generator
+    ) -> tuple[Balls, int]:
+        """Rows at known poses behind those that were used, and how many of them are used then."""
+        poses, motions = self._shared(rows, most)
+        return self.states.known([at], used, poses, rng, motions)[0], used + poses
+
+    def _shared(self, rows: int, most: int) -> tuple[int, int]:
+        """Poses, and motions through each, no more than some, that make some rows, and visit all regions of signs."""
+        states = max(-(-rows // self.rows.forms.shape[0]), self.states.regions)
+        poses = min(states, max(_FEWEST, -(-states // most)))
+        return poses, -(-states // poses)
 
     # -- coefficients ------------------------------------------------------------------------------------------------
 
@@ -144,25 +194,23 @@ class RealStates:
 
     def _numbers(self, at: Sequence[Mapping[str, str]], sources: int) -> list[list[Number]]:
         """Exact coefficients at each of some values of the symbols, target by target for each source."""
-        motions, regions = self.states.motions, self.states.regions
-        unknowns = self.rows.auxiliary + sources
-        fewest = max(_FEWEST, -(-(unknowns + _CHECKED) // (self.rows.forms.shape[0] * motions)))
+        poses, motions = self._shared(self.rows.auxiliary + sources + _CHECKED, self.states.motions)
         found = list[list[Number]]()
-        for times, bits in enumerate(bits + self.states.span for bits in _BITS):
-            poses = fewest if regions == 1 else 4**times * max(fewest, regions)
-            with flint.ctx.workprec(bits):
+        for bits in _BITS:
+            with flint.ctx.workprec(bits + self.states.span):
                 left = at[len(found) :]
                 try:
                     tables = self.states.known(left, 0, poses, random_generator(DEFAULT_SEED), motions)
                 except InputError as error:
                     raise DegenerateSampleError(str(error)) from None
                 for table in tables:
-                    numbers = self._solved(table, sources, bits)
+                    numbers = self._solved(table, sources, bits + self.states.span)
                     if numbers is None:  # those that are left take more precision
                         break
                     found.append(numbers)
             if len(found) == len(at):
                 return found
+            poses *= 4 if self.states.regions > 1 else 1  # some sources may show in few regions of signs
         raise ClosedFormError("coefficients are no short exact numbers")
 
     def _solved(self, table: Balls, sources: int, bits: int) -> list[Number] | None:
@@ -204,8 +252,3 @@ class RealStates:
         if name in self.angles:
             return tan((value + change) / 2)
         return value + change * (abs(value) or 1.0) or _REACH
-
-    @cached_property
-    def angles(self) -> frozenset[str]:
-        """Symbols that are angles."""
-        return self.states.angles

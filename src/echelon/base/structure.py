@@ -20,6 +20,7 @@ from echelon.arrays import one_thread
 from echelon.base.ball_tables import vanishes
 from echelon.base.elimination import Independent
 from echelon.base.real_states import RealStates
+from echelon.base.spectrum import Spectrum, spectrum_of, units_of
 from echelon.doors import public
 from echelon.errors import DegenerateSampleError, EchelonError
 from echelon.exact.field import PrimeField, by_pivots
@@ -28,6 +29,7 @@ from echelon.mechanism.joint import ALL, GROUND, Body, Joint, Motion, Placement,
 from echelon.mechanism.mechanism import Cut, Mechanism
 from echelon.program.schedule import FieldSampler
 from echelon.regressor.linear_forms import FEW_COLUMNS, LinearForms, Rows, energy_changes, energy_form, rows_of
+from echelon.regressor.loops.closing import check_independent
 
 _SURPLUS_ROWS = 8
 _ATTEMPTS, _PASSES = 8, 2
@@ -52,6 +54,8 @@ class Structure:
         With loops, whether more motions are possible at the assembly pose than near it, so that modes may meet there.
     real : Independent, optional
         Independent columns at real states, where primes do not show them; of columns that are not in ``by_joint``.
+    spectrum : Spectrum, optional
+        With loops, how much each shows, and what of it rounding of a file explains.
     """
 
     parameters: int
@@ -60,6 +64,7 @@ class Structure:
     by_robot: Mapping[int, tuple[int, ...]]
     singular: bool = False
     real: Independent | None = None
+    spectrum: Spectrum | None = None
 
     @property
     def rank(self) -> int:
@@ -69,7 +74,7 @@ class Structure:
     @property
     def doubt(self) -> str:
         """What speaks against the rank; empty if nothing does."""
-        return self.where_modes_meet
+        return self.where_modes_meet or (self.spectrum.doubt if self.spectrum else "")
 
     @property
     def where_modes_meet(self) -> str:
@@ -107,30 +112,36 @@ def _at_real_states(mechanism: Mechanism, rows: Rows, rng: np.random.Generator, 
     named = bool(RealStates(rows).symbols) or rows.forms.loops is None
     by_joint = _dependent_by_joint(mechanism, rng) if named else {}
     columns = _not_local(mechanism, by_joint)
-    states = RealStates(rows.columns(columns))
-    found, supports = _real_dependence(states, rng, generic=generic)
+    states = RealStates(rows.columns(columns), units_of(mechanism, columns, rows.auxiliary))
+    found = _real_elimination(states, rng, generic=generic)
+    order, spectrum = range(len(columns)), None
+    ordered = found.in_order(order)
+    if rows.forms.loops is not None:
+        check_independent(mechanism, states.free_velocities)
+        spectrum = spectrum_of(mechanism, states, columns, found)
+        if spectrum.intended < spectrum.literal:
+            ordered = found.without_faint(spectrum.intended, order)
+    supports = _supports(ordered)
     by_robot = {columns[k]: tuple(columns[p] for p in support) for k, support in supports.items()}
-    pivots = tuple(columns[k] for k in range(len(columns)) if k not in supports)
-    return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, states.states.singular, found)
+    pivots = tuple(columns[k] for k in ordered.pivots)
+    return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, states.singular, ordered, spectrum)
 
 
-def _real_dependence(
-    states: RealStates, rng: np.random.Generator, *, generic: bool
-) -> tuple[Independent, dict[int, tuple[int, ...]]]:
-    """Independent columns, and the pivots that dependent ones depend on, the first columns preferred as pivots."""
+def _real_elimination(states: RealStates, rng: np.random.Generator, *, generic: bool) -> Independent:
+    """Independent columns at the stated values of the symbols, or at random ones next to them."""
+    return persistent(lambda: states.independent(states.elsewhere(rng) if generic and states.symbols else {}))
 
-    def attempt() -> Independent:
-        return states.independent(states.elsewhere(rng) if generic and states.symbols else {})
 
-    found = persistent(attempt)
-    ordered = found.in_order(range(len(found.pivots) + len(found.others)))
-    supports = {
+def _supports(ordered: Independent) -> dict[int, tuple[int, ...]]:
+    """The pivots that dependent columns depend on."""
+    return {
         dependent: tuple(
-            pivot for pivot, value in zip(ordered.pivots, coefficients, strict=True) if not vanishes(value, found.bits)
+            pivot
+            for pivot, value in zip(ordered.pivots, coefficients, strict=True)
+            if not vanishes(value, ordered.bits)
         )
         for dependent, coefficients in zip(ordered.others, ordered.solution.T, strict=True)
     }
-    return found, supports
 
 
 def _not_local(mechanism: Mechanism, by_joint: Mapping[int, tuple[int, ...]]) -> list[int]:
@@ -145,7 +156,8 @@ def linear_structure(forms: LinearForms, rng: np.random.Generator) -> Structure:
     if forms.rational:
         supports = _confirmed_dependence(rows, rng)
     else:
-        supports = _real_dependence(RealStates(rows), rng, generic=True)[1]
+        found = _real_elimination(RealStates(rows), rng, generic=True)
+        supports = _supports(found.in_order(range(forms.shape[1])))
     pivots = tuple(column for column in range(forms.shape[1]) if column not in supports)
     return Structure(forms.shape[1], pivots, {}, supports)
 

@@ -139,7 +139,9 @@ def _rank_text(answer: SpecialisedMechanism, mimics: MimicRanks | None, moved: A
     if moved is not None:
         lines.append(f"assembly pose: {moved}")
     lines += [f"note: {note}" for note in mechanism_notes(robot)]
-    if doubt := answer.doubt or doubt_of_loops(robot, structure.rank):
+    if structure.spectrum is not None and structure.spectrum.note:
+        lines.append(f"note: {structure.spectrum.note}")
+    if doubt := answer.doubt or doubt_of_loops(robot):
         lines.append(f"doubt: {doubt}")
     return "".join(f"{one_line(line)}\n" for line in lines)
 

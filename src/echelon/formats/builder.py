@@ -18,7 +18,6 @@ from echelon.errors import InputError
 from echelon.exact.expressions import Angle
 from echelon.exact.polynomial import Polynomial, as_polynomial
 from echelon.formats.bodies import Bodies, Part, placed_before, with_relations
-from echelon.formats.closure_frames import closed, second_frame, with_parallelogram
 from echelon.formats.literal import (
     LiteralClosure,
     LiteralLink,
@@ -33,6 +32,8 @@ from echelon.formats.literal import (
     resolved,
     with_joints,
 )
+from echelon.formats.met_frames import second_frame
+from echelon.formats.rounding import rounding_of_tree
 from echelon.formats.snapping import ReadingOptions, Snapping, gravity_vector
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.effect import Side
@@ -99,21 +100,24 @@ class _Builder:
         ends = [(closure.first, closure.second) for closure in closures]
         self.bodies, gravity = with_relations(self.bodies, gravity, self.snapping, self.lumped.sources, ends=ends)
         couplings = tuple(c.coupling for c in self.couplings.values())
-        mechanism = Mechanism(self.tree.name, tuple(self.bodies), gravity, couplings, closures=closures)
+        rounding = rounding_of_tree(self.tree) if self.options.snap_tolerance else 0.0
+        mechanism = Mechanism(
+            self.tree.name, tuple(self.bodies), gravity, couplings, closures=closures, rounding=rounding
+        )
         mechanism = replace(mechanism, measured=self._measured(mechanism))
         if closures:
-            from echelon.formats.loop_axes import with_exact_axes  # robots without loops load without it
-
             mechanism = replace(mechanism, symbols=self.snapping.symbols)
             assembly, note = chosen_pose(mechanism, self.tree.poses)
             self.notes += [note] if note else []
-            mechanism = with_exact_axes(replace(mechanism, assembly=assembly), self.snapping)
+            mechanism = replace(mechanism, assembly=assembly)
         used = {s for b in mechanism.bodies for s in b.joint.symbols()}
         used.update(s for placement in setup_placements(mechanism) for s in placement.symbols())
         symbols = {name: symbol for name, symbol in self.snapping.symbols.items() if name in used}
         mechanism = replace(mechanism, symbols=symbols)
         if closures:
-            mechanism = closed(mechanism, self.snapping, prefer=self._preferred(mechanism))
+            from echelon.regressor.loops.closing import close  # robots without loops load without it
+
+            mechanism = close(mechanism, prefer=self._preferred(mechanism))
         self._check_independent(mechanism)
         return Built(mechanism, self.snapping, tuple(self.notes), self._rides(), self.tree.driven)
 
@@ -186,8 +190,7 @@ class _Builder:
         frame = read(stated.first_frame, stem) @ aim
         met = self._met(stated, frame) if stated.second_frame is None else read(stated.second_frame, stem) @ aim
         frame, met = read(offset, stem) @ frame, read(other, stem) @ met
-        closure = Closure(stated.name, stated.kind, first, second, frame, met)
-        return with_parallelogram(closure, stated.element, self.bodies, self.snapping)
+        return Closure(stated.name, stated.kind, first, second, frame, met)
 
     def _met(self, stated: LiteralClosure, frame: Placement) -> Placement:
         """The frame of the second link that coincides with that of the first one at the reference pose."""

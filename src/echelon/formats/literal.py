@@ -153,6 +153,8 @@ class LiteralTree:
     has_mimics: bool = False  # whether the file couples joints, whatever is made of it
     sensors: tuple[LiteralSensor, ...] = ()  # those that measure forces
     frames: tuple[LiteralFrame, ...] = ()  # named frames beside those of the links
+    # components of quaternions and axes as written, where angles were computed from them
+    turned: tuple[Rational, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -160,6 +160,8 @@ class Mechanism:
         for all of them (see :func:`echelon.regressor.loops.closing.close`).
     assembly : mapping of str to float
         Positions near which the loops close, which picks one of several ways to assemble them; zero where absent.
+    rounding : float
+        Unit of the last decimal of the numbers of its geometry, rad or a share of its size; 0 if they are exact.
     reading : Reading, optional
         How it was read from a file; absent if it was not, or was changed since (:meth:`as_read`).
 
@@ -180,6 +182,7 @@ class Mechanism:
     closures: tuple[Closure, ...] = ()
     independent: tuple[str, ...] = ()
     assembly: Mapping[str, float] = field(default_factory=dict)
+    rounding: float = 0.0
     reading: Reading | None = field(init=False, default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -321,7 +324,6 @@ class Mechanism:
         return f"{self.name}: {len(self.bodies)} bodies, {self.degrees_of_freedom} degrees of freedom"
 
 
-RESTORED = "nearly parallel, perpendicular or meeting, or lengths nearly equal"
 """Snaps of loops whose relations were made exact say this of their literal numbers."""
 
 

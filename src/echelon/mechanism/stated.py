@@ -41,7 +41,6 @@ from echelon.exact.polynomial import (
     cosine_of_turn,
     generator_values,
     is_trigonometric,
-    parts_of,
     sine,
     sine_of_turn,
     symbol_of,
@@ -99,14 +98,6 @@ def has_values(mechanism: Mechanism) -> bool:
     return all_symbols(mechanism) <= known_values(mechanism).keys()
 
 
-def largest_denominator(mechanism: Mechanism) -> int:
-    """Of the numbers that say where joints are, those that close loops included."""
-    placements = [s for body in mechanism.bodies for s in body.joint.steps if isinstance(s, Placement)]
-    placements += [p for closure in mechanism.closures for p in closure.placements]
-    numbers = (number for p in placements for entry in p.entries() for number in entry.terms.values())
-    return max((Fraction(part).denominator for number in numbers for part in parts_of(number)), default=1)
-
-
 def placement_matrix(placement: Placement, symbols: Mapping[str, float]) -> npt.NDArray[np.float64]:
     """A placement as a homogeneous matrix, shape (4, 4)."""
     matrix = np.eye(4)
@@ -159,6 +150,16 @@ def symbol_roles(mechanism: Mechanism) -> SymbolRoles:
     usable = homogeneous and not lengths & foreign
     symbols = frozenset(s for e in everything for s in e.symbols())
     return SymbolRoles(frozenset(lengths) if usable else frozenset(), frozenset(angles), symbols, irrational)
+
+
+def named_symbols(mechanism: Mechanism) -> frozenset[str]:
+    """Symbols of the geometry for whose other values loops close, too: all, where lengths or ratios have names.
+
+    Where only angles are symbols, these are directions of a file, between which loops close at its own numbers.
+    """
+    translations, others = geometry(mechanism)
+    used = {symbol for expression in (*translations, *others) for symbol in expression.symbols()}
+    return frozenset(used) if used - symbol_roles(mechanism).angles else frozenset()
 
 
 def geometry(mechanism: Mechanism) -> tuple[list[Polynomial], list[Polynomial]]:

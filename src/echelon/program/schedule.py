@@ -115,6 +115,51 @@ class Schedule:
         return table[self._outputs]
 
 
+class StagedSchedule:
+    """The part of a program that some outputs need, in two stages: what depends on symbols alone, and all else.
+
+    Frames turned by many general angles make most of a program; they need no evaluation at every state.
+    """
+
+    def __init__(self, program: Program, outputs: Sequence[int]) -> None:
+        kept = _constant_frontier(program, outputs)
+        self.program = program
+        self.constants = Schedule(program, kept)
+        self.moving = Schedule(program, outputs, kept)
+        self._kept = kept
+        self.leaves = [node for node in self.moving.leaves if node not in set(kept)]
+
+    @property
+    def size(self) -> int:
+        """Operations at every state."""
+        return self.moving.size
+
+    def kept(self, arithmetic: Arithmetic, symbols: Mapping[str, Array], count: int) -> dict[int, Array]:
+        """What depends on symbols alone, at some sets of values of the symbols: arrays of shape (count,) by node."""
+        names = {node: self.program.inputs[node].name for node in self.constants.leaves}
+        found = self.constants.run(arithmetic, {node: symbols[name] for node, name in names.items()}, count)
+        return dict(zip(self._kept, found, strict=True))
+
+
+def _constant_frontier(program: Program, outputs: Sequence[int]) -> list[int]:
+    """Nodes that depend on symbols and on no state, and that something else needs: an output, or what does depend."""
+    needed = program.needed(outputs)
+    moves = dict[int, bool]()
+    for node in needed:
+        if program.ops[node] == Op.INPUT:
+            moves[node] = program.inputs[node].role != "symbol"
+        elif program.ops[node] == Op.CONSTANT:
+            moves[node] = False
+        else:
+            operands = [n for n in (program.lhs[node], program.rhs[node]) if n >= 0]
+            moves[node] = any(moves[n] for n in operands)
+    used = set(outputs)
+    for node in needed:
+        if moves[node] and program.ops[node] not in (Op.INPUT, Op.CONSTANT):
+            used |= {n for n in (program.lhs[node], program.rhs[node]) if n >= 0}
+    return [node for node in needed if node in used and not moves[node] and program.ops[node] != Op.CONSTANT]
+
+
 _FLOAT_FUNCTIONS: dict[Op, Any] = {op: getattr(np, op.name.lower()) for op in FUNCTIONS if op is not Op.ATAN}
 _FLOAT_FUNCTIONS |= {Op.NEG: np.negative, Op.ATAN: np.arctan}
 _FLOAT_BINARY = {Op.ADD: np.add, Op.SUB: np.subtract, Op.MUL: np.multiply, Op.DIV: np.divide}

@@ -37,7 +37,7 @@ from echelon.mechanism.stated import all_symbols, value_texts
 from echelon.program.free_states import RealPoints
 from echelon.program.operations import Op
 from echelon.program.sampling import sampler_of
-from echelon.program.schedule import FieldSampler, Schedule
+from echelon.program.schedule import FieldSampler, StagedSchedule
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.blocks import Block, BlockRows, blocks_of
 from echelon.regressor.steps import (
@@ -119,9 +119,9 @@ class LinearForms:
         return any(self.program.ops[n] in (Op.SIGN, Op.ABS) for n in self.program.needed(self.entries.values()))
 
     @cached_property
-    def schedule(self) -> Schedule:
+    def schedule(self) -> StagedSchedule:
         """All entries, ordered for evaluation in any arithmetic."""
-        return Schedule(self.program, list(self.entries.values()))
+        return StagedSchedule(self.program, list(self.entries.values()))
 
     def stacked(self, values: Residues) -> Residues:
         """Sampled entries as matrices, one for each geometry."""

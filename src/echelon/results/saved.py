@@ -113,6 +113,7 @@ def _numbers(model: BaseModel | LinearBase) -> dict[str, Any] | None:
         "parameters": [model.parameters[c] for c in numbers.columns],
         "at": dict(numbers.at),
         "radius": numbers.radius,
+        "rounded": numbers.rounded,
     }
 
 

@@ -109,6 +109,7 @@ class CertificateRecord(_Strict):
     at_values: bool = Field(False, description="Whether the minor was taken at the stated values of the symbols.")
     regions: int = Field(0, description="Regions of signs that were visited; 0 without signs.")
     regions_note: str = ""
+    rounding: float = Field(0, ge=0, description="With loops, the last decimal of the file to which the set holds.")
     other_values: int = Field(0, ge=0, description="In ball arithmetic, other values at which formulas were checked.")
     closed: bool = Field(False, description="Whether states are closed ones of loops, near the assembly pose.")
     numbers: int = Field(0, description="Columns of B that are numbers, checked at the stated values only.")
@@ -126,6 +127,7 @@ class NumbersRecord(_Strict):
     parameters: list[str] = Field(description="Standard parameters whose coefficients are numbers.")
     at: dict[str, str] = Field(description="Values of the symbols that they are true at; radians for angles.")
     radius: float = Field(ge=0, description="Largest error of a coefficient; 0 where they are exact.")
+    rounded: bool = Field(False, description="Whether they hold to the last decimals of a file only.")
 
 
 class BaseModelRecord(_Strict):

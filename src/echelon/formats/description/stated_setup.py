@@ -14,10 +14,11 @@ from echelon.exact.expressions import PER_PI, PI, pi_generators
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.bodies import BASE
 from echelon.formats.builder import Built
-from echelon.formats.closure_frames import at_zero, closed, second_frame
 from echelon.formats.description.couplings import CouplingReader
 from echelon.formats.description.document import Document, Expressions, coordinate_axis, cut_off, declared_symbols
 from echelon.formats.literal import StatedJoint
+from echelon.formats.met_frames import at_zero, second_frame
+from echelon.formats.rounding import rounding_of_mechanism
 from echelon.formats.schema.robot_schema import RobotDescription
 from echelon.formats.schema.schema_setup import (
     ActuatorOutput,
@@ -230,7 +231,7 @@ class Additions:
         closures = (*self.mechanism.closures, *self._closures())
         if not closures:
             problem = "there are no loops, so no coordinate depends on others through them"
-            for key in ("independent", "assembly"):
+            for key in ("independent", "assembly", "rounding"):
                 if key in self.robot.model_fields_set:
                     raise self.expressions.error(key, problem)
             return self.mechanism
@@ -239,11 +240,13 @@ class Additions:
         assembly = {**self.mechanism.assembly, **self._assembly()}
         symbols = {**self.mechanism.symbols, **self.expressions.named}
         opened = replace(self.mechanism, closures=closures, independent=(), assembly=assembly, symbols=symbols)
-        if self.robot.robot is not None or not self.robot.symbols:  # what has a name is as it is stated
-            from echelon.formats.loop_axes import with_exact_axes  # robots without loops load without it
+        if self.robot.rounding:
+            opened = replace(opened, rounding=self.robot.rounding)
+        elif self.robot.robot is None and not self.robot.symbols:  # what has a name is as it is stated
+            opened = replace(opened, rounding=rounding_of_mechanism(opened))
+        from echelon.regressor.loops.closing import close  # robots without loops load without it
 
-            opened = with_exact_axes(opened, self.expressions.snapping)
-        return closed(opened, self.expressions.snapping, self._independent(), prefer=prefer)
+        return close(opened, self._independent(), prefer=prefer)
 
     def _closures(self) -> Iterator[Closure]:
         """The joints that close loops."""

@@ -129,7 +129,13 @@ def _read(document: MjcfDocument, mimics: bool) -> LiteralTree:
         has_mimics=bool(couplings) or len(relations) < len(couples),
         sensors=measured,
         frames=tuple(LiteralFrame(s.name, *site_frame(model, s, "frame")) for s in spec.sites if s.name),
+        turned=tuple(exact_number(v) for part in (*spec.bodies, *spec.joints) for v in _direction(part)),
     )
+
+
+def _direction(part: Any) -> Any:
+    """The quaternion of a body or the axis of a joint, as written."""
+    return part.quat if hasattr(part, "quat") else part.axis
 
 
 class _Reader:

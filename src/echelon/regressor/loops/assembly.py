@@ -8,19 +8,20 @@ steps that are small enough to stay on one of them.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
 
-from echelon.arrays import Flags, Floats, one_thread
+from echelon.arrays import Flags, Floats, cut_at, one_thread, pivoted_qr
 from echelon.errors import AssemblyWarning, InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.mechanism.closed_pose import loop_motions
 from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.loops.closed_motion import (
-    RANK_TOLERANCE,
+    NOISE,
     REMEMBERED,
     ClosedMotion,
     Known,
@@ -29,6 +30,7 @@ from echelon.regressor.loops.closed_motion import (
     places,
     position_rates,
 )
+from echelon.regressor.loops.closures import ClosureEquations
 
 NEARLY_FREE = 1e-2
 """Singular values below this part of the largest one belong to motions that are nearly possible."""
@@ -41,7 +43,9 @@ _FLOOR = 1e-12  # of the damping: the steps stay finite where constraints are re
 STRIDE, _SHORTEST = 0.1, 1e-4  # of a step on the way to given coordinates, rad or characteristic lengths
 _FEW = 8  # iterations for one such step; if these do not do, it is shortened
 LARGEST_CORRECTION = 0.05  # of what its trend predicts; more may be a jump to another way of assembly
-_FAR, _ROUNDED = 0.1, 2e-3  # beyond which poses may be nearer than a closed one; left open by rounding; rad or lengths
+_FAR = 0.1  # beyond which poses may be nearer than a closed one, rad or lengths
+_CLEAR = 10.0  # by how much what closures hold exceeds what rounding makes them resist
+_SEEN = 8  # configurations that show which equations are independent
 _TRIES, _NEAR = 64, 1.0  # disturbances of a pose that does not close, rad or characteristic lengths
 _WALK, _FEWEST = 20, 4  # random strides from the assembly pose, and from it to states near it
 _KEPT_AWAY = 0.25  # of the assembly pose's distance from singular configurations; more than a stride
@@ -117,12 +121,30 @@ class OpenLoopsError(InputError):
 
 
 class Assembly(ClosedMotion):
-    """Closed configurations, and motion there."""
+    """Closed configurations, and motion there.
+
+    Where numbers are rounded, redundant equations contradict one another: independent ones are held, and the others to
+    what rounding explains.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        symbols: Mapping[str, float] | None = None,
+        equations: ClosureEquations | None = None,
+    ) -> None:
+        super().__init__(mechanism, symbols, equations)
+        self.held: Sequence[int] = self.closures.rows
+        self.fall = np.inf
+        if mechanism.rounding:
+            self.held, self.fall = _held(Known(self._identity, self))
+            self.closures = self.closures.with_rows(self.held)
 
     def at(self, symbols: Mapping[str, Floats]) -> Assembly:
         """The same mechanism at other values of its symbols, one for every configuration, in the same units."""
         other = Assembly.__new__(Assembly)
-        other.__dict__ |= {name: value for name, value in vars(self).items() if name not in ("pose", "assembled")}
+        remembered = ("pose", "assembled", "held")
+        other.__dict__ |= {name: value for name, value in vars(self).items() if name not in remembered}
         other.closures, other.symbols = self.closures.with_values(symbols), None
         return other
 
@@ -134,10 +156,33 @@ class Assembly(ClosedMotion):
 
         Gauss–Newton steps from there come first, which are the shortest that close the loops to first order.
         """
+        return _nearest(Known((self._identity, tuple(self.held)), self)).copy()
+
+    @property
+    def _identity(self) -> Hashable:
+        """All that closed configurations depend on."""
         mechanism = self.mechanism
         values = (mechanism.symbols, mechanism.assembly, self.symbols or {})
-        moving = (mechanism.bodies, mechanism.couplings, mechanism.closures, *(frozenset(v.items()) for v in values))
-        return _nearest(Known(moving, self)).copy()
+        return (mechanism.bodies, mechanism.couplings, mechanism.closures, *(frozenset(v.items()) for v in values))
+
+    def independent_equations(self) -> tuple[Sequence[int], float]:
+        """Equations that are independent for all that their last decimals say, the same in all configurations.
+
+        Also by how much the smallest singular value that they keep exceeds the largest one that is left out.
+        """
+        rng = random_generator(DEFAULT_SEED)
+        q = np.repeat(self.nearest()[None], _SEEN, axis=0)
+        for _ in range(_FEWEST):
+            ahead = self._moved(q, _random_motion(rng, self._singular(q)[1], 2 * STRIDE))
+            for _ in range(_FEW):
+                ahead = self.step(ahead)
+            closed = largest(self.closures.at(ahead)[0]) <= max(self.explained, _ENOUGH)
+            q[closed] = ahead[closed]
+        jacobian = self._jacobian(q)
+        sizes = np.linalg.svd(jacobian, compute_uv=False)
+        rank, fall = cut_at((sizes / sizes[:, :1]).max(axis=0), self.tolerance, NOISE, _CLEAR)
+        order = pivoted_qr(jacobian.swapaxes(1, 2).reshape(-1, jacobian.shape[1]))[1]
+        return sorted(order[:rank].tolist()), fall
 
     def nearest(self) -> Floats:
         """The same, found anew."""
@@ -150,11 +195,11 @@ class Assembly(ClosedMotion):
         values = self.closures.at(q)[0]
         open_by, away = largest(values), np.linalg.norm(self._distances(q), axis=1)
         # where rounding has locked loops, none of these close near here, and some far away may
-        near, rounded = away < _FAR, open_by <= max(_ROUNDED, open_by.min())
+        near, rounded = away < _FAR, open_by <= max(self.explained, open_by.min())
         closed = next(choice for choice in (done & near, rounded & near, done, rounded) if choice.any())
         best = int(np.where(closed, away, np.inf).argmin())
         nearest: Floats = q[best]
-        if not done[best]:
+        if not done[best] and open_by[best] > self.explained:
             raise OpenLoopsError(self.opening(values[best]), self.written(nearest), nearest, float(open_by[best]))
         return nearest
 
@@ -177,7 +222,7 @@ class Assembly(ClosedMotion):
         if not done.any():
             return None
         q, rng = q[done], random_generator(DEFAULT_SEED)
-        ahead, done = self.closed(self._moved(q, _random_motion(rng, _singular(self._jacobian(q))[1], 2 * STRIDE)))
+        ahead, done = self.closed(self._moved(q, _random_motion(rng, self._singular(q)[1], 2 * STRIDE)))
         gone = largest((ahead - q) / self.position_units) > STRIDE / 10  # not so where links are folded onto each other
         q = q[done & gone & (self.mobility(ahead) > 0)]
         if not len(q):
@@ -200,7 +245,7 @@ class Assembly(ClosedMotion):
         """
         jacobian = self._jacobian(q[None])[0]
         _, singular, motions = np.linalg.svd(jacobian, full_matrices=False)
-        stopped = max(int((singular > RANK_TOLERANCE * singular[0]).sum()) - 1, 0)
+        stopped = max(int((singular > self.tolerance * singular[0]).sum()) - 1, 0)
         motion = motions[stopped]
         owner = self.closures.owners[int(np.abs(jacobian @ motion).argmax())]
         moved = self.mechanism.velocities[int(np.abs(motion).argmax())]
@@ -218,7 +263,7 @@ class Assembly(ClosedMotion):
             moved.append(
                 Moved(motion.name, size, unit, relative, not mechanism.assembly.keys().isdisjoint(motion.positions))
             )
-        moved = sorted((m for m in moved if m.relative > _ROUNDING), key=lambda m: -m.relative)
+        moved = sorted((m for m in moved if m.relative > max(_ROUNDING, self.explained)), key=lambda m: -m.relative)
         if not moved:
             return None
         pose = dict(zip(mechanism.positions, self.pose.tolist(), strict=True))
@@ -343,20 +388,20 @@ class Assembly(ClosedMotion):
         they cannot change over to another way of assembly there.
         """
         q = np.repeat(self.pose[None], -(-count // motions), axis=0)
-        (sizes, across), strides = _singular(self._jacobian(q)), max(_FEWEST, round(_WALK * reach**2))
+        (sizes, across), strides = self._singular(q), max(_FEWEST, round(_WALK * reach**2))
         size = 2 * STRIDE * reach * np.sqrt(_WALK / strides)  # as far on average, however many there are
         rank = len(self.mechanism.velocities) - int(self.mobility(self.pose[None])[0])
         smallest = max(rank - 1, 0)  # of the singular values that do not vanish at the assembly pose
         near = _KEPT_AWAY * sizes[0, smallest]
         for _ in range(strides):
             found, done = self.closed(self._moved(q, _random_motion(rng, across, size)), iterations=_FEW)
-            sizes, ahead = _singular(self._jacobian(found))
+            sizes, ahead = self._singular(found)
             done &= sizes[:, smallest] >= near
             q[done], across[done] = found[done], ahead[done]
         q, across = (np.repeat(x, motions, axis=0)[:count] for x in (q, across))
         units = self.closures.units[: len(self.mechanism.velocities)]
         qd = _random_motion(rng, across, _RATE) * units
-        back = np.linalg.pinv(self._jacobian(q), rcond=RANK_TOLERANCE) @ self.closures.bias(q, qd)[:, :, None]
+        back = np.linalg.pinv(self._jacobian(q), rcond=self.tolerance) @ self.closures.bias(q, qd)[:, :, None]
         return q, qd, (_random_motion(rng, across, _RATE) - back[:, :, 0]) * units
 
     def determined_states(
@@ -372,6 +417,12 @@ class Assembly(ClosedMotion):
         q, qd, qdd = self.random_closed_states(rng, _MORE * count, reach, motions)
         best = np.argsort(self.determined(q))[-count:]
         return q[best], qd[best], qdd[best]
+
+    def _singular(self, q: Floats) -> tuple[Floats, Floats]:
+        """Singular values of J, and orthonormal rows that span its rows, with zeros below them."""
+        _, sizes, across = np.linalg.svd(self._jacobian(q), full_matrices=False)
+        independent = sizes > self.tolerance * sizes[:, :1]
+        return sizes, across * independent[:, :, None]
 
     def _jacobian(self, q: Floats) -> Floats:
         """Derivatives of the closure equations by velocities."""
@@ -408,22 +459,20 @@ class Assembly(ClosedMotion):
 
 
 @lru_cache(maxsize=REMEMBERED)
+def _held(known: Known[Assembly]) -> tuple[Sequence[int], float]:
+    return known.subject.independent_equations()
+
+
+@lru_cache(maxsize=REMEMBERED)
 def _nearest(known: Known[Assembly]) -> Floats:
     return known.subject.nearest()
 
 
 def _random_motion(rng: np.random.Generator, across: Floats, size: float) -> Floats:
-    """Random x with J x = 0, from what :func:`_singular` tells of J."""
+    """Random x with J x = 0, from orthonormal rows that span those of J."""
     any_ = rng.uniform(-size, size, across.shape[::2])
     result: Floats = any_ - (across.swapaxes(1, 2) @ (across @ any_[:, :, None]))[:, :, 0]
     return result
-
-
-def _singular(jacobian: Floats) -> tuple[Floats, Floats]:
-    """Singular values, and orthonormal rows that span those of J, with zeros below them."""
-    _, sizes, across = np.linalg.svd(jacobian, full_matrices=False)
-    independent = sizes > RANK_TOLERANCE * sizes[:, :1]
-    return sizes, across * independent[:, :, None]
 
 
 def _damped_steps(values: Floats, jacobian: Floats) -> Floats:

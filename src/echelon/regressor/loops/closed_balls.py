@@ -8,11 +8,11 @@ for rounding of frames: they depend on the others on the component of poses that
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import flint
 import numpy as np
@@ -21,14 +21,12 @@ import numpy.typing as npt
 from echelon.arrays import Floats, Integers, pivoted_qr
 from echelon.errors import InputError
 from echelon.mechanism.joint import MotionKind
-from echelon.program.arithmetics import BallArithmetic, ball
+from echelon.program.arithmetics import BallArithmetic, ball, stated_ball
 from echelon.program.operations import Op
-from echelon.program.schedule import FloatArithmetic, Schedule
+from echelon.program.schedule import FloatArithmetic, Schedule, StagedSchedule
 from echelon.regressor.loops.closed_motion import NOISE
+from echelon.regressor.loops.recorded_loops import Loops, floats_of
 from echelon.regressor.steps import quaternion_times
-
-if TYPE_CHECKING:
-    from echelon.regressor.loops.recorded_loops import Loops
 
 Balls = npt.NDArray[Any]
 """Array of ``arb``, poses last."""
@@ -77,10 +75,11 @@ class _Jacobian:
         np.add.at(total, self.rows, self.values[:, None] * x[self.columns])
         return total
 
-    def chosen(self, given: Sequence[int] = (), rows: Sequence[int] = ()) -> _Choice:
+    def chosen(self, given: Sequence[int] = (), rows: Sequence[int] = (), *, held: bool = False) -> _Choice:
         """Independent equations and freedoms, none of which is given.
 
-        The same everywhere where possible, the equations perhaps some that are known: those that are left out may miss.
+        The same everywhere where possible, the equations perhaps some that are known, or held: those that are left out
+        may miss.
         """
         doubles = np.zeros((*self.shape, self.values.shape[1]))
         doubles[self.rows, self.columns] = np.frompyfunc(lambda x: float(x.mid()), 1, 1)(self.values)
@@ -88,9 +87,13 @@ class _Jacobian:
         solved = [k for k in range(self.shape[1]) if k not in given]
         found, same, columns = _Choice(), list(rows), list[int]()
         for table in np.moveaxis(doubles, 2, 0):
-            if not _well_determined(table[:, solved], table[np.ix_(same, columns)]):
-                columns = [solved[k] for k in _independent(table[:, solved])]
-                if not len(_independent(table[np.ix_(same, columns)])) == len(columns) == len(same):
+            seen = table[list(rows)] if held else table
+            if not _well_determined(seen[:, solved], table[np.ix_(same, columns)]):
+                columns = [solved[k] for k in _independent(seen[:, solved])]
+                if held:
+                    if len(columns) < len(rows):
+                        raise InputError("the equations that are held depend on one another at some pose")
+                elif not len(_independent(table[np.ix_(same, columns)])) == len(columns) == len(same):
                     same = _independent(table[:, columns].T)
             found.append((same, columns))
         return found
@@ -113,26 +116,36 @@ class ClosedBalls:
     """Closed states of a program's inputs."""
 
     def __init__(self, loops: Loops, symbols: Values, poses: Floats) -> None:
-        """Keep values of the symbols at every pose, and poses in doubles, shape (poses, positions)."""
+        """Keep some sets of values of the symbols, and poses in doubles, as many for each, one set after the other.
+
+        Shapes: symbols (sets,), poses (sets · poses of each, positions).
+        """
         program = loops.equations.program
         self.program, self.loops, self._real = program, loops, poses
-        self.symbols = symbols
+        self._sets = symbols
+        self._count = len(next(iter(symbols.values()), [0]))
+        self.symbols = {name: np.repeat(value, len(poses) // self._count) for name, value in symbols.items()}
         self._names = loops.mechanism.velocities
         motions = loops.mechanism.free_motions
         self._balls = [(m.positions, m.velocities) for m in motions if m.kind is MotionKind.BALL]
         self._closing, self._speeds = loops.closing, loops.driven
+        # equations that are held while rounding makes others contradict them, and by how much these may miss
+        assembly = loops.assembly
+        self._held = list(assembly.held) if loops.mechanism.rounding else []
+        self._explained = assembly.explained * max(1.0, assembly.closures.length)
         self._arithmetic = BallArithmetic()
+        self._kept = dict[int, dict[int, Balls]]()  # by schedule: what depends on symbols alone
 
     def leaves(
-        self, schedule: Schedule, rng: np.random.Generator, motions: int = 1, *, at_rest: bool = False
+        self, schedule: StagedSchedule, rng: np.random.Generator, motions: int = 1, *, at_rest: bool = False
     ) -> dict[int, Balls]:
         """Values of a schedule's leaves, (motions · poses,), at some random motions through each of the poses.
 
         Those that start from rest take less time.
         """
-        names = {n: self.program.inputs[n].name for n in {*schedule.leaves, *self._speeds.leaves}}
-        values = self._moving({*names.values()}, rng, motions, at_rest)
-        return {node: values[names[node]] for node in schedule.leaves}
+        used = {*schedule.leaves, *self._speeds.leaves}
+        values = self._moving({self.program.inputs[node].name for node in used}, rng, motions, at_rest)
+        return self._leaves(schedule, values, motions * len(self._real))
 
     @cached_property
     def _pace(self) -> Any:
@@ -204,7 +217,7 @@ class ClosedBalls:
         chosen, size = _Choice(), flint.arb(0)
         for _ in range(_ITERATIONS):
             values, jacobian = self._closure(q, self._names)
-            chosen = chosen or jacobian.chosen()
+            chosen = chosen or jacobian.chosen(rows=self._held, held=bool(self._held))
             step = _middle(jacobian.completed(chosen, none, values[:, None])[:, 0])
             q = {name: _middle(x) for name, x in self._moved(q, step).items()}
             size = max((abs(x).upper() for x in step.flat), default=flint.arb(0))
@@ -237,7 +250,7 @@ class ClosedBalls:
         closed = self._moved(q, found)
         for owner, left in zip(self.loops.equations.owners, self._closure(closed, self._names)[0], strict=True):
             most = max(0.0 if x.contains(0) else float(abs(x).mid()) for x in left)
-            if most > _MISSED:
+            if most > max(_MISSED, self._explained):
                 problem = f"with all others closed, '{owner}' is open by {most:.1g} (m or rad)"
                 raise InputError(self._open(problem))
         if not all(abs(x) < size for x in found.flat):
@@ -292,15 +305,49 @@ class ClosedBalls:
         if given:
             free[given] = self._run(self._speeds, values).reshape(-1, *shape[1:])
         jacobian = self._closure(q, names)[1]
-        found = jacobian.completed(jacobian.chosen(given, self.poses[1][0][0]), free)
+        found = jacobian.completed(jacobian.chosen(given, self.poses[1][0][0], held=bool(self._held)), free)
         return _flat(names, found)
 
-    def _run(self, schedule: Schedule, values: Values) -> Balls:
-        states, leaves = len(next(iter(values.values()))), dict[int, Balls]()
-        for node in schedule.leaves:
-            name = self.program.inputs[node].name
-            leaves[node] = values[name] if name in values else np.resize(self.symbols[name], states)
-        return schedule.run(self._arithmetic, leaves, states)
+    def _run(self, schedule: StagedSchedule, values: Values) -> Balls:
+        states = len(next(iter(values.values())))
+        return schedule.moving.run(self._arithmetic, self._leaves(schedule, values, states), states)
+
+    def _leaves(self, schedule: StagedSchedule, values: Values, states: int) -> dict[int, Balls]:
+        """Values of leaves at all states: inputs, and what depends on symbols alone."""
+        kept = self._kept.get(id(schedule))
+        if kept is None:
+            kept = self._kept[id(schedule)] = schedule.kept(self._arithmetic, self._sets, self._count)
+        each = len(self._real) // self._count
+        leaves = {node: np.resize(np.repeat(value, each), states) for node, value in kept.items()}
+        return leaves | {node: values[self.program.inputs[node].name] for node in schedule.leaves}
+
+
+def closed_states(loops: Loops, at: Sequence[Mapping[str, str]], poses: Floats) -> ClosedBalls:
+    """Closed poses in ball arithmetic next to some in doubles, at the loops' own values or others of some symbols.
+
+    Parameters
+    ----------
+    loops : Loops
+    at : sequence of mapping of str to str
+        Values of symbols in place of the stated ones; the poses are closed at each of them, one after the other.
+    poses : array of shape (poses, positions)
+        Closed at the loops' own values.
+
+    Raises
+    ------
+    DegenerateSampleError
+        If the loops do not close at other values.
+    """
+    values = [{**loops.values, **given} for given in at]
+    wanted = np.tile(poses, (len(values), 1))
+    if any(given != loops.values for given in values):
+        floats = [floats_of(given) for given in values]
+        spread = {name: np.repeat([given[name] for given in floats], len(poses)) for name in loops.values}
+        wanted = loops.followed(wanted, spread)
+    balls = [{name: stated_ball(text) for name, text in given.items()} for given in values]
+    names = [given.name for given in loops.equations.program.inputs.values() if given.role == "symbol"]
+    symbols = {name: np.array([b[name] for b in balls], dtype=object) for name in names}
+    return ClosedBalls(loops, symbols, wanted)
 
 
 def _well_determined(whole: Floats, square: Floats) -> bool:

@@ -21,7 +21,7 @@ from echelon.mechanism.closed_pose import shown_loops
 from echelon.mechanism.joint import Motion, MotionKind, Symbol
 from echelon.mechanism.mechanism import Cut, Mechanism
 from echelon.mechanism.stated import characteristic_length, symbol_values
-from echelon.program.schedule import FloatArithmetic, Schedule
+from echelon.program.schedule import FloatArithmetic, Schedule, StagedSchedule
 from echelon.program.tape import Program
 from echelon.regressor.loops.closures import ClosureEquations, record_closures
 from echelon.regressor.steps import Probes, Recorder, cut_names, quaternion_times, virtual_motion
@@ -60,13 +60,13 @@ class Known(Generic[T]):
 
 
 @lru_cache(maxsize=REMEMBERED)
-def _recorded(known: Known[Mechanism]) -> tuple[ClosureEquations, Schedule]:
+def _recorded(known: Known[Mechanism]) -> tuple[ClosureEquations, StagedSchedule]:
     recorder = Recorder(known.subject, Program())
     return _scheduled(record_closures(known.subject, recorder, Probes(known.subject, recorder)))
 
 
-def _scheduled(equations: ClosureEquations) -> tuple[ClosureEquations, Schedule]:
-    return equations, Schedule(equations.program, [*equations.equations, *equations.jacobian.values()])
+def _scheduled(equations: ClosureEquations) -> tuple[ClosureEquations, StagedSchedule]:
+    return equations, StagedSchedule(equations.program, [*equations.equations, *equations.jacobian.values()])
 
 
 class ClosureValues:
@@ -84,29 +84,39 @@ class ClosureValues:
         self.mechanism = mechanism
         moving = Known((mechanism.bodies, mechanism.couplings, mechanism.closures, mechanism.measured), mechanism)
         equations, self._schedule = _recorded(moving) if equations is None else _scheduled(equations)
-        self._constants = self._values(symbols)
-        self._spread: Mapping[str, Floats] = {}  # values of symbols, one for every configuration
+        used = [self._schedule.program.inputs[node] for node in self._schedule.constants.leaves]
+        known = symbol_values(mechanism, [given.name for given in used if given.role == "symbol"], symbols)
+        self._kept = self._constant({name: np.array([value]) for name, value in known.items()}, 1)
+        self.rows: Sequence[int] = range(len(equations.owners))
         self._columns = {f"q[{name}]": k for k, name in enumerate(mechanism.positions)}
         # velocity coordinates, then the cuts of sensors
         cuts = cut_names(mechanism)
         self.freedoms = (*mechanism.velocities, *cuts.values())
         place = {name: k for k, name in enumerate(self.freedoms)}
         self._entries = [(row, place[name]) for row, name in equations.jacobian]
-        self.owners, self.length = equations.owners, _length(mechanism, symbols or {})
+        self._equations = len(equations.owners)
+        self.owners: tuple[str, ...] = equations.owners
+        self.length = _length(mechanism, symbols or {})
         self.is_length = np.array(equations.is_length)
         sliding = {m.name for m in mechanism.motions if m.kind is MotionKind.TRANSLATION}
         sliding |= {name for cut, name in cuts.items() if not cut.angular}
         self.units = np.array([self.length if name in sliding else 1.0 for name in self.freedoms])
 
-    def _values(self, symbols: Mapping[str, float] | None) -> dict[str, float]:
-        """Values of the symbols that occur, given ones in place of stated ones."""
-        used = [self._schedule.program.inputs[node] for node in self._schedule.leaves]
-        return symbol_values(self.mechanism, [given.name for given in used if given.role == "symbol"], symbols)
+    def _constant(self, symbols: Mapping[str, Floats], count: int) -> dict[int, Floats]:
+        """What depends on symbols alone, at one set of their values or one for every configuration."""
+        return self._schedule.kept(FloatArithmetic(), symbols, count)
+
+    def with_rows(self, rows: Sequence[int]) -> ClosureValues:
+        """Some of the equations: independent ones, where rounding makes the others contradict them."""
+        other = copy(self)
+        other.rows, other.owners = rows, tuple(self.owners[row] for row in rows)
+        other.is_length = self.is_length[list(rows)]
+        return other
 
     def with_values(self, symbols: Mapping[str, Floats]) -> ClosureValues:
         """The equations at other values of the symbols, one for every configuration, in the same units."""
         other = copy(self)
-        other._spread = {name: value for name, value in symbols.items() if name in self._constants}
+        other._kept = other._constant(symbols, len(next(iter(symbols.values()))))
         return other
 
     def at(self, q: Floats) -> tuple[Floats, Floats]:
@@ -124,25 +134,24 @@ class ClosureValues:
         return result
 
     def _run(self, q: _Numbers, arithmetic: FloatArithmetic) -> tuple[_Numbers, _Numbers]:
-        inputs, count = self._schedule.program.inputs, len(self.owners)
+        inputs, count = self._schedule.program.inputs, self._equations
         values = np.zeros((len(q), count), dtype=arithmetic.dtype)
         jacobian = np.zeros((len(q), count, len(self.freedoms)), dtype=arithmetic.dtype)
         for start in range(0, len(q), _BLOCK):
             block = slice(start, min(start + _BLOCK, len(q)))
-            leaves = {n: self._leaf(inputs[n].name, q, block) for n in self._schedule.leaves}
-            table = self._schedule.run(arithmetic, leaves, block.stop - block.start)
+            leaves = {n: q[block, self._columns[inputs[n].name]] for n in self._schedule.leaves}
+            leaves |= {n: x if len(x) == 1 else x[block] for n, x in self._kept.items()}
+            table = self._schedule.moving.run(arithmetic, leaves, block.stop - block.start)
             values[block] = table[:count].T
             for (row, column), value in zip(self._entries, table[count:], strict=True):
                 jacobian[block, row, column] = value
+        kept = list(self.rows)
         row_units = np.where(self.is_length, self.length, 1.0)
-        return values / row_units, jacobian * self.units / row_units[:, None]
+        return values[:, kept] / row_units, jacobian[:, kept] * self.units / row_units[:, None]
 
-    def _leaf(self, name: str, q: _Numbers, block: slice) -> _Numbers:
-        if name in self._spread:
-            return self._spread[name][block]
-        if name in self._constants:
-            return np.full(block.stop - block.start, self._constants[name])
-        return q[block, self._columns[name]]
+
+EXPLAINED = 20
+"""Times the last decimal: what rounding of all numbers of a file together moves closures and motions by."""
 
 
 class ClosedMotion:
@@ -156,6 +165,9 @@ class ClosedMotion:
     ) -> None:
         self.mechanism, self.closures = mechanism, ClosureValues(mechanism, symbols, equations)
         self.symbols = symbols
+        self.explained = EXPLAINED * mechanism.rounding  # what rounding opens closures by, rad or lengths
+        # singular values below this part of the largest one count as zero
+        self.tolerance = max(RANK_TOLERANCE, self.explained)
         names = mechanism.velocities
         self._independent = [names.index(name) for name in mechanism.independent_velocities]
         self._dependent = [k for k in range(len(names)) if k not in self._independent]
@@ -169,14 +181,14 @@ class ClosedMotion:
 
     def mobility(self, q: Floats) -> npt.NDArray[np.intp]:
         """Degrees of freedom in closed configurations, shape (N,)."""
-        ranks: npt.NDArray[np.intp] = (self.singular_values(q) > RANK_TOLERANCE).sum(axis=1)
+        ranks: npt.NDArray[np.intp] = (self.singular_values(q) > self.tolerance).sum(axis=1)
         return len(self.mechanism.velocities) - ranks
 
     def free_velocities(self, q: Floats) -> Floats:
         """Orthonormal velocities that keep the loops closed in one configuration, shape (velocities, freedoms)."""
         jacobian = self.closures.at(q[None])[1][0, :, : len(self.mechanism.velocities)]
         _, singular, turned = np.linalg.svd(jacobian)
-        free: Floats = turned[(singular > RANK_TOLERANCE * singular.max(initial=0.0)).sum() :].T
+        free: Floats = turned[(singular > self.tolerance * singular.max(initial=0.0)).sum() :].T
         return free
 
     def determined(self, q: Floats) -> Floats:
@@ -203,7 +215,7 @@ class ClosedMotion:
         """Least-squares solutions for the dependent velocities."""
         names, unknown = self.mechanism.velocities, len(self._dependent)
         left, singular, turned = np.linalg.svd(jacobian[:, :, self._dependent], full_matrices=False)
-        rank = (singular > RANK_TOLERANCE * singular[:, :1]).sum(axis=1)
+        rank = (singular > self.tolerance * singular[:, :1]).sum(axis=1)
         if (rank < unknown).any():
             sample = int(np.argmax(rank < unknown))
             null = np.linalg.svd(jacobian[sample][:, self._dependent])[2][-1]

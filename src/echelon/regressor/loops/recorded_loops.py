@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -14,10 +14,9 @@ from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, value_texts
 from echelon.program.arithmetics import stated_ball
-from echelon.program.schedule import Schedule
+from echelon.program.schedule import StagedSchedule
 from echelon.program.tape import Scalar
 from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.loops.closed_balls import ClosedBalls
 from echelon.regressor.loops.closed_motion import REMEMBERED, Known
 from echelon.regressor.loops.closures import ClosureEquations, record_closures
 from echelon.regressor.steps import Probes, Recorder
@@ -32,6 +31,8 @@ _NEARLY_CLOSED = 1e-8
 """What equations may miss after them, rad or characteristic lengths; ball arithmetic goes on from there."""
 _NEARBY = 8
 """Random poses at which motions are counted."""
+_SHARED = 4
+"""Motions that share a pose: more show little that is new where many bodies are alike."""
 _STEPS = 256
 """Random values are multiples of 1/512 between 1/2 and 3/2."""
 
@@ -52,15 +53,15 @@ class Loops:
         return closing_values(self.mechanism)
 
     @cached_property
-    def closing(self) -> Schedule:
+    def closing(self) -> StagedSchedule:
         """The closure equations and their derivatives."""
         equations = self.equations
-        return Schedule(equations.program, [*equations.equations, *equations.jacobian.values()])
+        return StagedSchedule(equations.program, [*equations.equations, *equations.jacobian.values()])
 
     @cached_property
-    def driven(self) -> Schedule:
+    def driven(self) -> StagedSchedule:
         """The virtual velocities that are known."""
-        return Schedule(self.equations.program, list((self.speeds or {}).values()))
+        return StagedSchedule(self.equations.program, list((self.speeds or {}).values()))
 
     def poses(self, rng: np.random.Generator, count: int) -> Floats:
         """Random closed poses in double precision at :attr:`values`, shape (count, positions)."""
@@ -73,33 +74,13 @@ class Loops:
             pool.grow()
         return pool.poses[first : first + count]
 
-    def closed(self, at: Sequence[Mapping[str, str]], poses: Floats) -> ClosedBalls:
-        """Closed poses in ball arithmetic next to some in doubles, at :attr:`values` or others of some symbols.
+    def next_to(self, poses: Floats) -> Floats:
+        """Closed poses next to some that nearly are, shape (poses, positions)."""
+        for _ in range(_STEPS_TO_CLOSE):
+            poses = self.assembly.step(poses)
+        return poses
 
-        Parameters
-        ----------
-        at : sequence of mapping of str to str
-            Values of symbols in place of the stated ones; the poses are closed at each of them, one after the other.
-        poses : array of shape (poses, positions)
-            Closed at :attr:`values`.
-
-        Raises
-        ------
-        DegenerateSampleError
-            If the loops do not close at other values.
-        """
-        values = [{**self.values, **given} for given in at]
-        wanted = np.tile(poses, (len(values), 1))
-        if any(given != self.values for given in values):
-            floats = [_floats(given) for given in values]
-            spread = {name: np.repeat([given[name] for given in floats], len(poses)) for name in self.values}
-            wanted = self._followed(wanted, spread)
-        balls = [{name: stated_ball(text) for name, text in given.items()} for given in values]
-        names = [given.name for given in self.equations.program.inputs.values() if given.role == "symbol"]
-        symbols = {name: np.repeat(np.array([b[name] for b in balls], dtype=object), len(poses)) for name in names}
-        return ClosedBalls(self, symbols, wanted)
-
-    def _followed(self, poses: Floats, symbols: Mapping[str, Floats]) -> Floats:
+    def followed(self, poses: Floats, symbols: Mapping[str, Floats]) -> Floats:
         """Closed poses at other values of the symbols, one for each pose, next to closed poses at :attr:`values`."""
         assembly = self.assembly.at(symbols)
         for _ in range(_STEPS_TO_CLOSE):
@@ -110,9 +91,9 @@ class Loops:
 
     @property
     def motions(self) -> int:
-        """Motions through one pose that show about as much as motions through several: half of those that could."""
+        """Motions through one pose that show about as much as motions through several, which take longer to close."""
         freedoms = len(self.mechanism.independent_velocities)
-        return 1 + freedoms * (freedoms + 1) // 4
+        return min(_SHARED, 1 + freedoms * (freedoms + 1) // 2)
 
     @cached_property
     def singular(self) -> bool:
@@ -123,7 +104,7 @@ class Loops:
     @cached_property
     def assembly(self) -> Assembly:
         """Closed configurations in double precision, at :attr:`values`."""
-        return Assembly(self.mechanism, _floats(self.values), self.equations)
+        return Assembly(self.mechanism, floats_of(self.values), self.equations)
 
 
 def loops_of(
@@ -180,7 +161,7 @@ def _closing_values(known: Known[Mechanism]) -> Mapping[str, str]:
         drawn = dict(zip(unknown, _random_texts(rng, len(unknown)), strict=True))
         values = {**stated, **drawn}
         try:
-            _ = Assembly(mechanism, _floats(values)).pose
+            _ = Assembly(mechanism, floats_of(values)).pose
         except InputError:
             if attempt == _DRAWS - 1:
                 raise
@@ -194,13 +175,14 @@ def _random_texts(rng: np.random.Generator, count: int) -> Iterable[str]:
     return (f"{number}/{2 * _STEPS}" for number in drawn)
 
 
-def _floats(values: Mapping[str, str]) -> dict[str, float]:
+def floats_of(values: Mapping[str, str]) -> dict[str, float]:
+    """Values of symbols, which are stated as text, in double precision."""
     return {name: float(stated_ball(text).mid()) for name, text in values.items()}
 
 
 def real_inputs(mechanism: Mechanism, rng: np.random.Generator, count: int, reach: float = 1.0) -> dict[str, Floats]:
     """Random closed states and values of symbols, by the names of program inputs."""
-    values = _floats(closing_values(mechanism))
+    values = floats_of(closing_values(mechanism))
     states = Assembly(mechanism, values).random_closed_states(rng, count, reach)
     return {name: np.full(count, value) for name, value in values.items()} | state_inputs(mechanism, *states)
 

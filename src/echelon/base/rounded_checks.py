@@ -1,0 +1,79 @@
+"""Check of a set whose relations hold to the last decimals of a file only, as rounding has broken what is meant.
+
+Its representatives are shown to be independent in ball arithmetic.  What it leaves of the other columns at fresh closed
+states must be explained by rounding, and must be no more than the best coefficients leave there.
+"""
+
+from __future__ import annotations
+
+from math import log10
+
+import flint
+import numpy as np
+
+from echelon.arrays import Floats
+from echelon.base.ball_checks import BallEvidence
+from echelon.base.ball_rows import ball_rows
+from echelon.base.ball_tables import combinations_of, doubles
+from echelon.base.matrix import BaseMatrix
+from echelon.base.spectrum import EXPLAINED
+from echelon.errors import CertificateError, InputError
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.stated import characteristic_length
+from echelon.regressor.linear_forms import LinearForms
+
+_BITS = 640
+_ROWS = 3
+"""Times as many rows as representatives."""
+_MOST = 0.1
+"""Share of a column that a set may leave at most, however coarse the file is."""
+_WORSE = 3.0
+"""By how much a set may leave more than the best coefficients, which its digits are fewer than."""
+_SMALLEST = 1e-3
+"""Share of the largest column, in comparable units, below which a column counts as that large."""
+
+
+def check_to_rounding(
+    regressor: LinearForms, matrix: BaseMatrix, mechanism: Mechanism, rng: np.random.Generator
+) -> BallEvidence:
+    """Show that representatives are independent, and that the set reproduces the others to the file's last decimals.
+
+    Raises
+    ------
+    CertificateError
+        If it is too large, incomplete or wrong.
+    """
+    count = _ROWS * matrix.rank
+    with flint.ctx.workprec(_BITS):
+        try:
+            table = ball_rows(regressor, {}, count, rng)
+        except InputError as error:
+            raise CertificateError(str(error)) from None
+        if combinations_of(table, matrix.pivots, ()) is None:
+            raise CertificateError(f"the set is too large: its {matrix.rank} representatives are not independent")
+    rows = doubles(table)
+    sizes = _sizes(rows, mechanism)
+    claimed = matrix.floats({})
+    pivots = list(matrix.pivots)
+    best = np.linalg.lstsq(rows[:, pivots], rows, rcond=None)[0]
+    left, least = (np.abs(rows - rows[:, pivots] @ b).max(axis=0) / sizes for b in (claimed, best))
+    explained = min(_MOST, EXPLAINED * mechanism.rounding)
+    allowed = min(explained, _WORSE * max(float(least.max()), mechanism.rounding))
+    wrong = np.flatnonzero(left > allowed)
+    if wrong.size:
+        name = matrix.parameters[int(left.argmax())]
+        raise CertificateError(
+            f"the set is incomplete or wrong: it leaves {left.max():.0e} of the effect of {name}, where the last "
+            f"decimals of the file explain {allowed:.0e}"
+        )
+    return BallEvidence(len(rows), log10(max(float(left.max()), np.finfo(float).tiny)))
+
+
+def _sizes(rows: Floats, mechanism: Mechanism) -> Floats:
+    """Sizes of columns, those that hold little beside others in comparable units taken for larger."""
+    length = characteristic_length(mechanism)
+    sizes = np.abs(rows).max(axis=0, initial=0.0)
+    units = np.array([length**-column.length_degree for column in mechanism.columns])
+    inertial = np.array([column.kind is not None for column in mechanism.columns])
+    largest = float((sizes / units)[inertial].max(initial=0.0))
+    return np.asarray(np.where(inertial, np.maximum(sizes, _SMALLEST * largest * units), np.maximum(sizes, 1e-300)))

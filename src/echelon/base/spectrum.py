@@ -1,0 +1,165 @@
+"""Which part of a rank is due to rounding of a file's numbers, read from the spectrum at real closed states.
+
+What rounding breaks, such as the equal sides of a parallelogram, shows as little as the last decimals are large, and
+changes as a whole when these change.  What the geometry shows in truth hardly changes, however little it is.  So the
+numbers of the file are changed by a small part of their last decimal, at random: singular values whose relative change
+is of the order of that part are made by rounding.  Where all these come last, the others are the intended rank, with
+the gap; where true ones are among them, the file leaves it open.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from math import inf, log
+
+import numpy as np
+
+from echelon.arrays import Floats
+from echelon.base.elimination import Independent
+from echelon.base.real_states import RealStates
+from echelon.exact.field import DEFAULT_SEED, random_generator
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.nudge import nudged
+from echelon.mechanism.stated import characteristic_length
+from echelon.regressor.linear_forms import rows_of
+
+EXPLAINED = 10_000.0
+"""Times the last decimal, as a share of the largest singular value: what rounding of all numbers may make at most."""
+_MOST = 0.05
+"""Share of the largest singular value above which nothing is taken for rounding, however coarse the file is."""
+_PART = Fraction(1, 10_000)
+"""Part of the last decimal by which numbers are changed."""
+_DRAWS = 3
+"""Random changes: by one of them a value may change little by chance."""
+_CHANGES = 0.1
+"""Relative change, for a change of numbers by a whole last decimal, from which on rounding makes a value."""
+_WIDE = 1e4
+"""Fall that is clear whatever follows."""
+_BETWEEN = 1.5
+"""Power of the last decimals between what they make and what their squares make."""
+_HIDDEN = 1e-3
+"""Times the last decimal: values down to this one may be true beside others that rounding makes."""
+_MOST_NAMED = 12
+"""Numbers that a doubt names one by one."""
+_SURPLUS = 20
+"""Rows beyond the rank in which values are compared."""
+_CLEAR = 30.0
+"""Fall of the spectrum behind the last value that does not change, from which on the gap is clear."""
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """How much each base parameter shows beside those before, and what of it rounding explains.
+
+    Attributes
+    ----------
+    shown : tuple of float
+        As shares of the first, descending.
+    intended : int
+        How many are not due to rounding.
+    fall : float
+        The last of these by the next; infinite if there is none.
+    counts : tuple of int
+        What the number may be: one where that is clear.
+    """
+
+    shown: tuple[float, ...]
+    intended: int
+    fall: float
+    counts: tuple[int, ...]
+
+    @property
+    def literal(self) -> int:
+        """The number to the letter of the file."""
+        return len(self.shown)
+
+    @property
+    def doubt(self) -> str:
+        """What speaks against the intended number; empty if it is clear."""
+        if len(self.counts) < 2:
+            return ""
+        named = f"{self.counts[0]} to {self.counts[-1]}"
+        if len(self.counts) <= _MOST_NAMED:
+            named = f"{', '.join(map(str, self.counts[:-1]))} or {self.counts[-1]}"
+        return (
+            f"{named} base parameters: the file's last decimals do not tell, as what rounding may show "
+            f"({self._size(min(self.counts))} of what others do, and less) is as large as what is meant; state the "
+            "geometry with more digits, or exactly"
+        )
+
+    @property
+    def note(self) -> str:
+        """What was left out, in words; empty if nothing was."""
+        if self.intended == self.literal:
+            return ""
+        return (
+            f"{self.literal} base parameters to the letter, {self.intended} meant: the others show "
+            f"{self._size(self.intended)} of what others do, which the file's last decimals explain (a gap of "
+            f"{self.fall:.0e})"
+        )
+
+    def _size(self, index: int) -> str:
+        return f"{self.shown[index]:.0e}" if index < len(self.shown) else "nothing"
+
+
+def units_of(mechanism: Mechanism, columns: Sequence[int], auxiliary: int) -> list[float] | None:
+    """Units in which columns of inertial parameters are comparable; None where numbers are exact.
+
+    Infinite for auxiliary columns and parameters of effects, which have units of their own.
+    """
+    if not mechanism.rounding:
+        return None
+    length, kinds = characteristic_length(mechanism), [mechanism.columns[column] for column in columns]
+    return [*[inf] * auxiliary, *(inf if k.kind is None else length**-k.length_degree for k in kinds)]
+
+
+def spectrum_of(mechanism: Mechanism, states: RealStates, columns: Sequence[int], found: Independent) -> Spectrum:
+    """Read the spectrum of some columns of a mechanism with loops."""
+    shown = tuple(sorted(found.shown, reverse=True))
+    count = len(shown)
+    most = min(_MOST, EXPLAINED * mechanism.rounding)
+    first = next((k for k, size in enumerate(shown) if size <= most), count)
+    if not mechanism.rounding or first == count:
+        return Spectrum(shown, count, inf, (count,))
+    firm = np.arange(count) < first
+    firm[first:] = _changes(mechanism, states, columns, found)[first:] < _CHANGES
+    if firm.all():
+        return Spectrum(shown, count, inf, (count,))
+    falls = np.divide(shown, [*shown[1:], 0.0], out=np.full(count, inf), where=np.array([*shown[1:], 0.0]) > 0)
+    intended = int(firm.argmin())
+    fall = float(falls[intended - 1]) if intended else inf
+    # what is as small as the last decimals changes as a whole, made by rounding or not: a wider gap may follow.  Gaps
+    # towards what is made by squares of the last decimals mean nothing
+    made = max(intended + 1, int((np.array(shown) > mechanism.rounding**_BETWEEN).sum()))
+    widest = intended + int(falls[intended:made].argmax()) + 1 if intended < count - 1 else intended
+    clear = fall >= min(_WIDE, max(_CLEAR, float(falls[widest - 1]))) and not firm[intended:].any()
+    if clear:
+        return Spectrum(shown, intended, fall, (intended,))
+    # true values as small as the last decimals hide among those that rounding makes
+    hidden = int((np.array(shown) > _HIDDEN * mechanism.rounding).sum())
+    likely = int(firm.sum())
+    possible = {*range(intended, hidden + 1), intended, likely, widest, count}
+    return Spectrum(shown, likely, float(falls[likely - 1]) if likely else inf, tuple(sorted(possible)))
+
+
+def _changes(mechanism: Mechanism, states: RealStates, columns: Sequence[int], found: Independent) -> Floats:
+    """Relative change of every singular value, for a change of the file's numbers by a whole last decimal."""
+    rng, length = random_generator(DEFAULT_SEED), characteristic_length(mechanism)
+    amount = Fraction(mechanism.rounding) * _PART
+    largest = np.zeros(len(found.shown))
+    before = _logs(states, states, found)
+    for _ in range(_DRAWS):
+        other = nudged(mechanism, amount, length, rng)
+        near = RealStates(rows_of(other).columns(columns), states.units)
+        largest = np.maximum(largest, np.abs(_logs(near, states, found) - before))  # not a number where one is lost
+    return np.asarray(np.nan_to_num(largest, nan=inf) / float(_PART))
+
+
+def _logs(states: RealStates, like: RealStates, found: Independent) -> Floats:
+    """Logarithms of as many singular values as were found, at states next to known ones."""
+    count = len(found.shown)
+    sizes = states.sizes(like, count + _SURPLUS, found.bits)
+    padded = [*sizes, *[0.0] * count][:count]
+    return np.array([log(size) if size > 0 else np.nan for size in padded])

@@ -1,0 +1,66 @@
+"""How finely a file states its geometry: the last decimal of its lengths, of its angles, and of its directions.
+
+Files have three decimals or seventeen.  Relations that the numbers keep to their last decimal only, such as axes that
+are parallel or lengths that are equal, may be meant to be exact; what depends on them is judged by how much it shows
+(:mod:`echelon.base.spectrum`).  Numbers of few decimals are taken to be exact: nobody rounds 0.25 m.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from fractions import Fraction
+
+from echelon.exact.polynomial import Rational, parts_of
+from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralTree
+from echelon.formats.snapping import nearest_step
+from echelon.mechanism.joint import Placement
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.stated import characteristic_length
+
+_FEWEST, _MOST = 3, 15
+"""Decimals of numbers that may be rounded; doubles have no more than 15 that mean something."""
+_MANY = 0.2
+"""Share of the numbers that are not short which have the last decimal: a few may have been computed to more digits."""
+_GRID = 2e-3
+"""rad: angles this near to a multiple of 15 degrees are that multiple, to as many digits as it takes."""
+
+
+def rounding_of_tree(tree: LiteralTree) -> float:
+    """The largest unit of the last decimal of a robot file, in rad or as a share of the robot's size; 0 if exact."""
+    steps = [step for link in tree.links for step in (*link.steps, *link.rest)]
+    for closure in tree.closures:
+        steps += [*closure.first_frame, *(closure.second_frame or ())]
+    placed = [step for step in steps if isinstance(step, LiteralPlacement)]
+    lengths = [value for step in placed for value in step.xyz]
+    turns = [value for step in placed for value in step.rpy]
+    turns += [value for step in steps if isinstance(step, LiteralMotion) for value in step.axis]
+    size = max((abs(float(value)) for value in lengths), default=0.0)
+    return _coarsest(lengths, turns if not tree.turned else tree.turned, size)
+
+
+def rounding_of_mechanism(mechanism: Mechanism) -> float:
+    """The same of the numbers of a description, whose angles are symbols with exact values."""
+    placed = [step for body in mechanism.bodies for step in body.joint.steps if isinstance(step, Placement)]
+    placed += [closure.first_frame for closure in mechanism.closures]
+    numbers = [entry.number for placement in placed for entry in placement.translation]
+    lengths = [part for number in numbers if number is not None for part in parts_of(number)]
+    exact = [symbol.number for symbol in mechanism.symbols.values()]
+    turns = [parts_of(number)[0] for number in exact if number is not None]
+    return _coarsest(lengths, turns, characteristic_length(mechanism))
+
+
+def _coarsest(lengths: Iterable[Rational], turns: Iterable[Rational], size: float) -> float:
+    general = [value for value in turns if abs(float(value) - nearest_step(float(value))) > _GRID]
+    return max(_last_decimal(lengths) / (size or 1.0), _last_decimal(general))
+
+
+def _last_decimal(numbers: Iterable[Rational]) -> float:
+    """The unit of the last decimal that many numbers have; 0 if all are short."""
+    found = sorted(decimals for number in numbers if (decimals := _decimals(number)) >= _FEWEST)
+    return float(10.0 ** -found[-1 - int(_MANY * len(found))]) if found else 0.0
+
+
+def _decimals(number: Rational) -> int:
+    """Decimals of a number, at most 15."""
+    value = Fraction(number)
+    return next((d for d in range(_MOST) if (value * 10**d).denominator == 1), _MOST)
