@@ -100,13 +100,6 @@ FAULTS = (
     ),
     Fault(
         REWRITING,
-        "(square - 1) / (square + 1)",
-        "(square + 1) / (square - 1)",
-        "tanh",
-        "base/test_linear_model.py::test_friction",
-    ),
-    Fault(
-        REWRITING,
         "copy.function(Op.SIGN, x) * x",
         "copy.function(Op.SIGN, x)",
         "|x| is its sign",
@@ -160,12 +153,5 @@ FAULTS = (
         "",
         "size of coefficients that the certificate's bound rests on",
         "program/test_schedule.py",
-    ),
-    Fault(
-        "program/canonical.py",
-        "laurent.append((name, -e))",
-        "laurent.append((name, e))",
-        "exp(x/c) is exp(c·x)",
-        "base/test_linear_model.py::test_worked_examples",
     ),
 )
