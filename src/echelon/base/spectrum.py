@@ -36,12 +36,16 @@ _DRAWS = 3
 _CHANGES = 0.1
 """Relative change, for a change of numbers by a whole last decimal, from which on rounding makes a value."""
 _WIDE = 1e4
-"""Fall that is clear whatever follows: squares of the last decimals leave gaps behind it, too."""
-_MOST_NAMED = 6
+"""Fall that is clear whatever follows."""
+_BETWEEN = 1.5
+"""Power of the last decimals between what they make and what their squares make."""
+_HIDDEN = 1e-3
+"""Times the last decimal: values down to this one may be true beside others that rounding makes."""
+_MOST_NAMED = 12
 """Numbers that a doubt names one by one."""
 _SURPLUS = 20
 """Rows beyond the rank in which values are compared."""
-_CLEAR = 10.0
+_CLEAR = 30.0
 """Fall of the spectrum behind the last value that does not change, from which on the gap is clear."""
 
 
@@ -76,7 +80,9 @@ class Spectrum:
         """What speaks against the intended number; empty if it is clear."""
         if len(self.counts) < 2:
             return ""
-        named = " or ".join(map(str, self.counts))
+        named = f"{self.counts[0]} to {self.counts[-1]}"
+        if len(self.counts) <= _MOST_NAMED:
+            named = f"{', '.join(map(str, self.counts[:-1]))} or {self.counts[-1]}"
         return (
             f"{named} base parameters: the file's last decimals do not tell, as what rounding may show "
             f"({self._size(min(self.counts))} of what others do, and less) is as large as what is meant; state the "
@@ -124,14 +130,18 @@ def spectrum_of(mechanism: Mechanism, states: RealStates, columns: Sequence[int]
     falls = np.divide(shown, [*shown[1:], 0.0], out=np.full(count, inf), where=np.array([*shown[1:], 0.0]) > 0)
     intended = int(firm.argmin())
     fall = float(falls[intended - 1]) if intended else inf
-    # what is as small as the last decimals changes as a whole, made by rounding or not: a wider gap may follow
-    widest = intended + int(falls[intended:-1].argmax()) + 1 if intended + 1 < count else intended
+    # what is as small as the last decimals changes as a whole, made by rounding or not: a wider gap may follow.  Gaps
+    # towards what is made by squares of the last decimals mean nothing
+    made = max(intended + 1, int((np.array(shown) > mechanism.rounding**_BETWEEN).sum()))
+    widest = intended + int(falls[intended:made].argmax()) + 1 if intended < count - 1 else intended
     clear = fall >= min(_WIDE, max(_CLEAR, float(falls[widest - 1]))) and not firm[intended:].any()
     if clear:
         return Spectrum(shown, intended, fall, (intended,))
-    few = range(intended, count + 1) if count - intended < _MOST_NAMED else (intended, widest, int(firm.sum()), count)
+    # true values as small as the last decimals hide among those that rounding makes
+    hidden = int((np.array(shown) > _HIDDEN * mechanism.rounding).sum())
     likely = int(firm.sum())
-    return Spectrum(shown, likely, float(falls[likely - 1]) if likely else inf, tuple(sorted({*few})))
+    possible = {*range(intended, hidden + 1), intended, likely, widest, count}
+    return Spectrum(shown, likely, float(falls[likely - 1]) if likely else inf, tuple(sorted(possible)))
 
 
 def _changes(mechanism: Mechanism, states: RealStates, columns: Sequence[int], found: Independent) -> Floats:

@@ -7,7 +7,6 @@ are parallel or lengths that are equal, may be meant to be exact; what depends o
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable
 from fractions import Fraction
 
@@ -20,6 +19,8 @@ from echelon.mechanism.stated import characteristic_length
 
 _FEWEST, _MOST = 3, 15
 """Decimals of numbers that may be rounded; doubles have no more than 15 that mean something."""
+_MANY = 0.2
+"""Share of the numbers that are not short which have the last decimal: a few may have been computed to more digits."""
 _GRID = 2e-3
 """rad: angles this near to a multiple of 15 degrees are that multiple, to as many digits as it takes."""
 
@@ -54,12 +55,9 @@ def _coarsest(lengths: Iterable[Rational], turns: Iterable[Rational], size: floa
 
 
 def _last_decimal(numbers: Iterable[Rational]) -> float:
-    """The unit of the last decimal that most numbers have which are not short; 0 if all are."""
-    counts = Counter(decimals for number in numbers if (decimals := _decimals(number)) >= _FEWEST)
-    if not counts:
-        return 0.0
-    most = max(counts.values())
-    return float(10.0 ** -min(decimals for decimals, count in counts.items() if count == most))
+    """The unit of the last decimal that many numbers have; 0 if all are short."""
+    found = sorted(decimals for number in numbers if (decimals := _decimals(number)) >= _FEWEST)
+    return float(10.0 ** -found[-1 - int(_MANY * len(found))]) if found else 0.0
 
 
 def _decimals(number: Rational) -> int:

@@ -173,9 +173,11 @@ class Assembly(ClosedMotion):
         rng = random_generator(DEFAULT_SEED)
         q = np.repeat(self.nearest()[None], _SEEN, axis=0)
         for _ in range(_FEWEST):
-            q = self._moved(q, _random_motion(rng, self._singular(q)[1], 2 * STRIDE))
+            ahead = self._moved(q, _random_motion(rng, self._singular(q)[1], 2 * STRIDE))
             for _ in range(_FEW):
-                q = self.step(q)
+                ahead = self.step(ahead)
+            closed = largest(self.closures.at(ahead)[0]) <= max(self.explained, _ENOUGH)
+            q[closed] = ahead[closed]
         jacobian = self._jacobian(q)
         sizes = np.linalg.svd(jacobian, compute_uv=False)
         rank, fall = cut_at((sizes / sizes[:, :1]).max(axis=0), self.tolerance, NOISE, _CLEAR)
