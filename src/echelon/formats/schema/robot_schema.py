@@ -217,7 +217,7 @@ class RobotDescription(Model):
         "With loops, positions near which they close, rad or m; zero where not stated.",
         {"coupler": "1.2", "rocker": "2*pi/3"},
     )
-    rounding: Annotated[float, Field(ge=0, le=0.05)] = optional(
+    rounding: Annotated[Number, Field(ge=0, le=0.05)] = optional(
         0.0,
         "With loops, the unit of the last decimal of the numbers of the geometry, rad or a share of the size, where "
         "relations between them may be meant that hold to it only. As Echelon writes it.",
