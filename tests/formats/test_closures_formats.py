@@ -381,5 +381,7 @@ def test_a_pin_beside_its_plane_is_refused(kind: str, raised: float) -> None:
     assert pin in text
     beside = text.replace("joint: revolute\n    connects", f"joint: {kind}\n    connects")
     beside = beside.replace(pin, f"on_second: {{xyz: [l4, 0, {raised}]}}")
-    with pytest.raises(ec.InputError, match=f"do not close near the assembly pose: closure 'pin' is off by {raised:.3g} m"):
+    with pytest.raises(
+        ec.InputError, match=f"do not close near the assembly pose: closure 'pin' is off by {raised:.3g} m"
+    ):
         ec.load(beside)
