@@ -55,7 +55,7 @@ EQUALITIES = {
 def unclosed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames are read; whether they can meet is not asked."""
     monkeypatch.setattr(
-        "echelon.regressor.loops.closing.close", lambda mechanism, wanted=None, *, prefer: chosen(mechanism, prefer)
+        "echelon.regressor.loops.closing.close", lambda mechanism, *_, prefer: chosen(mechanism, prefer)
     )
 
 
