@@ -93,18 +93,6 @@ class SingularPoseError(EchelonError):
     """Closed states of a mechanism with loops are not proved to exist, or do not tell what is independent."""
 
 
-class ShakyPoseError(SingularPoseError):
-    """Poses at which velocities are possible that no motion goes on with."""
-
-
-class BrokenRelationsError(InputError):
-    """Relations between stated numbers, such as parallel axes, hold to rounding only, and a rank depends on them."""
-
-
-class OtherModeError(EchelonError):
-    """No assembly mode that was found is the one of the stated pose."""
-
-
 class UnknownRelationsError(EchelonError):
     """The algebraic relations between some functions are not known, so a finite field cannot stand for them.
 

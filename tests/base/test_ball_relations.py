@@ -9,10 +9,10 @@ from fractions import Fraction
 import flint
 import numpy as np
 import pytest
+from echelon.base.ball_relations import Elimination
 
 import echelon as ec
 from echelon.base import derive
-from echelon.base.ball_relations import Elimination
 from echelon.base.ball_spaces import BallSpaces
 from echelon.base.ball_tables import rounded
 from echelon.base.certificate import certify

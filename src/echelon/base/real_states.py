@@ -17,6 +17,7 @@ from typing import Any
 import flint
 import numpy as np
 
+from echelon.arrays import Floats
 from echelon.base.ball_rows import ball_rows, rows_at_values
 from echelon.base.ball_tables import Balls, combinations_of, exact_number, vanishes
 from echelon.base.elimination import Independent, eliminated, sizes_shown
@@ -71,6 +72,11 @@ class RealStates:
     def singular(self) -> bool:
         """Whether more motions are possible at the assembly pose than near it."""
         return self.loops.singular
+
+    @property
+    def free_velocities(self) -> Floats:
+        """Orthonormal velocities that are possible at one closed pose, (velocities, freedoms)."""
+        return self.loops.assembly.free_velocities(self.loops.known_poses(0, 1)[0])
 
     @property
     def irrational(self) -> tuple[bool, bool]:

@@ -28,6 +28,7 @@ from echelon.mechanism.joint import ALL, GROUND, Body, Joint, Motion, Placement,
 from echelon.mechanism.mechanism import Cut, Mechanism
 from echelon.program.schedule import FieldSampler
 from echelon.regressor.linear_forms import FEW_COLUMNS, LinearForms, Rows, energy_changes, energy_form, rows_of
+from echelon.regressor.loops.closing import check_independent
 
 _SURPLUS_ROWS = 8
 _ATTEMPTS, _PASSES = 8, 2
@@ -111,6 +112,7 @@ def _at_real_states(mechanism: Mechanism, rows: Rows, rng: np.random.Generator, 
     by_joint = _dependent_by_joint(mechanism, rng) if named else {}
     columns = _not_local(mechanism, by_joint)
     states = RealStates(rows.columns(columns), units_of(mechanism, columns, rows.auxiliary))
+    check_independent(mechanism, states.free_velocities)
     found = states.independent(states.elsewhere(rng) if generic and named else {})
     spectrum = spectrum_of(mechanism, states, columns, found)
     order = range(len(columns))

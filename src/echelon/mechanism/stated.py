@@ -41,7 +41,6 @@ from echelon.exact.polynomial import (
     cosine_of_turn,
     generator_values,
     is_trigonometric,
-    parts_of,
     sine,
     sine_of_turn,
     symbol_of,
@@ -97,14 +96,6 @@ def inexact_symbols(mechanism: Mechanism) -> list[str]:
 def has_values(mechanism: Mechanism) -> bool:
     """Whether all symbols that a mechanism lists or uses have one."""
     return all_symbols(mechanism) <= known_values(mechanism).keys()
-
-
-def largest_denominator(mechanism: Mechanism) -> int:
-    """Of the numbers that say where joints are, those that close loops included."""
-    placements = [s for body in mechanism.bodies for s in body.joint.steps if isinstance(s, Placement)]
-    placements += [p for closure in mechanism.closures for p in closure.placements]
-    numbers = (number for p in placements for entry in p.entries() for number in entry.terms.values())
-    return max((Fraction(part).denominator for number in numbers for part in parts_of(number)), default=1)
 
 
 def placement_matrix(placement: Placement, symbols: Mapping[str, float]) -> npt.NDArray[np.float64]:

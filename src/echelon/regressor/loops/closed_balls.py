@@ -8,11 +8,11 @@ for rounding of frames: they depend on the others on the component of poses that
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import flint
 import numpy as np
@@ -21,14 +21,12 @@ import numpy.typing as npt
 from echelon.arrays import Floats, Integers, pivoted_qr
 from echelon.errors import InputError
 from echelon.mechanism.joint import MotionKind
-from echelon.program.arithmetics import BallArithmetic, ball
+from echelon.program.arithmetics import BallArithmetic, ball, stated_ball
 from echelon.program.operations import Op
 from echelon.program.schedule import FloatArithmetic, Schedule, StagedSchedule
 from echelon.regressor.loops.closed_motion import NOISE
+from echelon.regressor.loops.recorded_loops import Loops, floats_of
 from echelon.regressor.steps import quaternion_times
-
-if TYPE_CHECKING:
-    from echelon.regressor.loops.recorded_loops import Loops
 
 Balls = npt.NDArray[Any]
 """Array of ``arb``, poses last."""
@@ -322,6 +320,34 @@ class ClosedBalls:
         each = len(self._real) // self._count
         leaves = {node: np.resize(np.repeat(value, each), states) for node, value in kept.items()}
         return leaves | {node: values[self.program.inputs[node].name] for node in schedule.leaves}
+
+
+def closed_states(loops: Loops, at: Sequence[Mapping[str, str]], poses: Floats) -> ClosedBalls:
+    """Closed poses in ball arithmetic next to some in doubles, at the loops' own values or others of some symbols.
+
+    Parameters
+    ----------
+    loops : Loops
+    at : sequence of mapping of str to str
+        Values of symbols in place of the stated ones; the poses are closed at each of them, one after the other.
+    poses : array of shape (poses, positions)
+        Closed at the loops' own values.
+
+    Raises
+    ------
+    DegenerateSampleError
+        If the loops do not close at other values.
+    """
+    values = [{**loops.values, **given} for given in at]
+    wanted = np.tile(poses, (len(values), 1))
+    if any(given != loops.values for given in values):
+        floats = [floats_of(given) for given in values]
+        spread = {name: np.repeat([given[name] for given in floats], len(poses)) for name in loops.values}
+        wanted = loops.followed(wanted, spread)
+    balls = [{name: stated_ball(text) for name, text in given.items()} for given in values]
+    names = [given.name for given in loops.equations.program.inputs.values() if given.role == "symbol"]
+    symbols = {name: np.array([b[name] for b in balls], dtype=object) for name in names}
+    return ClosedBalls(loops, symbols, wanted)
 
 
 def _well_determined(whole: Floats, square: Floats) -> bool:

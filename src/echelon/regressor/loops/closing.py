@@ -16,18 +16,17 @@ from echelon.mechanism.closed_pose import loop_motions, shown_loops
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import (
     has_values,
-    inexact_symbols,
 )
 from echelon.mechanism.substitute import inexact_coupling, with_numeric_ratios
 from echelon.program.tape import Program
 from echelon.regressor.loops.assembly import NEARLY_FREE, Assembled, Assembly
+from echelon.regressor.loops.closed_balls import closed_states
 from echelon.regressor.loops.closed_motion import RANK_TOLERANCE
 from echelon.regressor.loops.coordinates import independent_coordinates
 from echelon.regressor.loops.recorded_loops import loops_of
 from echelon.regressor.steps import Recorder
 
 _ATTEMPTS = 2
-_ORDER = 16  # of the coefficients of a curve that show whether the loops really move
 _STANDS_STILL = 1e-3  # rad or m
 _BALL_BITS = 512
 _EXACTLY = (
@@ -102,7 +101,7 @@ class _Real:
     def check(self) -> None:
         """Refuse loops that are not shown to close near the pose in ball arithmetic, as the numbers stand."""
         with flint.ctx.workprec(_BALL_BITS):
-            _ = self.loops.closed([{}], self.states[:1]).poses
+            _ = closed_states(self.loops, [{}], self.states[:1]).poses
 
     def _locked(self, pose: Floats) -> bool:
         """Whether rounding has locked a loop while others, or what carries it, can move."""
@@ -155,15 +154,6 @@ def _shaky(mechanism: Mechanism) -> str:
     )
 
 
-def unsolved(mechanism: Mechanism, reason: str) -> str:
-    """That no exact closed pose was found."""
-    return (
-        f"no exact closed pose was found for {shown_loops(mechanism)}: {reason}.  Give frames with which the loops are "
-        "closed where all coordinates are zero, or at an assembly pose of multiples of 15 degrees (leave out the "
-        "second frame and it is where the first one is)"
-    )
-
-
 def _check_wanted(
     mechanism: Mechanism, wanted: Sequence[str], chosen: Sequence[str], velocities: Floats | None = None
 ) -> None:
@@ -196,21 +186,6 @@ def _follows(mechanism: Mechanism, name: str, chosen: Sequence[str], velocities:
 
 def _independent(count: int) -> str:
     return "1 coordinate is independent" if count == 1 else f"{count} coordinates are independent"
-
-
-def broken_relations(mechanism: Mechanism) -> str:
-    """Why relations between stated numbers may not hold to the letter, and what to write instead."""
-    names = ", ".join(dict.fromkeys(mechanism.symbols[name].meaning for name in inexact_symbols(mechanism)))
-    if names:
-        return (
-            f"Directions of irrational length, such as (1, 2, 0), count as generic ({names}), so points that are "
-            "stated along them lie beside them: put the origins of these joints where axes meet, or take directions "
-            "such as (3, 4, 0)"
-        )
-    return (
-        "Rounded numbers, or several turns by general angles one after another, break relations such as parallel axes: "
-        f"state frames that are turned by multiples of 15 degrees, with axes in them.  {_EXACTLY}"
-    )
 
 
 def locked_joints(mechanism: Mechanism) -> tuple[str, ...]:

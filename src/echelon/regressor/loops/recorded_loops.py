@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -17,7 +17,6 @@ from echelon.program.arithmetics import stated_ball
 from echelon.program.schedule import StagedSchedule
 from echelon.program.tape import Scalar
 from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.loops.closed_balls import ClosedBalls
 from echelon.regressor.loops.closed_motion import REMEMBERED, Known
 from echelon.regressor.loops.closures import ClosureEquations, record_closures
 from echelon.regressor.steps import Probes, Recorder
@@ -81,33 +80,7 @@ class Loops:
             poses = self.assembly.step(poses)
         return poses
 
-    def closed(self, at: Sequence[Mapping[str, str]], poses: Floats) -> ClosedBalls:
-        """Closed poses in ball arithmetic next to some in doubles, at :attr:`values` or others of some symbols.
-
-        Parameters
-        ----------
-        at : sequence of mapping of str to str
-            Values of symbols in place of the stated ones; the poses are closed at each of them, one after the other.
-        poses : array of shape (poses, positions)
-            Closed at :attr:`values`.
-
-        Raises
-        ------
-        DegenerateSampleError
-            If the loops do not close at other values.
-        """
-        values = [{**self.values, **given} for given in at]
-        wanted = np.tile(poses, (len(values), 1))
-        if any(given != self.values for given in values):
-            floats = [_floats(given) for given in values]
-            spread = {name: np.repeat([given[name] for given in floats], len(poses)) for name in self.values}
-            wanted = self._followed(wanted, spread)
-        balls = [{name: stated_ball(text) for name, text in given.items()} for given in values]
-        names = [given.name for given in self.equations.program.inputs.values() if given.role == "symbol"]
-        symbols = {name: np.array([b[name] for b in balls], dtype=object) for name in names}
-        return ClosedBalls(self, symbols, wanted)
-
-    def _followed(self, poses: Floats, symbols: Mapping[str, Floats]) -> Floats:
+    def followed(self, poses: Floats, symbols: Mapping[str, Floats]) -> Floats:
         """Closed poses at other values of the symbols, one for each pose, next to closed poses at :attr:`values`."""
         assembly = self.assembly.at(symbols)
         for _ in range(_STEPS_TO_CLOSE):
@@ -131,7 +104,7 @@ class Loops:
     @cached_property
     def assembly(self) -> Assembly:
         """Closed configurations in double precision, at :attr:`values`."""
-        return Assembly(self.mechanism, _floats(self.values), self.equations)
+        return Assembly(self.mechanism, floats_of(self.values), self.equations)
 
 
 def loops_of(
@@ -188,7 +161,7 @@ def _closing_values(known: Known[Mechanism]) -> Mapping[str, str]:
         drawn = dict(zip(unknown, _random_texts(rng, len(unknown)), strict=True))
         values = {**stated, **drawn}
         try:
-            _ = Assembly(mechanism, _floats(values)).pose
+            _ = Assembly(mechanism, floats_of(values)).pose
         except InputError:
             if attempt == _DRAWS - 1:
                 raise
@@ -202,13 +175,14 @@ def _random_texts(rng: np.random.Generator, count: int) -> Iterable[str]:
     return (f"{number}/{2 * _STEPS}" for number in drawn)
 
 
-def _floats(values: Mapping[str, str]) -> dict[str, float]:
+def floats_of(values: Mapping[str, str]) -> dict[str, float]:
+    """Values of symbols, which are stated as text, in double precision."""
     return {name: float(stated_ball(text).mid()) for name, text in values.items()}
 
 
 def real_inputs(mechanism: Mechanism, rng: np.random.Generator, count: int, reach: float = 1.0) -> dict[str, Floats]:
     """Random closed states and values of symbols, by the names of program inputs."""
-    values = _floats(closing_values(mechanism))
+    values = floats_of(closing_values(mechanism))
     states = Assembly(mechanism, values).random_closed_states(rng, count, reach)
     return {name: np.full(count, value) for name, value in values.items()} | state_inputs(mechanism, *states)
 
