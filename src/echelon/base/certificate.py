@@ -195,7 +195,7 @@ def certify(
     stated : AtStatedValues, optional
         The model at its stated values; a set for general values if omitted.
     doubt : str
-        With loops, why states near the assembly pose may be in several modes, so that they cannot be compared.
+        With loops, why the mode that states near the assembly pose belong to cannot be told.
 
     Returns
     -------

@@ -250,7 +250,7 @@ def base_structure(mechanism: Mechanism | Readable, *, generic: bool = False, se
     """Rank and representatives only, without closed forms.
 
     Warns with a :class:`~echelon.DoubtWarning` of what speaks against the rank, which :attr:`BaseModel.reading` tells
-    as its ``doubt`` or, of motions that loops nearly allow, in its ``notes``.
+    as its ``doubt``.
 
     Parameters
     ----------

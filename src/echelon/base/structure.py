@@ -50,7 +50,8 @@ class Structure:
     by_robot : mapping of int to tuple of int
         For every other dependent column, the pivots it depends on (none: the column is zero).
     singular : bool
-        With loops, whether more motions are possible at the assembly pose than near it, so that modes may meet there.
+        With loops, whether more motions are possible at the assembly pose than near it, so that ways of assembly may
+        meet there.
     real : Independent, optional
         With loops, independent columns at real closed states with the stated values of the symbols.
     spectrum : Spectrum, optional
