@@ -80,9 +80,9 @@ def test_one_residue_does_not_stand_for_an_angle_and_a_number(case: str) -> None
 
 @pytest.mark.parametrize("term", ["sin(q)^40", "(1 - cos(q))^20", "qd*sin(q)^30"])
 def test_effects_that_are_flat_at_the_pose_are_not_passed_over(term: str) -> None:
-    """No coefficient along a curve from q = 0 shows them up to order 25."""
-    with pytest.raises(ec.CertificateError, match="effect of Q"):
-        ec.base_parameters(robot(FOUR_BAR % ("qd", term)))
+    """They show at states away from it."""
+    base = ec.base_parameters(robot(FOUR_BAR % ("qd", term)))
+    assert "Q" in map(str, base.expressions)
 
 
 def as_numbers(model: ec.BaseModel, column: str, representative: str) -> ec.BaseModel:
@@ -105,9 +105,8 @@ def as_numbers(model: ec.BaseModel, column: str, representative: str) -> ec.Base
 
 
 def test_tiny_terms_are_not_lost_beside_others_in_ball_arithmetic() -> None:
-    base = ec.base_parameters(robot(FOUR_BAR % ("qd", "qd + 1e-200*q")))
     with pytest.raises(ec.CertificateError, match="effect of Q"):
-        verified(as_numbers(base, "Q", "P"))
+        ec.base_parameters(robot(FOUR_BAR % ("qd", "qd + 1e-200*q")))
 
 
 def test_regions_that_closed_states_hardly_meet_are_named() -> None:
