@@ -48,7 +48,7 @@ def check(text: str, exact: str, file: Path, said: str | None) -> None:
 
 
 LOCKED = pytest.mark.xfail(
-    reason="an equation that holds at a stretched pose only is left out, as lengths of three decimals explain its opening",
+    reason="an equation at a stretched pose is left out, as lengths of three decimals explain its opening",
     strict=True,
 )
 

@@ -24,12 +24,12 @@ from echelon.base.matrix import BaseMatrix, column_order, reordered
 from echelon.base.model import BaseModel
 from echelon.base.reading_report import doubt_of_loops, report_reading
 from echelon.base.real_matrix import in_numbers
-from echelon.base.real_states import RealStates
 from echelon.base.stated_columns import StatedColumns
 from echelon.base.stated_values import RelationSearch, SpecialValues, at_stated_values, stated_structure, with_values
 from echelon.base.structure import (
     Structure,
     find_structure,
+    real_structure,
 )
 from echelon.doors import NotNegative, public
 from echelon.errors import (
@@ -51,8 +51,8 @@ from echelon.mechanism.stated import (
     all_symbols,
     has_values,
     inexact_symbols,
+    named_symbols,
     stated_values,
-    symbol_roles,
     value_texts,
 )
 from echelon.models import LinearModel, model_of
@@ -199,7 +199,7 @@ def base_matrix(
     report: Callable[[str], None],
 ) -> BaseMatrix:
     """B for a column order."""
-    if structure.real is not None and not symbol_roles(mechanism).symbols:
+    if structure.real is not None and not named_symbols(mechanism):
         return in_numbers(mechanism, structure.real, order)
     work = Work.of(budget)
     found = relations(mechanism, structure)
@@ -218,16 +218,18 @@ def base_matrix(
     if structure.real is not None:
         if not has_values(mechanism):
             raise ClosedFormError("coefficients have no closed forms within the budget, and symbols have no values")
-        return in_numbers(mechanism, RealStates(rows_of(mechanism)).independent(), order)
+        stated = real_structure(mechanism, rng, rows_of(mechanism), in_numbers=True)
+        assert stated.real is not None
+        return in_numbers(mechanism, stated.real, order)
     # fractions that were not found although enough work was left are longer than anybody reads
     cheap = (r for r in found if not r.kernel.symbols and MOST_PRIMES * r.kernel.cost < work.operations)
     short = all(closed.keys() >= {*r.targets} for r in cheap)
-    stated = StatedColumns(mechanism, found, zero, order, rng, exact=short)
+    columns = StatedColumns(mechanism, found, zero, order, rng, exact=short)
     if order != classical:  # an exchange of representatives mixes the columns
-        pivots = set(stated.pivots)
+        pivots = set(columns.pivots)
         closed, open_columns = {}, [c for c in classical if c not in pivots]
-    numbers, meaning = stated.numbers(open_columns)
-    return assembled(mechanism.parameters, stated.pivots, closed | numbers, order, meaning)
+    numbers, meaning = columns.numbers(open_columns)
+    return assembled(mechanism.parameters, columns.pivots, closed | numbers, order, meaning)
 
 
 def _symbols_of(row: Mapping[int, RationalFunction]) -> set[str]:

@@ -98,6 +98,16 @@ class Independent:
         balls = np.frompyfunc(flint.arb, 1, 1)(unscaled).astype(object).reshape(found.shape)
         return Independent(pivots, self.shown[:count], others, balls, self.bits, relations, error)
 
+    def order_of(self, order: Sequence[int]) -> tuple[int, ...]:
+        """An order in which the basis is in echelon form: the given one, or else that with the pivots first."""
+        place = {column: k for k, column in enumerate(order)}
+        early = any(
+            place[column] < place[pivot] and not value.contains(0)
+            for pivot, row in zip(self.pivots, self.solution, strict=True)
+            for column, value in zip(self.others, row, strict=True)
+        )
+        return (*self.pivots, *self.others) if early else tuple(order)
+
     def holds(self, rows: Balls) -> bool:
         """Whether the combinations hold in further rows, auxiliary columns included."""
         return self.relations.hold(rows, self.bits)

@@ -13,13 +13,17 @@ from echelon.base.matrix import BaseMatrix, StatedNumbers
 from echelon.exact.polynomial import Number
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import all_symbols, symbol_roles, value_texts
+from echelon.mechanism.stated import all_symbols, named_symbols, symbol_roles, value_texts
 
 
 def in_numbers(mechanism: Mechanism, independent: Independent, order: Sequence[int]) -> BaseMatrix:
     """B from independent columns at the stated values of the symbols: short exact numbers, or bounded decimals."""
-    roles = symbol_roles(mechanism)
-    found = independent.in_order(order)
+    named, irrational = bool(named_symbols(mechanism)), symbol_roles(mechanism).irrational
+    if independent.error:
+        found = independent.without_faint(len(independent.pivots), order)
+        order = found.order_of(order)
+    else:
+        found = independent.in_order(order)
     rows = {pivot: {pivot: RationalFunction(1)} for pivot in found.pivots}
     stated, radius = set[int](), 0.0  # columns whose coefficients are decimals, or belong to values of symbols
     with flint.ctx.workprec(found.bits):
@@ -27,7 +31,7 @@ def in_numbers(mechanism: Mechanism, independent: Independent, order: Sequence[i
             for pivot, ball in zip(found.pivots, coefficients, strict=True):
                 if vanishes(ball, found.bits):
                     continue
-                exact = exact_number(ball, roles.irrational)
+                exact = exact_number(ball, irrational)
                 number: Number
                 if independent.error:
                     number, error = supported(float(ball.mid()), independent.error), independent.error
@@ -36,7 +40,7 @@ def in_numbers(mechanism: Mechanism, independent: Independent, order: Sequence[i
                 else:
                     number, error = in_decimals(ball)
                 radius = max(radius, error)
-                if roles.symbols or exact is None or independent.error:
+                if named or exact is None or independent.error:
                     stated.add(column)
                 rows[pivot][column] = RationalFunction(number)
     at = value_texts(mechanism, all_symbols(mechanism))

@@ -27,7 +27,7 @@ _ROWS = 3
 """Times as many rows as representatives."""
 _MOST = 0.1
 """Share of a column that a set may leave at most, however coarse the file is."""
-_WORSE = 3.0
+_WORSE = 30.0
 """By how much a set may leave more than the best coefficients, which its digits are fewer than."""
 _SMALLEST = 1e-3
 """Share of the largest column, in comparable units, below which a column counts as that large."""

@@ -33,8 +33,11 @@ _PART = Fraction(1, 10_000)
 """Part of the last decimal by which numbers are changed."""
 _DRAWS = 3
 """Random changes: by one of them a value may change little by chance."""
-_CHANGES = 0.1
-"""Relative change, for a change of numbers by a whole last decimal, from which on rounding makes a value."""
+_CHANGES = 0.02
+"""Relative change, for a change of numbers by a whole last decimal, from which on rounding makes a value.
+
+Fifty last decimals then make it or take it away: numbers of published files are rounded more than once.
+"""
 _WIDE = 1e4
 """Fall that is clear whatever follows."""
 _BETWEEN = 1.5

@@ -95,7 +95,7 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator, *, generic: b
     """
     whole = rows_of(mechanism)
     if whole.forms.loops is not None:
-        return _at_real_states(mechanism, whole, rng, generic)
+        return real_structure(mechanism, rng, whole, generic=generic)
     by_joint = _dependent_by_joint(mechanism, rng)
     remaining = _not_local(mechanism, by_joint)
     settled = _shown_by_blocks(mechanism, whole, remaining, rng)
@@ -107,9 +107,14 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator, *, generic: b
 
 
 @one_thread()
-def _at_real_states(mechanism: Mechanism, rows: Rows, rng: np.random.Generator, generic: bool) -> Structure:
-    """Structure at real closed states; closed forms of what depends on others by its joint alone are found there."""
-    named = bool(RealStates(rows).symbols)
+def real_structure(
+    mechanism: Mechanism, rng: np.random.Generator, rows: Rows, *, generic: bool = False, in_numbers: bool = False
+) -> Structure:
+    """Structure at real closed states, of all columns for numbers at the stated values.
+
+    Where symbols have names, columns that depend on others by their joint alone are left to closed forms.
+    """
+    named = bool(RealStates(rows).symbols) and not in_numbers
     by_joint = _dependent_by_joint(mechanism, rng) if named else {}
     columns = _not_local(mechanism, by_joint)
     states = RealStates(rows.columns(columns), units_of(mechanism, columns, rows.auxiliary))

@@ -17,6 +17,8 @@ from echelon.mechanism.joint import Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import characteristic_length
 
+COARSEST = 0.05
+"""Largest unit of a last decimal that means something, rad or a share of the size."""
 _FEWEST, _MOST = 3, 15
 """Decimals of numbers that may be rounded; doubles have no more than 15 that mean something."""
 _MANY = 0.2

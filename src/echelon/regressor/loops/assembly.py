@@ -136,9 +136,11 @@ class Assembly(ClosedMotion):
         super().__init__(mechanism, symbols, equations)
         self.held: Sequence[int] = self.closures.rows
         self.fall = np.inf
+        self._nearly: Floats | None = None  # where rounded equations are closed best
         if mechanism.rounding:
-            self.held, self.fall = _held(Known(self._identity, self))
+            self.held, self.fall, nearly = _held(Known(self._identity, self))
             self.closures = self.closures.with_rows(self.held)
+            self._nearly = nearly
 
     def at(self, symbols: Mapping[str, Floats]) -> Assembly:
         """The same mechanism at other values of its symbols, one for every configuration, in the same units."""
@@ -156,7 +158,10 @@ class Assembly(ClosedMotion):
 
         Gauss–Newton steps from there come first, which are the shortest that close the loops to first order.
         """
-        return _nearest(Known((self._identity, tuple(self.held)), self)).copy()
+        if self._nearly is not None:
+            nearest: Floats = self.closed(self._nearly[None])[0][0]
+            return nearest
+        return _nearest(Known(self._identity, self)).copy()
 
     @property
     def _identity(self) -> Hashable:
@@ -165,13 +170,14 @@ class Assembly(ClosedMotion):
         values = (mechanism.symbols, mechanism.assembly, self.symbols or {})
         return (mechanism.bodies, mechanism.couplings, mechanism.closures, *(frozenset(v.items()) for v in values))
 
-    def independent_equations(self) -> tuple[Sequence[int], float]:
+    def independent_equations(self) -> tuple[Sequence[int], float, Floats]:
         """Equations that are independent for all that their last decimals say, the same in all configurations.
 
-        Also by how much the smallest singular value that they keep exceeds the largest one that is left out.
+        Also by how much the smallest singular value that they keep exceeds the largest one that is left out, and the
+        configuration in which all equations together are closed best.
         """
-        rng = random_generator(DEFAULT_SEED)
-        q = np.repeat(self.nearest()[None], _SEEN, axis=0)
+        rng, nearest = random_generator(DEFAULT_SEED), self.nearest()
+        q = np.repeat(nearest[None], _SEEN, axis=0)
         for _ in range(_FEWEST):
             ahead = self._moved(q, _random_motion(rng, self._singular(q)[1], 2 * STRIDE))
             for _ in range(_FEW):
@@ -182,7 +188,7 @@ class Assembly(ClosedMotion):
         sizes = np.linalg.svd(jacobian, compute_uv=False)
         rank, fall = cut_at((sizes / sizes[:, :1]).max(axis=0), self.tolerance, NOISE, _CLEAR)
         order = pivoted_qr(jacobian.swapaxes(1, 2).reshape(-1, jacobian.shape[1]))[1]
-        return sorted(order[:rank].tolist()), fall
+        return sorted(order[:rank].tolist()), fall, nearest
 
     def nearest(self) -> Floats:
         """The same, found anew."""
@@ -459,7 +465,7 @@ class Assembly(ClosedMotion):
 
 
 @lru_cache(maxsize=REMEMBERED)
-def _held(known: Known[Assembly]) -> tuple[Sequence[int], float]:
+def _held(known: Known[Assembly]) -> tuple[Sequence[int], float, Floats]:
     return known.subject.independent_equations()
 
 
