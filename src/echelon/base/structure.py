@@ -10,7 +10,7 @@ the base and around couplings, is eliminated at once.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from operator import matmul
 
@@ -53,7 +53,8 @@ class Structure:
         With loops, whether more motions are possible at the assembly pose than near it, so that ways of assembly may
         meet there.
     real : Independent, optional
-        With loops, independent columns at real closed states with the stated values of the symbols.
+        With loops, independent columns at real closed states with the stated values of the symbols; copies that other
+        processes get are without it, as balls cannot be sent.
     spectrum : Spectrum, optional
         With loops, how much each shows, and what of it rounding of a file explains.
     """
@@ -63,8 +64,12 @@ class Structure:
     by_joint: Mapping[int, tuple[int, ...]]
     by_robot: Mapping[int, tuple[int, ...]]
     singular: bool = False
-    real: Independent | None = None
+    real: Independent | None = field(default=None, repr=False, compare=False)
     spectrum: Spectrum | None = None
+
+    def __getstate__(self) -> dict[str, object]:
+        """All but the balls."""
+        return {name: value for name, value in vars(self).items() if name != "real"}
 
     @property
     def rank(self) -> int:
