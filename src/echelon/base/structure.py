@@ -53,8 +53,7 @@ class Structure:
         With loops, whether more motions are possible at the assembly pose than near it, so that ways of assembly may
         meet there.
     real : Independent, optional
-        With loops, independent columns at real closed states with the stated values of the symbols; copies that other
-        processes get are without it, as balls cannot be sent.
+        With loops, independent columns at real closed states with the stated values of the symbols.
     spectrum : Spectrum, optional
         With loops, how much each shows, and what of it rounding of a file explains.
     """
@@ -66,10 +65,6 @@ class Structure:
     singular: bool = False
     real: Independent | None = field(default=None, repr=False, compare=False)
     spectrum: Spectrum | None = None
-
-    def __getstate__(self) -> dict[str, object]:
-        """All but the balls."""
-        return {name: value for name, value in vars(self).items() if name != "real"}
 
     @property
     def rank(self) -> int:
