@@ -104,7 +104,7 @@ REFUSED = {
     ),
     "sides that are rounded": (
         Ring((0.2, 0.4, 0.2, 0.4), (30, 90, 30, 90)).text.replace("0.4", "0.40001", 1),
-        r"leave no motion.*singular value .*e-0.*Write what is meant exactly",
+        r"'loop1' are not proved to close at the stated values",
     ),
 }
 

@@ -37,7 +37,7 @@ def rounding_of_tree(tree: LiteralTree) -> float:
     turns = [value for step in placed for value in step.rpy]
     turns += [value for step in steps if isinstance(step, LiteralMotion) for value in step.axis]
     size = max((abs(float(value)) for value in lengths), default=0.0)
-    return _coarsest(lengths, turns if not tree.turned else tree.turned, size)
+    return _coarsest(tree.placed or lengths, tree.turned or turns, size)
 
 
 def rounding_of_mechanism(mechanism: Mechanism) -> float:

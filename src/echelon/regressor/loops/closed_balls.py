@@ -36,6 +36,7 @@ Values = dict[str, Balls]
 
 _ITERATIONS = 16
 _RANK = 1e-6  # what counts as nothing among the pivots of a Jacobian in doubles
+_LAST = 0.9  # weight of the last column where the longest is taken next; the first has 1
 BALL_STEPS = 256  # of random numbers, to one
 _FAR = 1e-3  # of the largest singular value: the smallest one of equations that are solved well
 _MISSED = 1e-11  # m or rad: by what equations that depend on others may miss, which are those of rounded frames
@@ -380,8 +381,8 @@ def _well_determined(whole: Floats, square: Floats) -> bool:
 
 
 def _independent(matrix: Floats) -> list[int]:
-    """Columns that span all columns, in doubles."""
-    sizes, order = pivoted_qr(matrix)
+    """Columns that span all columns, in doubles; of columns that are alike the first, whatever rounding says."""
+    sizes, order = pivoted_qr(matrix * np.linspace(1.0, _LAST, matrix.shape[1]))
     return sorted(order[: int((sizes > _RANK * sizes.max(initial=0.0)).sum())].tolist())
 
 
