@@ -54,7 +54,7 @@ def evaluate(text, look_up):  # an expression by Python's grammar; names, calls,
 class Robot:
     """A saved model modulo a random prime p, with stated or random values of its symbols, and rows of X at random states."""
     def __init__(self, model, at_values):
-        self.model = only(model, MODEL + " loops independent assembly poses closed_in_balls" * ("loops" in model))
+        self.model = only(model, MODEL + " loops independent assembly poses rounding" * ("loops" in model))
         values = {n: entry.get("value") if isinstance(entry, dict) else entry for n, entry in model.get("symbols", {}).items()}
         self.read, self.frame = functools.cache(self.read), functools.cache(self.frame)
         self.largest_power, self.angles, self.sensed = 1, defaultdict(self.random), {}
