@@ -29,6 +29,7 @@ from echelon.base.stated_values import RelationSearch, SpecialValues, at_stated_
 from echelon.base.structure import (
     Structure,
     find_structure,
+    from_regular_pose,
     real_structure,
 )
 from echelon.doors import NotNegative, public
@@ -268,7 +269,8 @@ def base_structure(mechanism: Mechanism | Readable, *, generic: bool = False, se
     """
     model, rng = mechanism_of(mechanism), random_generator(seed)
     if model.closures and not generic:
-        answer = SpecialisedMechanism(model, stated_structure(model, rng))
+        beside, ways = from_regular_pose(model, rng)
+        answer = SpecialisedMechanism(beside, replace(stated_structure(beside, rng), ways=ways))
     else:
         answer = specialised(model, rng, generic=generic)
     if doubt := answer.doubt or doubt_of_loops(answer.mechanism):
@@ -298,8 +300,9 @@ def specialised(
     mechanism: Mechanism, rng: np.random.Generator, stated: AtStatedValues | None = None, *, generic: bool = False
 ) -> SpecialisedMechanism:
     """A mechanism for its stated values, and its structure there; ``stated`` spares recording the model again."""
+    mechanism, ways = from_regular_pose(mechanism, rng)
     values = stated_values(mechanism)
-    structure = find_structure(mechanism, rng)
+    structure = replace(find_structure(mechanism, rng), ways=ways)
     if not values.names:
         return SpecialisedMechanism(mechanism, structure)
     if not mechanism.closures:

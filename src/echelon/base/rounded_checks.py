@@ -57,8 +57,8 @@ def check_to_rounding(
     pivots = list(matrix.pivots)
     best = np.linalg.lstsq(rows[:, pivots], rows, rcond=None)[0]
     left, least = (np.abs(rows - rows[:, pivots] @ b).max(axis=0) / sizes for b in (claimed, best))
-    explained = min(_MOST, EXPLAINED * mechanism.rounding)
-    allowed = min(explained, _WORSE * max(float(least.max()), mechanism.rounding))
+    explained = EXPLAINED * mechanism.rounding
+    allowed = min(_MOST, max(explained, _WORSE * float(least.max())))
     wrong = np.flatnonzero(left > allowed)
     if wrong.size:
         name = matrix.parameters[int(left.argmax())]

@@ -44,7 +44,7 @@ _BETWEEN = 1.5
 """Power of the last decimals between what they make and what their squares make."""
 _HIDDEN = 1e-3
 """Times the last decimal: values down to this one may be true beside others that rounding makes."""
-_MOST_NAMED = 12
+_MOST_NAMED = 24
 """Numbers that a doubt names one by one."""
 _SURPLUS = 20
 """Rows beyond the rank in which values are compared."""

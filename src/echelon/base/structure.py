@@ -32,6 +32,8 @@ from echelon.regressor.loops.closing import check_independent
 
 _SURPLUS_ROWS = 8
 _ATTEMPTS, _PASSES = 8, 2
+_BRANCHES = 6
+"""Poses near a singular one from which ways of assembly are told apart by their ranks."""
 
 
 @public
@@ -49,6 +51,8 @@ class Structure:
         For a body's index, its columns that depend on its other columns and its parent's, whatever the motion.
     by_robot : mapping of int to tuple of int
         For every other dependent column, the pivots it depends on (none: the column is zero).
+    ways : tuple of int
+        With loops, the ranks of ways of assembly that meet at the stated pose; empty if that is regular.
     singular : bool
         With loops, whether more motions are possible at the assembly pose than near it, so that ways of assembly may
         meet there.
@@ -65,6 +69,7 @@ class Structure:
     singular: bool = False
     real: Independent | None = field(default=None, repr=False, compare=False)
     spectrum: Spectrum | None = None
+    ways: tuple[int, ...] = ()
 
     @property
     def rank(self) -> int:
@@ -74,6 +79,12 @@ class Structure:
     @property
     def doubt(self) -> str:
         """What speaks against the rank; empty if nothing does."""
+        if len(self.ways) > 1:
+            ranks = ", ".join(map(str, self.ways))
+            return (
+                f"the assembly pose is singular, and ways of assembly with {ranks} base parameters meet there; the "
+                f"one with {min(self.ways)} was taken: state a pose away from it"
+            )
         return self.where_modes_meet or (self.spectrum.doubt if self.spectrum else "")
 
     @property
@@ -104,6 +115,26 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator, *, generic: b
     pivots = tuple(sorted((*settled, *(remaining[k] for k in range(len(remaining)) if k not in supports))))
     by_robot = {remaining[k]: tuple(remaining[s] for s in support) for k, support in supports.items()}
     return Structure(len(mechanism.parameters), pivots, by_joint, by_robot)
+
+
+def from_regular_pose(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Mechanism, tuple[int, ...]]:
+    """A mechanism that is assembled next to a singular pose, where it shows least, and the ranks that were seen there.
+
+    Ways of assembly meet at such a pose: equal lengths are there to make motions special.  The mechanism itself, and no
+    ranks, where its pose is regular or there are no loops.
+    """
+    loops = rows_of(mechanism).forms.loops
+    if loops is None or not loops.singular:
+        return mechanism, ()
+    seen = dict[int, Mechanism]()
+    for pose in loops.known_poses(0, _BRANCHES):
+        beside = replace(mechanism, assembly=dict(zip(mechanism.positions, map(float, pose), strict=True)))
+        structure = real_structure(beside, rng, rows_of(beside))
+        if not structure.singular:
+            seen.setdefault(structure.rank, beside)
+    if not seen:
+        return mechanism, ()
+    return seen[min(seen)], tuple(sorted(seen))
 
 
 @one_thread()

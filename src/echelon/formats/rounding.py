@@ -21,7 +21,7 @@ COARSEST = 0.05
 """Largest unit of a last decimal that means something, rad or a share of the size."""
 _FEWEST, _MOST = 3, 15
 """Decimals of numbers that may be rounded; doubles have no more than 15 that mean something."""
-_MANY = 0.2
+_MANY = 0.05
 """Share of the numbers that are not short which have the last decimal: a few may have been computed to more digits."""
 _GRID = 2e-3
 """rad: angles this near to a multiple of 15 degrees are that multiple, to as many digits as it takes."""

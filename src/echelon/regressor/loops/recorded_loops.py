@@ -23,6 +23,8 @@ from echelon.regressor.steps import Probes, Recorder
 
 _DRAWS = 64
 """Sets of random values that are tried for symbols without one until the loops close."""
+_POOL_SEED = DEFAULT_SEED + 1
+"""Seed of poses that show dependences; certificates draw others by their own seeds."""
 _TOGETHER = 64
 """Poses that are drawn at once, which takes little longer than to draw one."""
 _STEPS_TO_CLOSE = 8
@@ -136,7 +138,7 @@ class _Pool:
 
     def __init__(self, loops: Loops) -> None:
         self._loops = loops
-        self._rng = random_generator(DEFAULT_SEED)
+        self._rng = random_generator(_POOL_SEED)
         self.poses: Floats = np.zeros((0, len(loops.mechanism.positions)))
 
     def grow(self) -> None:
