@@ -328,7 +328,7 @@ def specialised(
     special = SpecialValues(structure.rank, at_values.rank, relations.texts(values))
     if generic:
         return SpecialisedMechanism(mechanism, structure, special)
-    return SpecialisedMechanism(own, find_structure(own, rng), special)
+    return SpecialisedMechanism(own, replace(find_structure(own, rng), ways=ways), special)
 
 
 def _is_general(structure: Structure, stated: AtStatedValues, rng: np.random.Generator) -> bool:

@@ -79,11 +79,11 @@ class Structure:
     @property
     def doubt(self) -> str:
         """What speaks against the rank; empty if nothing does."""
-        if len(self.ways) > 1:
-            ranks = ", ".join(map(str, self.ways))
+        if self.ways:
+            ranks = " and ".join(map(str, self.ways))
             return (
-                f"the assembly pose is singular, and ways of assembly with {ranks} base parameters meet there; the "
-                f"one with {min(self.ways)} was taken: state a pose away from it"
+                f"the assembly pose is singular, where ways of assembly may meet; near it {ranks} base parameters "
+                f"show, and {min(self.ways)} were taken: state a pose away from it"
             )
         return self.where_modes_meet or (self.spectrum.doubt if self.spectrum else "")
 
