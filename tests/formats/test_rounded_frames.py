@@ -152,7 +152,6 @@ loops:
 """
 
 
-@pytest.mark.xfail(strict=True, reason="three decimals leave a doubt, which names the rank that is meant")
 def test_axes_outside_the_loops_of_descriptions_may_be_rounded() -> None:
     """The first arm turns about the vertical, as the loop's do not; no frame is upright."""
     arm = "axis: [-0.298205, 0.740949, 0.601721], origin: {xyz: [0.109, 0, 0], rpy: [0.888724, 0.302812, -1.502457]}"
