@@ -36,6 +36,7 @@ from echelon.doors import NotNegative, public
 from echelon.errors import (
     CertificateError,
     ClosedFormError,
+    DegenerateSampleError,
     DoubtWarning,
     EchelonError,
     InputError,
@@ -302,7 +303,12 @@ def specialised(
     """A mechanism for its stated values, and its structure there; ``stated`` spares recording the model again."""
     mechanism, ways = from_regular_pose(mechanism, rng)
     values = stated_values(mechanism)
-    structure = replace(find_structure(mechanism, rng), ways=ways)
+    try:
+        structure = replace(find_structure(mechanism, rng), ways=ways)
+    except DegenerateSampleError:  # loops such as Bennett's, whose lengths cannot be chosen freely
+        if generic:
+            raise InputError("the loops close at the stated values of their lengths only: leave generic out") from None
+        return SpecialisedMechanism(mechanism, replace(stated_structure(mechanism, rng), ways=ways))
     if not values.names:
         return SpecialisedMechanism(mechanism, structure)
     if not mechanism.closures:

@@ -21,7 +21,7 @@ from echelon.base.ball_tables import Balls, doubles, left_of, solved, solved_for
 
 _FIRM = (1e-6, 1e-4, 1e-2)
 """Share of the largest pivot above which doubles show a column to be independent; more where balls deny it."""
-_SMALLEST = 1e-3
+SMALLEST_SHARE = 1e-3
 """Share of the largest column, in comparable units, below which a column is not made as large."""
 _FAINT = 1e-2
 """Share of a column beside others below which rounding of a file may have made it."""
@@ -285,7 +285,7 @@ def _scaled(table: Balls, units: Sequence[float] | None = None) -> tuple[Balls, 
     if units is not None:
         comparable = [(float(size) / unit, unit) for size, unit in zip(sizes, units, strict=True)]
         largest = max((size for size, unit in comparable if unit != inf), default=0.0)
-        least = [_SMALLEST * largest * unit if unit != inf else 0.0 for _, unit in comparable]
+        least = [SMALLEST_SHARE * largest * unit if unit != inf else 0.0 for _, unit in comparable]
         sizes = np.array([max(size, flint.arb(x)) for size, x in zip(sizes, least, strict=True)], dtype=object)
     return table / sizes, sizes
 

@@ -10,16 +10,25 @@ import numpy as np
 from echelon.base.ball_tables import exact_number, in_decimals, supported, vanishes
 from echelon.base.elimination import Independent
 from echelon.base.matrix import BaseMatrix, StatedNumbers
+from echelon.errors import InputError
 from echelon.exact.polynomial import Number
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, named_symbols, symbol_roles, value_texts
+
+_MOST_OPEN = 0.5
+"""What rounding may leave open of coefficients, beside columns of size one, before they say nothing."""
 
 
 def in_numbers(mechanism: Mechanism, independent: Independent, order: Sequence[int]) -> BaseMatrix:
     """B from independent columns at the stated values of the symbols: short exact numbers, or bounded decimals."""
     named, irrational = bool(named_symbols(mechanism)), symbol_roles(mechanism).irrational
     if independent.error:
+        if independent.error > _MOST_OPEN:
+            raise InputError(
+                f"{len(independent.pivots)} base parameters are meant, but the file's last decimals leave their "
+                "coefficients open: state the geometry with more digits, or ask for the rank only"
+            )
         found = independent.without_faint(len(independent.pivots), order)
         order = found.order_of(order)
     else:

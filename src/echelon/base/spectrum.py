@@ -143,7 +143,8 @@ def spectrum_of(mechanism: Mechanism, states: RealStates, columns: Sequence[int]
     # true values as small as the last decimals hide among those that rounding makes
     hidden = int((np.array(shown) > _HIDDEN * mechanism.rounding).sum())
     likely = int(firm.sum())
-    possible = {*range(intended, hidden + 1), intended, likely, widest, count}
+    gaps = {k for k in range(first, count) if k and falls[k - 1] > _CLEAR}
+    possible = {*range(intended, hidden + 1), *gaps, intended, likely, widest, count}
     return Spectrum(shown, likely, float(falls[likely - 1]) if likely else inf, tuple(sorted(possible)))
 
 

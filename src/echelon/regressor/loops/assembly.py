@@ -145,8 +145,7 @@ class Assembly(ClosedMotion):
     def at(self, symbols: Mapping[str, Floats]) -> Assembly:
         """The same mechanism at other values of its symbols, one for every configuration, in the same units."""
         other = Assembly.__new__(Assembly)
-        remembered = ("pose", "assembled", "held")
-        other.__dict__ |= {name: value for name, value in vars(self).items() if name not in remembered}
+        other.__dict__ |= {name: value for name, value in vars(self).items() if name not in ("pose", "assembled")}
         other.closures, other.symbols = self.closures.with_values(symbols), None
         return other
 
@@ -168,7 +167,8 @@ class Assembly(ClosedMotion):
         """All that closed configurations depend on."""
         mechanism = self.mechanism
         values = (mechanism.symbols, mechanism.assembly, self.symbols or {})
-        return (mechanism.bodies, mechanism.couplings, mechanism.closures, *(frozenset(v.items()) for v in values))
+        moving = (mechanism.bodies, mechanism.couplings, mechanism.closures, mechanism.rounding)
+        return (*moving, *(frozenset(v.items()) for v in values))
 
     def independent_equations(self) -> tuple[Sequence[int], float, Floats]:
         """Equations that are independent for all that their last decimals say, the same in all configurations.
