@@ -505,3 +505,37 @@ def test_sums_of_lengths_agree_beyond_the_digits_of_doubles(heights: Sequence[st
     )
     mechanism = ec.load(tmp_path / "robot.yaml")
     assert (mechanism.degrees_of_freedom, ec.base_structure(mechanism).rank) == (3, 13)
+
+
+def trammel(decimals: int, second_slide: bool) -> str:
+    """A crank whose rod's ends slide along x and y: lengths of few decimals break nothing."""
+    ends = {"rod": TRAMMEL_CRANK * np.exp(1j * TRAMMEL_ANGLE)}
+    ends |= {"along": 2 * ends["rod"].real + 0j, "up": 2j * ends["rod"].imag}
+
+    def shown(point: complex) -> str:
+        return f"{point.real:.{decimals}f} {point.imag:.{decimals}f} 0"
+
+    sites = "".join(f'<site name="{name}1" pos="{shown(ends[name] - ends["rod"])}"/>' for name in ("along", "up"))
+    slides = "".join(
+        f'<body name="{name}" pos="{shown(ends[name])}"><joint name="{name}" type="slide" axis="{axis}"/>'
+        f'{INERTIA}<site name="{name}2"/></body>'
+        for name, axis in (("along", "1 0 0"), ("up", "0 1 0"))[: 1 + second_slide]
+    )
+    held = "".join(f'<connect site1="{name}1" site2="{name}2"/>' for name in ("along", "up")[: 1 + second_slide])
+    return (
+        f'<mujoco><option gravity="0.3 -9.1 1.2"/><worldbody><body name="crank"><joint name="crank"/>{INERTIA}'
+        f'<body name="rod" pos="{shown(ends["rod"])}"><joint name="rod"/>{INERTIA}{sites}</body></body>'
+        f"{slides}</worldbody><equality>{held}</equality></mujoco>"
+    )
+
+
+TRAMMEL_CRANK, TRAMMEL_ANGLE = 0.213, 0.65
+
+
+@pytest.mark.parametrize("second_slide", [False, True])
+@pytest.mark.parametrize("decimals", [3, 4, 6, 8])
+def test_what_shows_little_is_not_taken_for_rounding_in_silence(decimals: int, second_slide: bool) -> None:
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always", ec.DoubtWarning)
+        rank = ec.base_structure(ec.load(trammel(decimals, second_slide))).rank
+    assert rank == 5 or (decimals < 6 and names(str(told[0].message), 5))
