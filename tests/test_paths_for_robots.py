@@ -59,7 +59,6 @@ def test_a_path_gives_what_its_robot_gives(name: str, tmp_path: Path) -> None:
 
 
 def test_a_path_of_a_loop_and_of_a_linear_model() -> None:
-    assert ec.assembly_modes(EXAMPLES / "loops/parallelogram.yaml") == (3, 8)
     assert isinstance(ec.base_parameters(EXAMPLES / "linear/arrhenius.yaml"), ec.LinearBase)
     assert isinstance(ec.load_model(EXAMPLES / "linear/arrhenius.yaml"), ec.LinearModel)
 

@@ -23,7 +23,7 @@ PUBLIC = [
     "LinearModel", "Match", "Mechanism", "MissingExtraError", "NormalEquations", "NumericComparison",
     "Observation", "Payload", "RecordedRows", "RowSpaces", "SensorReport", "ServoFit", "Setup", "SpecialGeometry",
     "Structure", "SymbolicRegressor", "Trajectory", "Verdict", "__version__",
-    "assembly_modes", "audit", "base_parameters", "base_structure", "compare_numeric", "convert",
+    "audit", "base_parameters", "base_structure", "compare_numeric", "convert",
     "convert_columns", "drive_gains", "energy_regressor", "exciting_trajectory", "fit_servos", "gains_from_logs",
     "generate", "identify", "information_of_logs", "joint_side", "judged_trajectory", "load", "load_base",
     "load_identified", "load_linear", "load_linear_base", "load_model", "load_setup", "match", "power_regressor",

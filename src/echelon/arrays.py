@@ -42,22 +42,22 @@ def pivoted_qr(matrix: Floats) -> tuple[Floats, Integers]:
     return sizes, order
 
 
-def cut_at(sizes: Floats, explained: float, floor: float, clear: float) -> tuple[int, float]:
-    """How many of some descending sizes lie above what an error explains, and by how much they exceed the others.
+def cut_at(sizes: Floats, explained: float, floor: float, clear: float) -> int:
+    """How many of some descending sizes lie above what an error explains.
 
     Where sizes fall by less than ``clear`` there, the widest fall behind it counts.  Sizes below the floor are alike.
 
     >>> cut_at(np.array([1.0, 0.2, 1e-5, 4e-6]), 1e-4, 1e-12, 10.0)
-    (2, 20000.0)
+    2
     """
     above = int((sizes > explained).sum())
     if above in (0, len(sizes)):
-        return above, np.inf
+        return above
     clipped = np.maximum(sizes, floor)
     falls = clipped[:-1] / clipped[1:]
     if falls[above - 1] < clear:
         above += int(falls[above - 1 :].argmax())
-    return above, float(falls[above - 1])
+    return above
 
 
 def independent_columns(matrix: Floats, tolerance: float) -> list[int]:

@@ -90,7 +90,7 @@ class DegenerateSampleError(EchelonError):
 
 
 class SingularPoseError(EchelonError):
-    """A pose of a mechanism with loops from which no curve of closed poses goes on."""
+    """Closed states of a mechanism with loops are not proved to exist, or do not tell what is independent."""
 
 
 class ClosedFormError(EchelonError):

@@ -160,13 +160,11 @@ def test_along_curves_changed_dropped_and_added_parameters_are_found(linkage: ec
 
 
 @pytest.mark.parametrize("name", ["parallelogram", "sr400", "bennett"])
-def test_error_bound_along_curves(name: str) -> None:
+def test_residuals_at_closed_states(name: str) -> None:
     certificate = ec.base_parameters(ec.load(LOOPS / f"{name}.yaml")).certificate
-    assert certificate.order >= 24
-    assert len(set(certificate.identity_primes)) == 5
-    assert all(sympy.isprime(p) for p in certificate.identity_primes)
-    assert certificate.log10_error < -30
-    assert "shows up to order" in str(certificate)
+    assert certificate.log10_residual is not None
+    assert certificate.log10_residual < -60
+    assert "minor in ball arithmetic" in str(certificate)
 
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
@@ -215,7 +213,7 @@ def test_a_column_that_no_check_reaches_is_an_error(base: ec.BaseModel, monkeypa
 
 def test_the_certificate_counts_the_columns_that_each_check_reached(base: ec.BaseModel, linkage: ec.BaseModel) -> None:
     assert base.certificate.columns == {"minor": 36, "identity": 24}
-    assert linkage.certificate.columns == {"minor": 8, "identity": 22, "balls": 22}
+    assert linkage.certificate.columns == {"minor": 8, "balls": 22}
     assert base.certificate.holds == "at the stated values"
     assert linkage.certificate.holds == "at the stated values, near the assembly pose"
     general = ec.base_parameters(arms.rx90(), generic=True).certificate

@@ -54,7 +54,9 @@ EQUALITIES = {
 @pytest.fixture(autouse=True)
 def unclosed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames are read; whether they can meet is not asked."""
-    monkeypatch.setattr("echelon.regressor.loops.closing.close", lambda mechanism, _, prefer: chosen(mechanism, prefer))
+    monkeypatch.setattr(
+        "echelon.regressor.loops.closing.close", lambda mechanism, *_, prefer: chosen(mechanism, prefer)
+    )
 
 
 def chosen(mechanism: Mechanism, prefer: list[str]) -> Mechanism:

@@ -314,7 +314,7 @@ def _flags(material: Material, rng: Random, folder: Path) -> Path:
     data = json.loads(json.dumps(material.base))
     for _ in range(rng.choice((1, 1, 2, 3))):
         holder = rng.choice([data, data["certificate"], data["model"], data["reading"], rng.choice(data["base"])])
-        key = rng.choice([*holder, "closed_in_balls", "generic", "numbers", "special"])
+        key = rng.choice([*holder, "rounding", "generic", "numbers", "special"])
         value = holder.get(key)
         if isinstance(value, bool) or value is None:
             holder[key] = rng.choice((True, False, None, 0, "false", {}, []))

@@ -89,13 +89,6 @@ FAULTS = (
         "regressor/test_newton_euler.py::test_torques_equal_pinocchio",
     ),
     Fault(
-        "formats/closure_frames.py",
-        "*(places[m] for m in reversed(inward)), frame]",
-        "*(places[m] for m in inward), frame]",
-        "second frames of closures",
-        "formats/test_closures_formats.py::test_the_second_frame_is_where_the_first_one_is_at_zero",
-    ),
-    Fault(
         "formats/literal.py",
         "inner, constant = dict(known[name].terms), known[name].offset",
         "constant = known[name].offset",

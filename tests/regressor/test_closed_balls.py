@@ -1,4 +1,4 @@
-"""Closed states in ball arithmetic, and columns of B as numbers where loops close at angles without exact sines."""
+"""Closed states in ball arithmetic, and columns of B as numbers."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import pytest
 
 import echelon as ec
 from echelon.base.ball_rows import ball_rows
-from echelon.errors import InputError
+from echelon.errors import DegenerateSampleError
 from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values, value_texts
-from echelon.program.schedule import Schedule
+from echelon.program.schedule import StagedSchedule
 from echelon.regressor.linear_forms import virtual_power_form
 from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.loops.closed_balls import ClosedBalls
+from echelon.regressor.loops.closed_balls import closed_states
 from echelon.results.saved import from_json, to_json
 from support.descriptions import read_description
 from support.paths import ROOT
@@ -52,16 +52,14 @@ def states(mechanism: Mechanism, count: int) -> tuple[np.ndarray, np.ndarray, np
     """Midpoints of closed states, all balls of which are small."""
     forms = virtual_power_form(mechanism)
     assert forms.loops is not None
-    assert forms.loops.real is not None
     program, rng = forms.program, np.random.default_rng(3)
     kinds = (("q", mechanism.positions), ("qd", mechanism.velocities), ("qdd", mechanism.velocities))
     names = [[f"{kind}[{name}]" for name in some] for kind, some in kinds]
     node = {program.inputs[n].name: n for n in program.inputs}
     inputs = [node[name] for some in names for name in some if name in node]
     with flint.ctx.workprec(400):
-        at = value_texts(mechanism, known_values(mechanism))
-        closed = ClosedBalls(program, forms.loops, at, forms.loops.real(rng, count))
-        leaves = closed.leaves(Schedule(program, inputs), rng)
+        closed = closed_states(forms.loops, [{}], forms.loops.known_poses(0, count))
+        leaves = closed.leaves(StagedSchedule(program, inputs), rng)
         assert all(float(x.rad()) < 1e-90 for values in leaves.values() for x in values)
         q, qd, qdd = (
             np.array([[float(leaves[node[n]][k].mid()) if n in node else 0.0 for n in some] for k in range(count)])
@@ -125,5 +123,5 @@ def test_a_box_without_a_solution_is_refused() -> None:
     forms = virtual_power_form(mechanism)
     assert forms.loops is not None
     at = {**value_texts(mechanism, known_values(mechanism)), "l4": "0.95"}
-    with flint.ctx.workprec(400), pytest.raises(InputError, match="not proved to close"):
+    with flint.ctx.workprec(400), pytest.raises(DegenerateSampleError, match="do not close"):
         ball_rows(forms, at, 1, np.random.default_rng(1))

@@ -56,7 +56,7 @@ def test_friction_and_springs_in_loops(effects: str, rank: int) -> None:
 
 
 def test_exponentials_that_loops_tie_together_are_compared_in_balls() -> None:
-    """Bars that stay parallel turn equally fast, so their Stribeck friction adds up; primes do not know that."""
+    """Bars that stay parallel turn equally fast, so their Stribeck friction adds up."""
     text = FRICTION.replace("l3: 0.35, l4: 0.3", "l3: 0.4, l4: 0.15").replace("[l3,", "[l1,").replace("[l4,", "[l2,")
     text = text.replace("coupler: -0.4, rocker: 1.6", "coupler: -1.0, rocker: 1.0")
     effects = "  [{type: stribeck, velocity: 0.05, at: all, side: joint}]"

@@ -1,4 +1,4 @@
-"""Assembly modes of mechanisms that have several: the answer is that of the stated pose, or none."""
+"""Assembly modes of mechanisms that have several: the answer is that of the stated pose."""
 
 from __future__ import annotations
 
@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.errors import OtherModeError
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.snapping import ReadingOptions
-from echelon.mechanism.closed_pose import unit_quaternion
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.linear_forms import virtual_power_form
@@ -131,13 +129,8 @@ def rank_near(mechanism: Mechanism) -> int:
 
 
 def check(name: str, count: int, seed: int) -> None:
-    refused = 0
     for mechanism in at_random_poses(name, count, seed):
-        try:
-            assert ec.base_structure(mechanism).rank == rank_near(mechanism)
-        except OtherModeError:
-            refused += 1
-    assert refused <= count // 10
+        assert ec.base_structure(mechanism).rank == rank_near(mechanism)
 
 
 @pytest.mark.parametrize("name", one_in(2, MECHANISMS))
@@ -149,15 +142,6 @@ def test_the_mode_is_that_of_the_stated_pose(name: str) -> None:
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_the_mode_is_right_at_many_poses(name: str) -> None:
     check(name, 20, 5)
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_exact_quaternions_are_those_that_were_found(seed: int) -> None:
-    parts = np.random.default_rng(seed).normal(size=4)
-    parts /= np.linalg.norm(parts)
-    exact = unit_quaternion(parts.tolist())
-    assert sum(x * x for x in exact) == 1
-    np.testing.assert_allclose(np.array(exact, dtype=float), parts, atol=1e-14)
 
 
 def test_what_is_in_no_loop_stays_at_its_stated_pose() -> None:

@@ -80,13 +80,13 @@ def test_one_residue_does_not_stand_for_an_angle_and_a_number(case: str) -> None
 
 @pytest.mark.parametrize("term", ["sin(q)^40", "(1 - cos(q))^20", "qd*sin(q)^30"])
 def test_effects_that_are_flat_at_the_pose_are_not_passed_over(term: str) -> None:
-    """No coefficient along a curve from q = 0 shows them up to order 25."""
-    with pytest.raises(ec.CertificateError, match="effect of Q"):
-        ec.base_parameters(robot(FOUR_BAR % ("qd", term)))
+    """They show at states away from it."""
+    base = ec.base_parameters(robot(FOUR_BAR % ("qd", term)))
+    assert "Q" in map(str, base.expressions)
 
 
-def in_balls(model: ec.BaseModel, column: str, representative: str) -> ec.BaseModel:
-    """A column said to equal another one, in a model that is said to close in ball arithmetic only."""
+def as_numbers(model: ec.BaseModel, column: str, representative: str) -> ec.BaseModel:
+    """A column said to equal another one, all coefficients as numbers."""
     place = model.parameters.index
     dropped = place(column)
     rows = {p: dict(row) for p, row in zip(model.matrix.pivots, model.matrix.rows, strict=True) if p != dropped}
@@ -101,19 +101,18 @@ def in_balls(model: ec.BaseModel, column: str, representative: str) -> ec.BaseMo
     matrix = replace(
         model.matrix, pivots=pivots, rows=tuple(rows[p] for p in pivots), numbers=StatedNumbers(others, at, 1e-35)
     )
-    return replace(model, mechanism=replace(model.mechanism, closed_in_balls=True), matrix=matrix)
+    return replace(model, matrix=matrix)
 
 
 def test_tiny_terms_are_not_lost_beside_others_in_ball_arithmetic() -> None:
-    base = ec.base_parameters(robot(FOUR_BAR % ("qd", "qd + 1e-200*q")))
     with pytest.raises(ec.CertificateError, match="effect of Q"):
-        verified(in_balls(base, "Q", "P"))
+        ec.base_parameters(robot(FOUR_BAR % ("qd", "qd + 1e-200*q")))
 
 
 def test_regions_that_closed_states_hardly_meet_are_named() -> None:
     base = ec.base_parameters(robot(FOUR_BAR % ("sign(q)", "sign(q - 1e-3)")))
     try:
-        found = verified(in_balls(base, "Q", "P"))
+        found = verified(as_numbers(base, "Q", "P"))
     except ec.CertificateError:
         return
     assert any("regions of signs" in what for what in found.unchecked)
@@ -121,11 +120,7 @@ def test_regions_that_closed_states_hardly_meet_are_named() -> None:
 
 def test_friction_in_loops_is_checked_as_a_whole() -> None:
     """Both signs of speeds are met at random closed states."""
-    for found in (
-        ec.base_parameters(robot(FOUR_BAR % ("qd", "sign(qd)"))),
-        ec.base_parameters(replace(robot(FOUR_BAR % ("qd", "sign(qd)")), closed_in_balls=True)),
-    ):
-        assert ec.verify(found).unchecked == ()
+    assert ec.verify(ec.base_parameters(robot(FOUR_BAR % ("qd", "sign(qd)")))).unchecked == ()
 
 
 def test_regions_that_no_search_reaches_are_named() -> None:
@@ -140,8 +135,8 @@ def test_signs_of_constants_are_not_general() -> None:
 
 
 @pytest.mark.parametrize("pose", ["crank: 1e-9, coupler: -1e-9, rocker: 1e-9", "crank: 0, coupler: 0, rocker: 0"])
-def test_a_flat_parallelogram_is_not_valid_as_a_whole(pose: str) -> None:
-    """Two ways of assembly meet there."""
+def test_a_flat_parallelogram_is_told_as_a_doubt(pose: str) -> None:
+    """Two ways of assembly meet there: that of parallel cranks was taken, from a pose beside it."""
     text = f"""symbols: {{l1: 0.4, l2: 0.15, l3: 0.4, l4: 0.15}}
 gravity: [0, -9.81, 0]
 bodies:
@@ -152,7 +147,9 @@ loops:
   - {{joint: revolute, connects: [coupler, rocker], at: {{xyz: [l3, 0, 0]}}, on_second: {{xyz: [l4, 0, 0]}}, axis: z}}
 assembly: {{{pose}}}
 """
-    assert any("singular" in what for what in ec.verify(ec.base_parameters(robot(text))).unchecked)
+    base = ec.base_parameters(robot(text))
+    assert base.rank == 3
+    assert "singular" in base.reading.doubt
 
 
 def test_a_largest_coefficient_that_is_another_is_refused() -> None:

@@ -8,7 +8,7 @@ import pkgutil
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,7 +21,6 @@ from echelon.formats.robot_file import RobotFile
 from echelon.identification.conditioning import conditioning
 from echelon.identification.servos.servo_fit import ServoLimit, ServoScore
 from echelon.regressor.linear_forms import virtual_power_form
-from echelon.regressor.loops.closures import Wrist
 from support.paths import EXAMPLES
 from support.pendulum_logs import pendulum, write_log
 
@@ -123,7 +122,7 @@ def prediction() -> Any:
     return ec.predict_log(model.plan, model.values, file("run.parquet"))
 
 
-def modes() -> ec.Structure:
+def structure() -> ec.Structure:
     from support.many_cranks import cranks
 
     return ec.base_structure(cranks("0.7"))
@@ -212,17 +211,14 @@ OBJECTS: Mapping[str, Example] = {
     "additions to a URDF": Example(load("added.yaml"), read_literally),
     "MJCF": Example(load("two_link.xml"), read_literally),
     "loop": Example(load("loops/four_bar.yaml"), read_literally),
-    "wrist of a loop": Example(lambda: Wrist("weld", ("a", "b", "c"), (1, 2, 3))),
     "base": Example(base, computed),
     "servo fit": Example(servo),
     "base of a loop": Example(lambda: ec.base_parameters(load("loops/four_bar.yaml")()), along_loop),
     "base in numbers": Example(lambda: ec.base_parameters(load("double_pendulum.yaml")(), budget=0), str),
     "base of a URDF": Example(lambda: ec.base_parameters(load("gripper.urdf")()), str),
     "base at special values": Example(lambda: ec.base_parameters(load("special.yaml")()), str),
-    "structure": Example(modes),
-    "structure in balls": Example(
-        lambda: ec.base_structure(replace(load("loops/parallelogram.yaml")(), closed_in_balls=True))
-    ),
+    "structure": Example(structure),
+    "structure of a loop": Example(lambda: ec.base_structure(load("loops/parallelogram.yaml")())),
     "linear model": Example(lambda: ec.load_linear(EXAMPLES / "linear" / "arrhenius.yaml")),
     "linear base": Example(
         lambda: ec.base_parameters(ec.load_linear(EXAMPLES / "linear" / "single_track.yaml")), linear

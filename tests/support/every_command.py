@@ -57,7 +57,7 @@ COMMANDS = {
     "urdf": "derive gripper.urdf --json",
     "structure": "derive gripper.urdf --rank-only --json",
     "loop": "derive loop.yaml --json",
-    "modes": "derive loop.yaml --rank-only",
+    "structure-loop": "derive loop.yaml --rank-only",
     "special": "derive arm.yaml --special --json",
     "numeric": "derive arm.yaml --compare-numeric --json",
     "regressor-latex": "derive arm.yaml --regressor latex",

@@ -271,8 +271,6 @@ def false_sets(count: int, seed: int) -> Iterator[FalseSet]:
             model = attack(truth, rng)
             if model is None or made >= count:
                 continue
-            if model.mechanism.closures and rng.random() < 0.5:
-                model = replace(model, mechanism=replace(model.mechanism, closed_in_balls=True))
             made += 1
             yield FalseSet(attack.__name__, model, truth)
 

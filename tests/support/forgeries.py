@@ -260,7 +260,6 @@ CERTIFICATE: dict[str, Any] = {
     "minor_states": [0, -5],
     "degree": [0, 10**40],
     "log10_error": [-1e9, 0.0],
-    "order": [3],
     "at_values": [True, False],
     "regions": [10**6],
     "regions_note": ["all regions, proved"],
@@ -269,7 +268,8 @@ CERTIFICATE: dict[str, Any] = {
     "ball_states": [9],
     "columns": [{}, {"minor": 10**6}],
     "unchecked": [["nothing else"]],
-    "modes": [[1, 2, 3]],
+    "other_values": [9],
+    "rounding": [0.01],
     "seed": [1, 7],
     "identity_primes": [[], ["4"], ["170141183460469231731687303715884105727"]],
 }

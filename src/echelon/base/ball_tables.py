@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Sequence
 from fractions import Fraction
 from math import floor, log10
@@ -192,3 +193,16 @@ def rounded(values: Sequence[Any]) -> tuple[list[Number], float]:
         found.append(number)
         radius = max(radius, error)
     return found, radius
+
+
+def _parts(x: Any) -> tuple[int, int]:
+    mantissa, exponent = x.man_exp()
+    return int(mantissa), int(exponent)
+
+
+def _sent(x: Any) -> tuple[Any, tuple[tuple[int, int], tuple[int, int]]]:
+    """A ball as its exact middle and radius, for copies and other processes; python-flint has no form for these."""
+    return flint.arb, (_parts(x.mid()), _parts(x.rad()))
+
+
+copyreg.pickle(flint.arb, _sent)

@@ -195,7 +195,7 @@ def certify(
     stated : AtStatedValues, optional
         The model at its stated values; a set for general values if omitted.
     doubt : str
-        With loops, why states near the assembly pose may be in several modes, so that they cannot be compared.
+        With loops, why the mode that states near the assembly pose belong to cannot be told.
 
     Returns
     -------
@@ -370,10 +370,9 @@ class _Checks:
     def _at_other_values(self, formulas: set[int]) -> None:
         """Compare formulas at random values of the symbols, each of which a false one satisfies by rare chance."""
         states = RealStates(Rows(self.regressor, 0))
-        for _ in range(_OTHER_VALUES if states.symbols else 1):
-            evidence = self._near(states, formulas)
-            self._take_balls(evidence, formulas)
-        self.other_values = _OTHER_VALUES
+        self.other_values = _OTHER_VALUES if states.symbols else 1
+        for _ in range(self.other_values):
+            self._take_balls(self._near(states, formulas), formulas)
 
     def _near(self, states: RealStates, formulas: set[int]) -> BallEvidence:
         """Evidence at random values of the symbols at which there are real states."""

@@ -32,11 +32,14 @@ from echelon.base.stated_values import RelationSearch, SpecialValues, at_stated_
 from echelon.base.structure import (
     Structure,
     find_structure,
+    from_regular_pose,
+    real_structure,
 )
 from echelon.doors import NotNegative, public
 from echelon.errors import (
     CertificateError,
     ClosedFormError,
+    DegenerateSampleError,
     DoubtWarning,
     EchelonError,
     InputError,
@@ -53,6 +56,7 @@ from echelon.mechanism.stated import (
     has_values,
     inexact_symbols,
     known_values,
+    named_symbols,
     stated_values,
     symbol_roles,
     value_texts,
@@ -201,7 +205,7 @@ def base_matrix(
     report: Callable[[str], None],
 ) -> BaseMatrix:
     """B for a column order."""
-    if structure.real is not None and not structure.by_joint and not all_symbols(mechanism):
+    if structure.real is not None and not structure.by_joint and not named_symbols(mechanism):
         return _in_numbers(mechanism, structure.real, order)
     work = Work.of(budget)
     found = relations(mechanism, structure)
@@ -222,17 +226,18 @@ def base_matrix(
                 f"not all coefficients have closed forms within the budget, and the symbol '{silent[0]}' has no value: "
                 "give it a value, or give a larger budget (--budget)"
             )
-        independent = RealStates(rows_of(mechanism)).independent()
-        return _in_numbers(mechanism, independent, order, closed if order == classical else {})
+        stated = real_structure(mechanism, rng, rows_of(mechanism), in_numbers=True)
+        assert stated.real is not None
+        return _in_numbers(mechanism, stated.real, order, closed if order == classical else {})
     # fractions that were not found although enough work was left are longer than anybody reads
     cheap = (r for r in found if not r.kernel.symbols and MOST_PRIMES * r.kernel.cost < work.operations)
     short = all(closed.keys() >= {*r.targets} for r in cheap)
-    stated = StatedColumns(mechanism, found, zero, order, rng, exact=short)
+    columns = StatedColumns(mechanism, found, zero, order, rng, exact=short)
     if order != classical:  # an exchange of representatives mixes the columns
-        pivots = set(stated.pivots)
+        pivots = set(columns.pivots)
         closed, open_columns = {}, [c for c in classical if c not in pivots]
-    numbers, meaning = stated.numbers(open_columns)
-    return assembled(mechanism.parameters, stated.pivots, closed | numbers, order, meaning)
+    numbers, meaning = columns.numbers(open_columns)
+    return assembled(mechanism.parameters, columns.pivots, closed | numbers, order, meaning)
 
 
 def _in_numbers(
@@ -245,7 +250,8 @@ def _in_numbers(
     at = value_texts(mechanism, all_symbols(mechanism))
     roots = zip(symbol_roles(mechanism).irrational, irrational_roots(rows_of(mechanism).forms), strict=True)
     first, second = (a or b for a, b in roots)
-    return in_numbers(mechanism.parameters, independent, order, at, (first, second), known)
+    named = bool(named_symbols(mechanism))
+    return in_numbers(mechanism.parameters, independent, order, at, (first, second), named=named, known=known)
 
 
 def base_of(source: BaseModel | Mechanism | Readable) -> BaseModel:
@@ -263,7 +269,7 @@ def base_structure(mechanism: Mechanism | Readable, *, generic: bool = False, se
     """Rank and representatives only, without closed forms.
 
     Warns with a :class:`~echelon.DoubtWarning` of what speaks against the rank, which :attr:`BaseModel.reading` tells
-    as its ``doubt`` or, of motions that loops nearly allow, in its ``notes``.
+    as its ``doubt``.
 
     Parameters
     ----------
@@ -279,7 +285,8 @@ def base_structure(mechanism: Mechanism | Readable, *, generic: bool = False, se
     """
     model, rng = mechanism_of(mechanism), random_generator(seed)
     if model.closures and not generic:
-        answer = SpecialisedMechanism(model, stated_structure(model, rng))
+        beside, ways = from_regular_pose(model, rng)
+        answer = SpecialisedMechanism(beside, replace(stated_structure(beside, rng), ways=ways))
     else:
         answer = specialised(model, rng, generic=generic)
     if doubt := answer.doubt or doubt_of_loops(answer.mechanism):
@@ -309,8 +316,14 @@ def specialised(
     mechanism: Mechanism, rng: np.random.Generator, stated: AtStatedValues | None = None, *, generic: bool = False
 ) -> SpecialisedMechanism:
     """A mechanism for its stated values, and its structure there; ``stated`` spares recording the model again."""
+    mechanism, ways = from_regular_pose(mechanism, rng)
     values = stated_values(mechanism)
-    structure = find_structure(mechanism, rng)
+    try:
+        structure = replace(find_structure(mechanism, rng), ways=ways)
+    except DegenerateSampleError:  # loops such as Bennett's, whose lengths cannot be chosen freely
+        if generic:
+            raise InputError("the loops close at the stated values of their lengths only: leave generic out") from None
+        return SpecialisedMechanism(mechanism, replace(stated_structure(mechanism, rng), ways=ways))
     if not values.names:
         return SpecialisedMechanism(mechanism, structure)
     if structure.real is None:
@@ -336,7 +349,7 @@ def specialised(
     special = SpecialValues(structure.rank, at_values.rank, relations.texts(values))
     if generic:
         return SpecialisedMechanism(mechanism, structure, special)
-    return SpecialisedMechanism(own, find_structure(own, rng), special)
+    return SpecialisedMechanism(own, replace(find_structure(own, rng), ways=ways), special)
 
 
 def _is_general(structure: Structure, stated: AtStatedValues, rng: np.random.Generator) -> bool:

@@ -21,7 +21,7 @@ from echelon.base.ball_tables import Balls, doubles, left_of, solved, solved_for
 
 _FIRM = (1e-6, 1e-4, 1e-2)
 """Share of the largest pivot above which doubles show a column to be independent; more where balls deny it."""
-_SMALLEST = 1e-3
+SMALLEST_SHARE = 1e-3
 """Share of the largest column, in comparable units, below which a column is not made as large."""
 _FAINT = 1e-2
 """Share of a column beside others below which rounding of a file may have made it."""
@@ -97,6 +97,16 @@ class Independent:
         unscaled = found * sizes[list(others)] / sizes[list(pivots)][:, None]
         balls = np.frompyfunc(flint.arb, 1, 1)(unscaled).astype(object).reshape(found.shape)
         return Independent(pivots, self.shown[:count], others, balls, self.bits, relations, error)
+
+    def order_of(self, order: Sequence[int]) -> tuple[int, ...]:
+        """An order in which the basis is in echelon form: the given one, or else that with the pivots first."""
+        place = {column: k for k, column in enumerate(order)}
+        early = any(
+            place[column] < place[pivot] and not value.contains(0)
+            for pivot, row in zip(self.pivots, self.solution, strict=True)
+            for column, value in zip(self.others, row, strict=True)
+        )
+        return (*self.pivots, *self.others) if early else tuple(order)
 
     def holds(self, rows: Balls) -> bool:
         """Whether the combinations hold in further rows, auxiliary columns included."""
@@ -275,7 +285,7 @@ def _scaled(table: Balls, units: Sequence[float] | None = None) -> tuple[Balls, 
     if units is not None:
         comparable = [(float(size) / unit, unit) for size, unit in zip(sizes, units, strict=True)]
         largest = max((size for size, unit in comparable if unit != inf), default=0.0)
-        least = [_SMALLEST * largest * unit if unit != inf else 0.0 for _, unit in comparable]
+        least = [SMALLEST_SHARE * largest * unit if unit != inf else 0.0 for _, unit in comparable]
         sizes = np.array([max(size, flint.arb(x)) for size, x in zip(sizes, least, strict=True)], dtype=object)
     return table / sizes, sizes
 

@@ -243,8 +243,9 @@ def _matrix(
             "or a larger budget (--budget)"
         )
     independent = RealStates(Rows(model.regressor, 0)).independent()
+    at = stated_texts(model)
     return in_numbers(
-        model.parameters, independent, order, stated_texts(model), irrational_roots(model.regressor), found
+        model.parameters, independent, order, at, irrational_roots(model.regressor), named=bool(at), known=found
     )
 
 

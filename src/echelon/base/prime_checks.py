@@ -5,8 +5,7 @@ as possible.  That is a proof of independence, not a probability.
 
 *Identity.*  X − X̄ B = 0 is an identity of rational functions.  It is compared at random points modulo random 81-bit
 primes; by the Schwartz–Zippel lemma a false identity of degree d survives one such point with probability at most d/p
-(``docs/certificate.md`` has the whole bound).  Along curves of closed poses, which have no random points at hand, it is
-compared coefficient by coefficient, each curve modulo its own 31-bit prime.
+(``docs/certificate.md`` has the whole bound).
 
 *Rank.*  Columns whose coefficients are rounded numbers are shown to be combinations of the pivots by the rank of both
 together, which is the same statement about all (r + 1) × (r + 1) minors.

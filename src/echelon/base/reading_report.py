@@ -82,9 +82,12 @@ def report_reading(
 
     Of loops the spectrum says what rounding of lengths and directions makes.
     """
-    report = _compared(mechanism, rank, rng, recorded, matrix)
+    counted = rank if spectrum is None else spectrum.literal
+    report = _compared(mechanism, counted, rng, recorded, matrix)
+    report = replace(report, mimics=mimic_ranks(mechanism, rank, rng))
     if spectrum is not None and spectrum.note:
-        report = replace(report, notes=(*report.notes, spectrum.note), literal_rank=spectrum.literal)
+        literal_rank = report.literal_rank or spectrum.literal
+        report = replace(report, notes=(*report.notes, spectrum.note), literal_rank=literal_rank)
     return replace(report, doubt=_together(report.doubt, _locked_drives(mechanism)))
 
 
@@ -98,16 +101,13 @@ def _compared(
     reading = mechanism.reading
     snaps, notes = ((), ()) if reading is None else (reading.snaps, reading.notes)
     notes = (*notes, *mechanism_notes(mechanism))
-    mimics, moved = mimic_ranks(mechanism, rank, rng), assembled(mechanism) if mechanism.closures else None
-    report = ReadingReport(snaps, notes, mimics=mimics, assembled=moved)
+    report = ReadingReport(snaps, notes, assembled=assembled(mechanism) if mechanism.closures else None)
     coarse = [snap for snap in snaps if snap.difference > ROUNDING]
-    if mechanism.closures:
-        return report
     if reading is None or not coarse:  # to double precision, the numbers as they are read are those of the file
         return replace(report, doubt=_doubt(mechanism, recorded, rank, rank, matrix, mechanism))
     try:
         literal = reading.literal()
-        literal_rank = stated_structure(literal, rng).rank
+        literal_rank = _to_the_letter(literal, rng)
     except (InputError, SingularPoseError) as error:  # rounding has locked loops
         return replace(report, notes=(*notes, f"the literal reading of the file has no answer: {error}"))
     chosen: set[str] = set()
@@ -165,11 +165,13 @@ def _doubt(
     matrix: BaseMatrix | None,
     as_stated: Mechanism,
 ) -> str:
-    """The float ranks of the literal numbers, if none of them is the expected one; else empty.
+    """The float ranks of the literal numbers, if none of them is the expected one; else empty, as with loops.
 
     Snaps explain all ranks from the intended one to the literal one: what they move by little shows little.
     ``as_stated`` has the literal numbers, as far as they differ in double precision.
     """
+    if mechanism.closures:  # ball arithmetic tells the size of all singular values
+        return ""
     low, high = sorted((literal, intended))
     columns, where = None, ""
     if len(mechanism.parameters) > _MOST_COLUMNS and matrix is not None and matrix.numbers is None:
@@ -229,6 +231,12 @@ def mimic_ranks(mechanism: Mechanism, rank: int, rng: np.random.Generator) -> Mi
     return MimicRanks(rank, found) if len(mechanism.couplings) > len(other.couplings) else MimicRanks(found, rank)
 
 
+def _to_the_letter(mechanism: Mechanism, rng: np.random.Generator) -> int:
+    """The rank, what rounding makes included."""
+    structure = stated_structure(mechanism, rng)
+    return structure.rank if structure.spectrum is None else structure.spectrum.literal
+
+
 def _decisive(reading: Reading, elements: Sequence[str], rank: int, bodies: int, rng: np.random.Generator) -> list[str]:
     """Elements that change the rank when taken literally, by bisection; whole groups once enough has been tried."""
     trials = iter(range(max(_FEWEST_TRIALS, _MOST_TRIALS // bodies)))
@@ -236,7 +244,7 @@ def _decisive(reading: Reading, elements: Sequence[str], rank: int, bodies: int,
     def bisected(group: Sequence[str]) -> list[str]:
         if next(trials, None) is None:
             return list(group)
-        if stated_structure(reading.literal(group), rng).rank == rank:
+        if _to_the_letter(reading.literal(group), rng) == rank:
             return []
         if len(group) == 1:
             return list(group)

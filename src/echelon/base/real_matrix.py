@@ -10,8 +10,12 @@ import numpy as np
 from echelon.base.ball_tables import exact_number, in_decimals, supported, vanishes
 from echelon.base.elimination import Independent
 from echelon.base.matrix import BaseMatrix, StatedNumbers
+from echelon.errors import InputError
 from echelon.exact.polynomial import Number
 from echelon.exact.rational import RationalFunction
+
+_MOST_OPEN = 0.5
+"""What rounding may leave open of coefficients, beside columns of size one, before they say nothing."""
 
 
 def in_numbers(
@@ -20,6 +24,8 @@ def in_numbers(
     order: Sequence[int],
     at: Mapping[str, str],
     irrational: tuple[bool, bool],
+    *,
+    named: bool,
     known: Mapping[int, Mapping[int, RationalFunction]] | None = None,
 ) -> BaseMatrix:
     """B from independent columns at stated values of the symbols: short exact numbers, or bounded decimals.
@@ -33,17 +39,34 @@ def in_numbers(
     order : sequence of int
         Columns from most to least preferred as representative.
     at : mapping of str to str
-        The values; columns of models without symbols that are exact are no columns of stated numbers.
+        The values.
     irrational : (bool, bool)
         Whether √2 and √3 may occur.
+    named : bool
+        Whether symbols have names, so that all columns are columns of stated numbers.
     known : mapping of int to mapping of int to RationalFunction, optional
         Columns with closed forms, as combinations of representatives.
 
     Returns
     -------
     BaseMatrix
+
+    Raises
+    ------
+    InputError
+        If rounding of the file leaves the coefficients open.
     """
-    found, known = independent.in_order(order), known or {}
+    if independent.error:
+        if independent.error > _MOST_OPEN:
+            raise InputError(
+                f"{len(independent.pivots)} base parameters are meant, but the file's last decimals leave their "
+                "coefficients open: state the geometry with more digits, or ask for the rank only"
+            )
+        found = independent.without_faint(len(independent.pivots), order)
+        order = found.order_of(order)
+    else:
+        found = independent.in_order(order)
+    known = known or {}
     rows = {pivot: {pivot: RationalFunction(1)} for pivot in found.pivots}
     if not {pivot for row in known.values() for pivot in row} <= rows.keys():
         known = {}  # closed forms in terms of other representatives
@@ -65,7 +88,7 @@ def in_numbers(
                 else:
                     number, error = in_decimals(ball)
                 radius = max(radius, error)
-                if at or exact is None or independent.error:
+                if named or exact is None or independent.error:
                     stated.add(column)
                 rows[pivot][column] = RationalFunction(number)
     numbers = StatedNumbers(tuple(sorted(stated)), at, radius, bool(independent.error)) if stated else None

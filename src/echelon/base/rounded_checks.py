@@ -15,11 +15,11 @@ from echelon.arrays import Floats
 from echelon.base.ball_checks import BallEvidence
 from echelon.base.ball_rows import ball_rows
 from echelon.base.ball_tables import combinations_of, doubles
+from echelon.base.elimination import SMALLEST_SHARE
 from echelon.base.matrix import BaseMatrix
-from echelon.base.spectrum import EXPLAINED
+from echelon.base.spectrum import EXPLAINED, units_of
 from echelon.errors import CertificateError, InputError
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import characteristic_length
 from echelon.regressor.linear_forms import LinearForms
 
 _BITS = 640
@@ -27,10 +27,8 @@ _ROWS = 3
 """Times as many rows as representatives."""
 _MOST = 0.1
 """Share of a column that a set may leave at most, however coarse the file is."""
-_WORSE = 3.0
+_WORSE = 30.0
 """By how much a set may leave more than the best coefficients, which its digits are fewer than."""
-_SMALLEST = 1e-3
-"""Share of the largest column, in comparable units, below which a column counts as that large."""
 
 
 def check_to_rounding(
@@ -57,8 +55,8 @@ def check_to_rounding(
     pivots = list(matrix.pivots)
     best = np.linalg.lstsq(rows[:, pivots], rows, rcond=None)[0]
     left, least = (np.abs(rows - rows[:, pivots] @ b).max(axis=0) / sizes for b in (claimed, best))
-    explained = min(_MOST, EXPLAINED * mechanism.rounding)
-    allowed = min(explained, _WORSE * max(float(least.max()), mechanism.rounding))
+    explained = EXPLAINED * mechanism.rounding
+    allowed = min(_MOST, max(explained, _WORSE * float(least.max())))
     wrong = np.flatnonzero(left > allowed)
     if wrong.size:
         name = matrix.parameters[int(left.argmax())]
@@ -71,9 +69,8 @@ def check_to_rounding(
 
 def _sizes(rows: Floats, mechanism: Mechanism) -> Floats:
     """Sizes of columns, those that hold little beside others in comparable units taken for larger."""
-    length = characteristic_length(mechanism)
+    units = np.array(units_of(mechanism, range(rows.shape[1]), 0))
     sizes = np.abs(rows).max(axis=0, initial=0.0)
-    units = np.array([length**-column.length_degree for column in mechanism.columns])
-    inertial = np.array([column.kind is not None for column in mechanism.columns])
-    largest = float((sizes / units)[inertial].max(initial=0.0))
-    return np.asarray(np.where(inertial, np.maximum(sizes, _SMALLEST * largest * units), np.maximum(sizes, 1e-300)))
+    inertial = np.isfinite(units)
+    least = SMALLEST_SHARE * float((sizes / units)[inertial].max(initial=0.0)) * np.where(inertial, units, 0.0)
+    return np.asarray(np.maximum(np.maximum(sizes, least), np.finfo(float).tiny))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,9 +16,9 @@ import numpy.typing as npt
 from echelon.base.ball_spaces import spaces_of
 from echelon.base.derive import silent
 from echelon.base.row_space import row_space
-from echelon.base.stated_values import at_stated_values
+from echelon.base.stated_values import at_stated_values, stated_structure
 from echelon.doors import Count, NotNegative, public
-from echelon.errors import ClosedFormError, DegenerateSampleError, EchelonError, InputError
+from echelon.errors import ClosedFormError, DegenerateSampleError, DoubtWarning, EchelonError, InputError
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank
 from echelon.exact.unknown_functions import SOLVING, Work, persistent
 from echelon.mechanism.joint import GROUND, Placement
@@ -100,6 +101,11 @@ def sensor_report(
     InputError
         If the budget does not suffice for all subsets that are to be listed.
 
+    Warns
+    -----
+    DoubtWarning
+        If a file with loops is rounded, so that the ranks, which are to its letter, are not those that are meant.
+
     Examples
     --------
     >>> import echelon as ec
@@ -171,6 +177,7 @@ def _spaces(
     numbers = {name: f"sensor {number} of {len(groups)}" for number, name in enumerate(groups, 1)}
     forms = {name: virtual_power_form(replace(mechanism, measured=group)) for name, group in groups.items()}
     if not all(form.rational for form in forms.values()):
+        _warn_of_rounding(mechanism, rng)
         said = "what {} sees ({}, in ball arithmetic)"
         found = spaces_of(forms, lambda name: progress(said.format(name, numbers[name])))
         return _Spaces([(found.rank, found.bases)], _BALL)
@@ -184,6 +191,14 @@ def _spaces(
         if len(bases) == _FIELDS:
             return _Spaces(bases)
     raise EchelonError("every random point is singular; please report this model")
+
+
+def _warn_of_rounding(mechanism: Mechanism, rng: np.random.Generator) -> None:
+    """Warn where the ranks of sensors, which are to the letter, are not those that a rounded file means."""
+    spectrum = stated_structure(mechanism, rng).spectrum
+    told = "" if spectrum is None else spectrum.doubt or spectrum.note
+    if told:
+        warnings.warn(f"ranks of sensors are to the letter of the file, which has {told}", DoubtWarning, stacklevel=4)
 
 
 def _row_spaces(

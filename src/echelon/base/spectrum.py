@@ -33,20 +33,20 @@ _PART = Fraction(1, 10_000)
 """Part of the last decimal by which numbers are changed."""
 _DRAWS = 3
 """Random changes: by one of them a value may change little by chance."""
-_CHANGES = 0.1
-"""Relative change, for a change of numbers by a whole last decimal, from which on rounding makes a value."""
+_KEEPS, _CHANGES = 0.02, 0.3
+"""Relative changes, for a change of numbers by a whole last decimal: up to the first, rounding does not make a value,
+as it would take fifty last decimals; from the second on, it is likely to do so."""
 _WIDE = 1e4
 """Fall that is clear whatever follows."""
 _BETWEEN = 1.5
 """Power of the last decimals between what they make and what their squares make."""
-_HIDDEN = 1e-3
-"""Times the last decimal: values down to this one may be true beside others that rounding makes."""
-_MOST_NAMED = 12
+_MOST_NAMED = 24
 """Numbers that a doubt names one by one."""
 _SURPLUS = 20
 """Rows beyond the rank in which values are compared."""
-_CLEAR = 30.0
-"""Fall of the spectrum behind the last value that does not change, from which on the gap is clear."""
+_CLEAR = 300.0
+"""Fall of the spectrum behind the last value that does not change, from which on the gap is clear: the true values of
+86 exact mechanisms fall by more from one to the next in two of them."""
 
 
 @dataclass(frozen=True)
@@ -123,8 +123,9 @@ def spectrum_of(mechanism: Mechanism, states: RealStates, columns: Sequence[int]
     first = next((k for k, size in enumerate(shown) if size <= most), count)
     if not mechanism.rounding or first == count:
         return Spectrum(shown, count, inf, (count,))
-    firm = np.arange(count) < first
-    firm[first:] = _changes(mechanism, states, columns, found)[first:] < _CHANGES
+    changes = _changes(mechanism, states, columns, found)
+    firm = (np.arange(count) < first) | (changes < _KEEPS)
+    made = ~firm & (changes > _CHANGES)
     if firm.all():
         return Spectrum(shown, count, inf, (count,))
     falls = np.divide(shown, [*shown[1:], 0.0], out=np.full(count, inf), where=np.array([*shown[1:], 0.0]) > 0)
@@ -132,16 +133,12 @@ def spectrum_of(mechanism: Mechanism, states: RealStates, columns: Sequence[int]
     fall = float(falls[intended - 1]) if intended else inf
     # what is as small as the last decimals changes as a whole, made by rounding or not: a wider gap may follow.  Gaps
     # towards what is made by squares of the last decimals mean nothing
-    made = max(intended + 1, int((np.array(shown) > mechanism.rounding**_BETWEEN).sum()))
-    widest = intended + int(falls[intended:made].argmax()) + 1 if intended < count - 1 else intended
-    clear = fall >= min(_WIDE, max(_CLEAR, float(falls[widest - 1]))) and not firm[intended:].any()
-    if clear:
+    last = max(intended + 1, int((np.array(shown) > mechanism.rounding**_BETWEEN).sum()))
+    widest = float(falls[intended:last].max())
+    if not firm[intended:].any() and fall >= min(_WIDE, max(_CLEAR, widest)):
         return Spectrum(shown, intended, fall, (intended,))
-    # true values as small as the last decimals hide among those that rounding makes
-    hidden = int((np.array(shown) > _HIDDEN * mechanism.rounding).sum())
-    likely = int(firm.sum())
-    possible = {*range(intended, hidden + 1), intended, likely, widest, count}
-    return Spectrum(shown, likely, float(falls[likely - 1]) if likely else inf, tuple(sorted(possible)))
+    likely = count - int(made.sum())
+    return Spectrum(shown, likely, float(falls[likely - 1]) if likely else inf, tuple(range(intended, count + 1)))
 
 
 def _changes(mechanism: Mechanism, states: RealStates, columns: Sequence[int], found: Independent) -> Floats:

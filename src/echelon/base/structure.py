@@ -10,7 +10,7 @@ the base and around couplings, is eliminated at once.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from operator import matmul
 
@@ -33,6 +33,8 @@ from echelon.regressor.loops.closing import check_independent
 
 _SURPLUS_ROWS = 8
 _ATTEMPTS, _PASSES = 8, 2
+_BRANCHES = 6
+"""Poses near a singular one from which ways of assembly are told apart by their ranks."""
 
 
 @public
@@ -50,8 +52,11 @@ class Structure:
         For a body's index, its columns that depend on its other columns and its parent's, whatever the motion.
     by_robot : mapping of int to tuple of int
         For every other dependent column, the pivots it depends on (none: the column is zero).
+    ways : tuple of int
+        With loops, the ranks of ways of assembly that meet at the stated pose; empty if that is regular.
     singular : bool
-        With loops, whether more motions are possible at the assembly pose than near it, so that modes may meet there.
+        With loops, whether more motions are possible at the assembly pose than near it, so that ways of assembly may
+        meet there.
     real : Independent, optional
         Independent columns at real states, where primes do not show them; of columns that are not in ``by_joint``.
     spectrum : Spectrum, optional
@@ -63,8 +68,9 @@ class Structure:
     by_joint: Mapping[int, tuple[int, ...]]
     by_robot: Mapping[int, tuple[int, ...]]
     singular: bool = False
-    real: Independent | None = None
+    real: Independent | None = field(default=None, repr=False, compare=False)
     spectrum: Spectrum | None = None
+    ways: tuple[int, ...] = ()
 
     @property
     def rank(self) -> int:
@@ -74,6 +80,12 @@ class Structure:
     @property
     def doubt(self) -> str:
         """What speaks against the rank; empty if nothing does."""
+        if self.ways:
+            ranks = " and ".join(map(str, self.ways))
+            return (
+                f"the assembly pose is singular, where ways of assembly may meet; near it {ranks} base parameters "
+                f"show, and {min(self.ways)} were taken: state a pose away from it"
+            )
         return self.where_modes_meet or (self.spectrum.doubt if self.spectrum else "")
 
     @property
@@ -95,7 +107,7 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator, *, generic: b
     """
     whole = rows_of(mechanism)
     if not whole.forms.rational:
-        return _at_real_states(mechanism, whole, rng, generic)
+        return real_structure(mechanism, rng, whole, generic=generic)
     by_joint = _dependent_by_joint(mechanism, rng)
     remaining = _not_local(mechanism, by_joint)
     settled = _shown_by_blocks(mechanism, whole, remaining, rng)
@@ -106,10 +118,36 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator, *, generic: b
     return Structure(len(mechanism.parameters), pivots, by_joint, by_robot)
 
 
+def from_regular_pose(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Mechanism, tuple[int, ...]]:
+    """A mechanism that is assembled next to a singular pose, where it shows least, and the ranks that were seen there.
+
+    Ways of assembly meet at such a pose: equal lengths are there to make motions special.  The mechanism itself, and no
+    ranks, where its pose is regular or there are no loops.
+    """
+    loops = rows_of(mechanism).forms.loops
+    if loops is None or not loops.singular:
+        return mechanism, ()
+    seen = dict[int, Mechanism]()
+    for pose in loops.known_poses(0, _BRANCHES):
+        beside = replace(mechanism, assembly=dict(zip(mechanism.positions, map(float, pose), strict=True)))
+        structure = real_structure(beside, rng, rows_of(beside))
+        if not structure.singular:
+            seen.setdefault(structure.rank, beside)
+    if not seen:
+        return mechanism, ()
+    return seen[min(seen)], tuple(sorted(seen))
+
+
 @one_thread()
-def _at_real_states(mechanism: Mechanism, rows: Rows, rng: np.random.Generator, generic: bool) -> Structure:
-    """Structure at real states; closed forms of what depends on others by its joint alone are found there."""
-    named = bool(RealStates(rows).symbols) or rows.forms.loops is None
+def real_structure(
+    mechanism: Mechanism, rng: np.random.Generator, rows: Rows, *, generic: bool = False, in_numbers: bool = False
+) -> Structure:
+    """Structure at real states, of all columns for numbers at the stated values.
+
+    Else, where symbols have names or states are free, columns that depend on others by their joint alone are left to
+    closed forms.
+    """
+    named = (bool(RealStates(rows).symbols) or rows.forms.loops is None) and not in_numbers
     by_joint = _dependent_by_joint(mechanism, rng) if named else {}
     columns = _not_local(mechanism, by_joint)
     states = RealStates(rows.columns(columns), units_of(mechanism, columns, rows.auxiliary))

@@ -155,6 +155,8 @@ class LiteralTree:
     frames: tuple[LiteralFrame, ...] = ()  # named frames beside those of the links
     # components of quaternions and axes as written, where angles were computed from them
     turned: tuple[Rational, ...] = ()
+    # coordinates of points as written, where others were computed from them
+    placed: tuple[Rational, ...] = ()
 
 
 @dataclass(frozen=True)

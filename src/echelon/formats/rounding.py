@@ -17,11 +17,15 @@ from echelon.mechanism.joint import Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import characteristic_length
 
+COARSEST = 0.05
+"""Largest unit of a last decimal that means something, rad or a share of the size."""
 _FEWEST, _MOST = 3, 15
 """Decimals of numbers that may be rounded; doubles have no more than 15 that mean something."""
-_MANY = 0.2
+_GRID, _FEW = Fraction(5, 1000), 3
+"""m or rad: one in five numbers with three decimals is a multiple; where so many are, and no other, none is rounded."""
+_MANY = 0.05
 """Share of the numbers that are not short which have the last decimal: a few may have been computed to more digits."""
-_GRID = 2e-3
+_NEAR = 2e-3
 """rad: angles this near to a multiple of 15 degrees are that multiple, to as many digits as it takes."""
 
 
@@ -35,7 +39,7 @@ def rounding_of_tree(tree: LiteralTree) -> float:
     turns = [value for step in placed for value in step.rpy]
     turns += [value for step in steps if isinstance(step, LiteralMotion) for value in step.axis]
     size = max((abs(float(value)) for value in lengths), default=0.0)
-    return _coarsest(lengths, turns if not tree.turned else tree.turned, size)
+    return _coarsest(tree.placed or lengths, tree.turned or turns, size)
 
 
 def rounding_of_mechanism(mechanism: Mechanism) -> float:
@@ -50,14 +54,18 @@ def rounding_of_mechanism(mechanism: Mechanism) -> float:
 
 
 def _coarsest(lengths: Iterable[Rational], turns: Iterable[Rational], size: float) -> float:
-    general = [value for value in turns if abs(float(value) - nearest_step(float(value))) > _GRID]
+    general = [value for value in turns if abs(float(value) - nearest_step(float(value))) > _NEAR]
     return max(_last_decimal(lengths) / (size or 1.0), _last_decimal(general))
 
 
 def _last_decimal(numbers: Iterable[Rational]) -> float:
-    """The unit of the last decimal that many numbers have; 0 if all are short."""
-    found = sorted(decimals for number in numbers if (decimals := _decimals(number)) >= _FEWEST)
-    return float(10.0 ** -found[-1 - int(_MANY * len(found))]) if found else 0.0
+    """The unit of the last decimal that many numbers have; 0 if all are short, or on a grid."""
+    long = [value for number in numbers if _decimals(value := abs(Fraction(number))) >= _FEWEST]
+    on_grid = not any(value % _GRID for value in long) and len(set(long)) >= _FEW
+    if on_grid or not long:
+        return 0.0
+    decimals = sorted(map(_decimals, long))
+    return float(10.0 ** -decimals[-1 - int(_MANY * len(decimals))])
 
 
 def _decimals(number: Rational) -> int:

@@ -1,4 +1,4 @@
-"""Which motions, bodies and closures belong together in loops, and rotations by rational numbers."""
+"""Which motions, bodies and closures belong together in loops."""
 
 from __future__ import annotations
 

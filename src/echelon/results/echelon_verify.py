@@ -10,7 +10,7 @@ from decimal import Decimal
 from fractions import Fraction
 from operator import add, mul, neg, sub, truediv
 OPERATIONS = {ast.Add: add, ast.Sub: sub, ast.Mult: mul, ast.Div: truediv, ast.USub: neg, ast.Pow: pow}
-KEYS = "schema echelon name seed rank outputs parameters order base classification reading special generic certificate"
+KEYS = "schema echelon name seed rank outputs parameters order base classification reading special generic certificate model"
 MODEL = "echelon name symbols gravity couplings actuators effects outputs bodies"
 RANDOM, STATE, ONE = secrets.SystemRandom(), ("q", "qd", "qdd"), [[int(i == j) for j in range(4)] for i in range(4)]
 PRIMES, ROOT_OF_1, PARTS_OF_RADIAN = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41), 2 * math.lcm(*range(1, 21), 1000), 10**24
@@ -28,7 +28,8 @@ def need(condition, problem): return condition or fail(AssertionError(problem)) 
 def cover(condition, what): return condition or fail(NotImplementedError(what))  # the set may be valid
 def only(data, keys):  # one that is not known here may change what the others mean
     return data if {*data} <= {*keys.split()} else cover(False, ", ".join(sorted({*data} - {*keys.split()})))
-def unique(pairs): return dict(pairs) if len(dict(pairs)) == len(pairs) else need(False, "a name stands twice")
+class Entry(dict): __hash__ = object.__hash__  # by identity
+def unique(pairs): return Entry(pairs) if len(dict(pairs)) == len(pairs) else need(False, "a name stands twice")
 def kinds(body): return unique([(k, MOMENTS[k]) for k in ([] if body.get("massless") else body.get("parameters", MOMENTS))])
 def random_prime(n):  # of 81 bits, 1 modulo an even n; the strong test is a proof below 3.3e24 (Sorenson and Webster, 2015)
     numbers = (1 + n * RANDOM.randrange(2**80 // n + 1, 2**81 // n) for _ in iter(int, 1))  # p − 1 is halved until it is odd
@@ -53,9 +54,10 @@ def evaluate(text, look_up):  # an expression by Python's grammar; names, calls,
 class Robot:
     """A saved model modulo a random prime p, with stated or random values of its symbols, and rows of X at random states."""
     def __init__(self, model, at_values):
-        self.model = only(model, MODEL + " loops independent assembly poses closed_in_balls" * ("loops" in model))
+        self.model = only(model, MODEL + " loops independent assembly poses rounding" * ("loops" in model))
         values = {n: entry.get("value") if isinstance(entry, dict) else entry for n, entry in model.get("symbols", {}).items()}
-        self.largest_power, self.angles, self.sensed, self.read = 1, defaultdict(self.random), {}, functools.cache(self.read)
+        self.read, self.frame = functools.cache(self.read), functools.cache(self.frame)
+        self.largest_power, self.angles, self.sensed = 1, defaultdict(self.random), {}
         self.numbers({name: text for name, text in values.items() if text is not None}, at_values)
         names = {(k, body["label"]): k + body["label"] for body in model["bodies"] for k in kinds(body)}  # shared with a label
         self.parameters = [*unique([(n, 0) for n in [*names.values(), *(e["parameter"] for e in model.get("effects", []))]])]
@@ -230,7 +232,7 @@ class Linkage(Robot):
         for self.start, pose in {"the assembly pose": model.get("assembly", {}), **model["poses"]}.items():
             self.q = {x: self.read(str(pose.get(x, 0))) for x in self.free if x in self.motions}
             self.balls = {n: [self.read(str(pose.get(f"{n}.{x}", int(x == "w")))) for x in "wxyz"] for n in balls}
-            if self.close({}, {*self.free}) < NEAR and self.close({}, self.dependent) < NEAR: return
+            if self.close({}, {*self.free}, NEAR) and self.close({}, self.dependent, NEAR): return
         cover(False, "an assembly pose at which loops are not closed, or their ways of assembly may meet")
     def numbers(self, stated, at_values):
         near = {n: f"({text} + 7/3)*1.0001{RANDOM.randrange(10**20):020} - 7/3" for n, text in stated.items()}
@@ -266,16 +268,16 @@ class Linkage(Robot):
             N = self.times([self.plus(self.plus(a, 1, b), 1, c) for a, b, c in zip(ONE, A, self.times(D, D), strict=True)], L)
             for i, j in CLOSURES[loop["joint"]]:  # entries of C = H⁻¹ L, where C̈ = H⁻¹ (A + D D) L, as in the unit matrix
                 way, miss = work([row[j] for row in L], f := [row[i] for row in H[:3]]), [N[k][j] - L[3][j] * H[k][3] for k in range(3)]
-                rows.append({x: sum(map(mul, way, twist)) for x, twist in apart.items()} | {None: sum(map(mul, f, miss)) - ONE[i][j]})
+                rows.append({x: y for x, t in apart.items() if (y := sum(map(mul, way, t)))} | {None: sum(map(mul, f, miss)) - ONE[i][j]})
         for _ in self.dependent:  # the largest entry leads
             least, n, k = max(((abs(row[k]), n, k) for n, row in enumerate(rows) for k in row.keys() & columns), default=(0, 0, 0))
             if least < SMALL: break  # ways of assembly may meet
             self.extend(leads, rows[n], [k])
             rows = [self.remains(row, {k: leads[k]}) for row in rows]
         return {k: self.remains({k: 1}, leads) for k in leads}, least, max(abs(x) for row in rows for x in row.values())
-    def close(self, step, columns):  # after a step, by Newton's method; how far that moves coordinates
+    def close(self, step, columns, limit):  # after a step, by Newton's method; whether it does not move coordinates farther
         sizes, self.moves = [1], self.alone
-        while sizes[-1] > CLOSED and sum(sizes) < 2 and len(sizes) < 99:
+        while sizes[-1] > CLOSED and sum(sizes[1:]) < limit and len(sizes) < 99:
             self.q = {x: q + step.get(x, 0) for x, q in self.q.items()}
             for name, (w, *e) in self.balls.items():
                 d = [Decimal(step.get(f"{name}.{x}", 0)) / 2 for x in "xyz"]  # times the quaternion (1, d) of a small turn
@@ -284,17 +286,17 @@ class Linkage(Robot):
             self.known |= {f"q[{n}]": sum(r * self.q[x] for x, r in of.items()) for n, of in self.rates.items() if of.keys() <= {*self.q}}
             self.leads, least, left = self.loops(columns)
             sizes.append(max(map(abs, (step := {x: row.get(None, 0) for x, row in self.leads.items()}).values()), default=0))
-        if least < SMALL or sizes[-1] > CLOSED: return 1  # ways of assembly may meet, or it is none
-        cover(left < LEFT, "loops that do not close in 60 digits, or that do not determine what follows or is measured")
-        return sum(sizes[1:])
+        closed = least > SMALL and sizes[-1] < CLOSED and sum(sizes[1:]) < limit  # ways of assembly may meet where pivots are small
+        cover(not closed or left < LEFT, "loops that do not close in 60 digits, or do not determine what follows or is measured")
+        return closed
     def walk(self):  # a step that is so short that Newton's method then moves coordinates by less than a tenth of it
-        size, here, far = Decimal("0.6"), (self.q, self.balls, self.leads), 1
-        while far >= size / 10:
+        size, here, closed = Decimal("0.6"), (self.q, self.balls, self.leads), False
+        while not closed:
             size, (self.q, self.balls, self.leads) = size / 2, here
             cover(size > SMALL, "a pose that hardly moves")
             way = self.follow({x: {0: self.random()} for x in self.driven})
             part = size / max(1, *(abs(way[x].get(0, 0)) for x in self.free))
-            far = self.close({x: way[x].get(0, 0) * part for x in self.free}, self.dependent)
+            closed = self.close({x: way[x].get(0, 0) * part for x in self.free}, self.dependent, size / 10)
     def draw(self):  # a closed state some steps on, and two velocities that tell which signs change together
         for _ in "123": self.walk()
         given = self.base | {x: self.base[x] | {"qd": self.random(), "qdd": self.random()} for x in self.driven}
@@ -305,23 +307,21 @@ class Linkage(Robot):
         self.moves = self.follow(given | {None: {"qdd": 1}})
 
 def verify(data):  # what was found, in a sentence
-    loops = "loops" in data["model"]
-    model, base = only(data, KEYS + " model largest_coefficient" + " numbers" * loops)["model"], data["base"]
+    model, base = only(data, KEYS + " largest_coefficient" + " numbers" * (loops := "loops" in data["model"]))["model"], data["base"]
     cover((data["schema"], model["echelon"], type(data["generic"])) == ("echelon.base-model/1", 1, bool), "this schema")
     if loops: model["poses"] = {"reading.assembled": at["pose"]} if (at := data["reading"].get("assembled")) else {}
-    own, pivots = (Linkage if loops else Robot)(model, not data["generic"]), [row["name"] for row in base]
+    own, pivots, rounds, log_error = (Linkage if loops else Robot)(model, not data["generic"]), [row["name"] for row in base], 0, 0
     need(sorted(data["parameters"]) == sorted(data["order"]) == sorted(own.parameters), "its parameters are not those of its model")
     need((data["outputs"], data["rank"]) == ([*own.outputs], len(pivots)), "its outputs or its rank are others")
     terms = [(row["name"], only(t, "parameter coefficient denominator value")) for row in base for t in row["terms"]]
-    numbers, rounds, log_error = data.get("numbers") or {"parameters": (), "radius": 0}, 0, 0
-    cover(numbers["radius"] < (1e-30 if not data["generic"] else 1e-99), "numbers of so few digits, or general ones")
+    numbers, radius = (n := data.get("numbers") or {"parameters": (), "radius": 0})["parameters"], Decimal(n["radius"])
+    cover(radius < (1e-30 if not data["generic"] else 1e-99), "numbers of so few digits, or general ones")
     while log_error > -30 * math.log(10):
         robot = own if loops else Robot(model, False)
         B = [(pivot, {t["parameter"]: robot.read(t["coefficient"], t.get("denominator", "1"))}) for pivot, t in terms]
         for row in robot.rows():
             left = robot.combination([(1, row), *((-row[pivot], term) for pivot, term in B if pivot in row)])
-            few = sum(map(abs, row.values())) * FALSE  # what rounding may leave
-            left = [k for k, x in left.items() if abs(x) > few * (1 + (k in numbers["parameters"]) * Decimal(numbers["radius"]) / FALSE)]
+            left = [k for k, x in left.items() if abs(x) > (FALSE + radius * (k in numbers)) * sum(map(abs, row.values()))]
             need(not left, f"it is not complete: it does not reproduce the effect of {left[:4]}")
         size = 128 * robot.largest_power * len(json.dumps([model, terms]))
         cover(size < 2**60, "such large multiples of an angle")

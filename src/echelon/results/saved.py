@@ -374,9 +374,9 @@ def verify(
 ) -> Certificate:
     """Check completeness and minimality of a set, without trusting anything it says about itself.
 
-    The recorded evidence must be what its seed gives.  Then the check is repeated at points modulo primes that whoever
-    made the file cannot know: they come from the operating system's entropy.  (Of linear models, which are saved as
-    formulas, only the second is done.)
+    The recorded evidence must be what its seed gives.  Then the check is repeated at points modulo primes, or at closed
+    states of loops, that whoever made the file cannot know: they come from the operating system's entropy.  (Of linear
+    models, which are saved as formulas, only the second is done.)
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ from echelon.formats.description.couplings import CouplingReader
 from echelon.formats.description.document import Document, Expressions, coordinate_axis, cut_off, declared_symbols
 from echelon.formats.literal import StatedJoint
 from echelon.formats.met_frames import at_zero, second_frame
-from echelon.formats.rounding import rounding_of_mechanism
+from echelon.formats.rounding import COARSEST, rounding_of_mechanism
 from echelon.formats.schema.robot_schema import RobotDescription
 from echelon.formats.schema.schema_setup import (
     ActuatorOutput,
@@ -240,9 +240,11 @@ class Additions:
         assembly = {**self.mechanism.assembly, **self._assembly()}
         symbols = {**self.mechanism.symbols, **self.expressions.named}
         opened = replace(self.mechanism, closures=closures, independent=(), assembly=assembly, symbols=symbols)
-        if self.robot.rounding:
-            opened = replace(opened, rounding=self.robot.rounding)
-        elif self.robot.robot is None and not self.robot.symbols:  # what has a name is as it is stated
+        if self.robot.rounding is not None:
+            opened = replace(opened, rounding=self._rounding(self.robot.rounding))
+        elif (
+            self.expressions.snapping.options.snap_tolerance and self.robot.robot is None and not self.robot.symbols
+        ):  # what has a name is as it is stated
             opened = replace(opened, rounding=rounding_of_mechanism(opened))
         from echelon.regressor.loops.closing import close  # robots without loops load without it
 
@@ -306,6 +308,11 @@ class Additions:
         for index, name in enumerate(self.robot.independent or ()):
             self.expressions.check(name, self.mechanism.velocities, f"independent[{index}]")
         return self.robot.independent
+
+    def _rounding(self, stated: float) -> float:
+        if not 0 <= stated <= COARSEST:
+            raise self.expressions.error("rounding", f"{stated:g} is not between 0 and {COARSEST}")
+        return stated
 
     def _assembly(self) -> dict[str, float]:
         """Positions near which the loops close."""

@@ -130,12 +130,23 @@ def _read(document: MjcfDocument, mimics: bool) -> LiteralTree:
         sensors=measured,
         frames=tuple(LiteralFrame(s.name, *site_frame(model, s, "frame")) for s in spec.sites if s.name),
         turned=tuple(exact_number(v) for part in (*spec.bodies, *spec.joints) for v in _direction(part)),
+        placed=tuple(exact_number(v) for point in _points(spec, loops) for v in point),
     )
 
 
 def _direction(part: Any) -> Any:
     """The quaternion of a body or the axis of a joint, as written."""
     return part.quat if hasattr(part, "quat") else part.axis
+
+
+def _points(spec: Any, loops: Sequence[Any]) -> Iterator[Any]:
+    """Places of bodies and joints, and of what loops join, as written."""
+    joined = {name for equality in loops for name in (equality.name1, equality.name2)}
+    sites = [site for site in spec.sites if site.name in joined]
+    for part in (*spec.bodies, *spec.joints, *sites):
+        yield part.pos
+    for equality in loops:
+        yield equality.data[:6]  # the anchor, and of a weld where the second body is
 
 
 class _Reader:

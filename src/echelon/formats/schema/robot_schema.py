@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field, Tag
+from pydantic import BeforeValidator, ConfigDict, Tag
 
 from echelon.formats.schema.schema_excite import ExcitationEntry
 from echelon.formats.schema.schema_log import IdentificationEntry, LogEntry, PreparationEntry
@@ -217,10 +217,10 @@ class RobotDescription(Model):
         "With loops, positions near which they close, rad or m; zero where not stated.",
         {"coupler": "1.2", "rocker": "2*pi/3"},
     )
-    rounding: Annotated[float, Field(ge=0, le=0.05)] = optional(
-        0.0,
+    rounding: Number | None = optional(
+        None,
         "With loops, the unit of the last decimal of the numbers of the geometry, rad or a share of the size, where "
-        "relations between them may be meant that hold to it only. As Echelon writes it.",
+        "relations between them may be meant that hold to it only; 0 if they are exact. As Echelon writes it.",
         1e-6,
     )
     actuators: dict[str, Expression | LinearTerms] = optional(

@@ -1,1 +1,1 @@
-"""Closed loops: closure equations, closed poses, curves and motions, modulo primes and in double precision."""
+"""Closed loops: closure equations, closed poses and motions, in double precision and in ball arithmetic."""

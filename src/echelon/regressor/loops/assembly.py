@@ -135,16 +135,15 @@ class Assembly(ClosedMotion):
     ) -> None:
         super().__init__(mechanism, symbols, equations)
         self.held: Sequence[int] = self.closures.rows
-        self.fall = np.inf
+        self._nearly: Floats | None = None  # where rounded equations are closed best
         if mechanism.rounding:
-            self.held, self.fall = _held(Known(self._identity, self))
+            self.held, self._nearly = _held(Known(self._identity, self))
             self.closures = self.closures.with_rows(self.held)
 
     def at(self, symbols: Mapping[str, Floats]) -> Assembly:
         """The same mechanism at other values of its symbols, one for every configuration, in the same units."""
         other = Assembly.__new__(Assembly)
-        remembered = ("pose", "assembled", "held")
-        other.__dict__ |= {name: value for name, value in vars(self).items() if name not in remembered}
+        other.__dict__ |= {name: value for name, value in vars(self).items() if name not in ("pose", "assembled")}
         other.closures, other.symbols = self.closures.with_values(symbols), None
         return other
 
@@ -156,22 +155,26 @@ class Assembly(ClosedMotion):
 
         Gauss–Newton steps from there come first, which are the shortest that close the loops to first order.
         """
-        return _nearest(Known((self._identity, tuple(self.held)), self)).copy()
+        if self._nearly is not None:
+            nearest: Floats = self.closed(self._nearly[None])[0][0]
+            return nearest
+        return _nearest(Known(self._identity, self)).copy()
 
     @property
     def _identity(self) -> Hashable:
         """All that closed configurations depend on."""
         mechanism = self.mechanism
         values = (mechanism.symbols, mechanism.assembly, self.symbols or {})
-        return (mechanism.bodies, mechanism.couplings, mechanism.closures, *(frozenset(v.items()) for v in values))
+        moving = (mechanism.bodies, mechanism.couplings, mechanism.closures, mechanism.rounding)
+        return (*moving, *(frozenset(v.items()) for v in values))
 
-    def independent_equations(self) -> tuple[Sequence[int], float]:
+    def independent_equations(self) -> tuple[Sequence[int], Floats]:
         """Equations that are independent for all that their last decimals say, the same in all configurations.
 
-        Also by how much the smallest singular value that they keep exceeds the largest one that is left out.
+        Also the configuration in which all equations together are closed best.
         """
-        rng = random_generator(DEFAULT_SEED)
-        q = np.repeat(self.nearest()[None], _SEEN, axis=0)
+        rng, nearest = random_generator(DEFAULT_SEED), self.nearest()
+        q = np.repeat(nearest[None], _SEEN, axis=0)
         for _ in range(_FEWEST):
             ahead = self._moved(q, _random_motion(rng, self._singular(q)[1], 2 * STRIDE))
             for _ in range(_FEW):
@@ -180,12 +183,12 @@ class Assembly(ClosedMotion):
             q[closed] = ahead[closed]
         jacobian = self._jacobian(q)
         sizes = np.linalg.svd(jacobian, compute_uv=False)
-        rank, fall = cut_at((sizes / sizes[:, :1]).max(axis=0), self.tolerance, NOISE, _CLEAR)
+        rank = cut_at((sizes / sizes[:, :1]).max(axis=0), self.tolerance, NOISE, _CLEAR)
         order = pivoted_qr(jacobian.swapaxes(1, 2).reshape(-1, jacobian.shape[1]))[1]
-        return sorted(order[:rank].tolist()), fall
+        return sorted(order[:rank].tolist()), nearest
 
     def nearest(self) -> Floats:
-        """The same, found anew."""
+        """The closed configuration nearest to the stated pose, found anew; see :attr:`pose`."""
         q, done = self.closed(self._stated[None])
         if not done[0] or self._distances(q)[0].max(initial=0.0) > _FAR:
             # a pose in which the links are in line leads nowhere or far, so disturbances of it are tried, too
@@ -459,7 +462,7 @@ class Assembly(ClosedMotion):
 
 
 @lru_cache(maxsize=REMEMBERED)
-def _held(known: Known[Assembly]) -> tuple[Sequence[int], float]:
+def _held(known: Known[Assembly]) -> tuple[Sequence[int], Floats]:
     return known.subject.independent_equations()
 
 

@@ -36,6 +36,7 @@ Values = dict[str, Balls]
 
 _ITERATIONS = 16
 _RANK = 1e-6  # what counts as nothing among the pivots of a Jacobian in doubles
+_LAST = 0.9  # weight of the last column where the longest is taken next; the first has 1
 BALL_STEPS = 256  # of random numbers, to one
 _FAR = 1e-3  # of the largest singular value: the smallest one of equations that are solved well
 _MISSED = 1e-11  # m or rad: by what equations that depend on others may miss, which are those of rounded frames
@@ -81,9 +82,7 @@ class _Jacobian:
         The same everywhere where possible, the equations perhaps some that are known, or held: those that are left out
         may miss.
         """
-        doubles = np.zeros((*self.shape, self.values.shape[1]))
-        doubles[self.rows, self.columns] = np.frompyfunc(lambda x: float(x.mid()), 1, 1)(self.values)
-        doubles[np.abs(doubles) < NOISE] = 0  # equations that hold whatever moves determine nothing
+        doubles = self._doubles
         solved = [k for k in range(self.shape[1]) if k not in given]
         found, same, columns = _Choice(), list(rows), list[int]()
         for table in np.moveaxis(doubles, 2, 0):
@@ -97,6 +96,25 @@ class _Jacobian:
                     same = _independent(table[:, columns].T)
             found.append((same, columns))
         return found
+
+    def possible(self, chosen: _Choice, wanted: Balls) -> Balls:
+        """Rates (freedoms, motions, poses) that nearly keep the equations, next to wanted ones.
+
+        So motions depend on what was wanted, and not on which freedoms are solved for.
+        """
+        rates = np.frompyfunc(lambda x: float(x.mid()), 1, 1)(wanted).astype(float)
+        for pose, table in enumerate(np.moveaxis(self._doubles, 2, 0)):
+            across = np.linalg.svd(table)[2][: len(chosen[pose][0])]
+            rates[:, :, pose] -= across.T @ (across @ rates[:, :, pose])
+        return np.asarray(np.frompyfunc(flint.arb, 1, 1)(rates))
+
+    @property
+    def _doubles(self) -> Floats:
+        """All derivatives in doubles, (equations, freedoms, poses)."""
+        table = np.zeros((*self.shape, self.values.shape[1]))
+        table[self.rows, self.columns] = np.frompyfunc(lambda x: float(x.mid()), 1, 1)(self.values)
+        table[np.abs(table) < NOISE] = 0  # equations that hold whatever moves determine nothing
+        return table
 
     def completed(self, chosen: _Choice, free: Balls, bias: Balls | int = 0) -> Balls:
         """x (freedoms, motions, poses) with J x + bias = 0, of which those that are not solved for are given."""
@@ -184,11 +202,15 @@ class ClosedBalls:
         jacobian, q = self._closure(there, self._names)[1], {name: np.tile(x, motions) for name, x in there.items()}
         shape, count = (len(self._names), motions, len(chosen)), motions * len(chosen)
         pace = self._pace * _all_speeds(rng, shape[1:], self._fastest) if self._has_signs else self._pace
-        rates = _zeros(shape) if at_rest else jacobian.completed(chosen, random_balls(rng, shape) * pace)
+        rates = (
+            _zeros(shape)
+            if at_rest
+            else jacobian.completed(chosen, jacobian.possible(chosen, random_balls(rng, shape)) * pace)
+        )
         values = _inputs("q", q) | _inputs("qd", _flat(self._names, rates))
         if any(name.startswith("qdd[") for name in names):
             bias = 0 if at_rest else self._bias(q, _flat(self._names, rates)).reshape(-1, *shape[1:])
-            found = jacobian.completed(chosen, random_balls(rng, shape), bias)
+            found = jacobian.completed(chosen, jacobian.possible(chosen, random_balls(rng, shape)), bias)
             values |= _inputs("qdd", _flat(self._names, found))
         values |= {n: random_balls(rng, (count,)) for n in sorted(names) if n not in {*values, *self.symbols}}
         values |= {name: np.tile(x, motions) for name, x in self.symbols.items()}
@@ -359,8 +381,8 @@ def _well_determined(whole: Floats, square: Floats) -> bool:
 
 
 def _independent(matrix: Floats) -> list[int]:
-    """Columns that span all columns, in doubles."""
-    sizes, order = pivoted_qr(matrix)
+    """Columns that span all columns, in doubles; of columns that are alike the first, whatever rounding says."""
+    sizes, order = pivoted_qr(matrix * np.linspace(1.0, _LAST, matrix.shape[1]))
     return sorted(order[: int((sizes > _RANK * sizes.max(initial=0.0)).sum())].tolist())
 
 

@@ -150,7 +150,7 @@ class ClosureValues:
         return values[:, kept] / row_units, jacobian[:, kept] * self.units / row_units[:, None]
 
 
-EXPLAINED = 20
+EXPLAINED = 5
 """Times the last decimal: what rounding of all numbers of a file together moves closures and motions by."""
 
 

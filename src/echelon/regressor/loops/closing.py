@@ -21,9 +21,9 @@ from echelon.mechanism.substitute import inexact_coupling, with_numeric_ratios
 from echelon.program.tape import Program
 from echelon.regressor.loops.assembly import NEARLY_FREE, Assembled, Assembly
 from echelon.regressor.loops.closed_balls import closed_states
-from echelon.regressor.loops.closed_motion import RANK_TOLERANCE
+from echelon.regressor.loops.closed_motion import RANK_TOLERANCE, ClosedMotion
 from echelon.regressor.loops.coordinates import independent_coordinates
-from echelon.regressor.loops.recorded_loops import loops_of
+from echelon.regressor.loops.recorded_loops import floats_of, loops_of
 from echelon.regressor.steps import Recorder
 
 _ATTEMPTS = 2
@@ -93,10 +93,21 @@ class _Real:
         if self._locked(pose):
             raise InputError(_rigid(mechanism, self.assembly))
         self.states, _, _ = self.assembly.random_closed_states(random_generator(DEFAULT_SEED), _STATES, _NEAR)
-        if np.ptp(self.states, axis=0).max() < _STANDS_STILL:
+        if np.ptp(self.states, axis=0).max() < _STANDS_STILL or self._held_elsewhere:
             raise InputError(_shaky(mechanism))
         self.mobility = int(self.assembly.mobility(self.states).min())
         self.velocities = self.assembly.free_velocities(self.states[0])
+
+    @property
+    def _held_elsewhere(self) -> bool:
+        """Whether equations that rounding seemed to make redundant at the pose stop motions away from it.
+
+        At the end of its reach a chain resists no motion to first order; what rounding makes does not grow so.
+        """
+        held = len(self.assembly.held)
+        every = ClosedMotion(self.mechanism, floats_of(self.loops.values), self.loops.equations)
+        sizes = every.singular_values(self.states).max(axis=0)
+        return held < len(sizes) and bool(sizes[held] > self.assembly.tolerance)
 
     def check(self) -> None:
         """Refuse loops that are not shown to close near the pose in ball arithmetic, as the numbers stand."""

@@ -23,6 +23,8 @@ from echelon.regressor.steps import Probes, Recorder
 
 _DRAWS = 64
 """Sets of random values that are tried for symbols without one until the loops close."""
+_POOL_SEED = DEFAULT_SEED + 1
+"""Seed of poses that show dependences; certificates draw others by their own seeds."""
 _TOGETHER = 64
 """Poses that are drawn at once, which takes little longer than to draw one."""
 _STEPS_TO_CLOSE = 8
@@ -76,15 +78,12 @@ class Loops:
 
     def next_to(self, poses: Floats) -> Floats:
         """Closed poses next to some that nearly are, shape (poses, positions)."""
-        for _ in range(_STEPS_TO_CLOSE):
-            poses = self.assembly.step(poses)
-        return poses
+        return _stepped(self.assembly, poses)
 
     def followed(self, poses: Floats, symbols: Mapping[str, Floats]) -> Floats:
         """Closed poses at other values of the symbols, one for each pose, next to closed poses at :attr:`values`."""
         assembly = self.assembly.at(symbols)
-        for _ in range(_STEPS_TO_CLOSE):
-            poses = assembly.step(poses)
+        poses = _stepped(assembly, poses)
         if assembly.opening_of(poses) > _NEARLY_CLOSED:
             raise DegenerateSampleError("the loops do not close at these values of the symbols")
         return poses
@@ -115,6 +114,13 @@ def loops_of(
     return Loops(mechanism, record_closures(mechanism, recorder, probes), nodes)
 
 
+def _stepped(assembly: Assembly, poses: Floats) -> Floats:
+    """Poses after some Gauss–Newton steps."""
+    for _ in range(_STEPS_TO_CLOSE):
+        poses = assembly.step(poses)
+    return poses
+
+
 def closing_values(mechanism: Mechanism) -> Mapping[str, str]:
     """Exact values of all symbols as text, at which the loops close: random ones where none are stated.
 
@@ -128,7 +134,8 @@ def closing_values(mechanism: Mechanism) -> Mapping[str, str]:
 
 def _moving(mechanism: Mechanism) -> Hashable:
     """All that says how a mechanism can move, beside the values of symbols."""
-    return (mechanism.bodies, mechanism.couplings, mechanism.closures, frozenset(mechanism.assembly.items()))
+    moving = (mechanism.bodies, mechanism.couplings, mechanism.closures, mechanism.rounding)
+    return (*moving, frozenset(mechanism.assembly.items()))
 
 
 class _Pool:
@@ -136,7 +143,7 @@ class _Pool:
 
     def __init__(self, loops: Loops) -> None:
         self._loops = loops
-        self._rng = random_generator(DEFAULT_SEED)
+        self._rng = random_generator(_POOL_SEED)
         self.poses: Floats = np.zeros((0, len(loops.mechanism.positions)))
 
     def grow(self) -> None:

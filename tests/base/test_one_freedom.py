@@ -1,4 +1,4 @@
-"""Loops with one freedom that has to show many parameters: as many coefficients are taken of curves as it needs."""
+"""Loops with one freedom that has to show many parameters."""
 
 from __future__ import annotations
 
