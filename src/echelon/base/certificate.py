@@ -290,7 +290,7 @@ class _Checks:
     def modulo_primes(self) -> None:
         """Check modulo primes, rounded numbers also in ball arithmetic."""
         self._minor_modulo_primes()
-        self._identity(self._others() - self.numbers)
+        self._identity(self.regressor, self._others() - self.numbers)
         if not self.numbers:
             return
         stated, numbers = self.stated, self.matrix.numbers
@@ -356,8 +356,11 @@ class _Checks:
             return
         if self.numbers and not everywhere:
             raise CertificateError("columns of numbers hold at stated values only, and not all symbols have one")
-        if matrix.symbols or not everywhere:
-            self._at_other_values(others - self.numbers)
+        if self._holds_for_free_functions(others - self.numbers):
+            others = self.numbers
+        formulas = others - self.numbers
+        if (formulas and matrix.symbols) or not everywhere:
+            self._at_other_values(formulas)
         if stated is not None and everywhere:
             try:
                 self._take_balls(check_in_balls(self.regressor, matrix, others, stated.texts, self.rng), others)
@@ -367,11 +370,23 @@ class _Checks:
         elif stated is not None and (self.regressor.loops is not None or stated.says_something):
             self.unchecked.append("independence at the stated values (some symbols have no value)")
 
+    def _holds_for_free_functions(self, formulas: set[int]) -> bool:
+        """Whether formulas hold whatever the functions are, which is known modulo primes as for rational rows."""
+        freed = self.regressor.freed
+        if freed is None or not formulas:
+            return False
+        try:
+            self._identity(freed, formulas)
+        except CertificateError:
+            return False
+        return True
+
     def _at_other_values(self, formulas: set[int]) -> None:
         """Compare formulas at random values of the symbols, each of which a false one satisfies by rare chance."""
         states = RealStates(Rows(self.regressor, 0))
-        self.other_values = _OTHER_VALUES if states.symbols else 1
-        for _ in range(self.other_values):
+        count = _OTHER_VALUES if states.symbols and formulas else 1
+        self.other_values = count if formulas else 0
+        for _ in range(count):
             self._take_balls(self._near(states, formulas), formulas)
 
     def _near(self, states: RealStates, formulas: set[int]) -> BallEvidence:
@@ -385,9 +400,11 @@ class _Checks:
 
     def _take_balls(self, evidence: BallEvidence, columns: set[int]) -> None:
         """Keep evidence in balls, with the largest residual of all."""
+        self._take(Minor(self.matrix.rank, 0, evidence.states))
+        if not columns:
+            return
         largest = max(evidence.log10_residual, self.balls.log10_residual if self.balls else evidence.log10_residual)
         self.balls = BallEvidence(evidence.states, largest)
-        self._take(Minor(self.matrix.rank, 0, evidence.states))
         self.reached[BALLS] = self.reached.get(BALLS, set()) | columns
 
     # -- all --------------------------------------------------------------------------------------------------------
@@ -406,9 +423,9 @@ class _Checks:
         self.minor = minor
         self.reached[MINOR] = set(self.matrix.pivots)
 
-    def _identity(self, columns: Collection[int]) -> None:
+    def _identity(self, regressor: LinearForms, columns: Collection[int]) -> None:
         """X = X̄ B in columns with closed forms."""
-        identity = Identity(self.regressor, self.matrix, columns, self.rng)
+        identity = Identity(regressor, self.matrix, columns, self.rng)
         self.primes, self.degree, self.log10_error = identity.holds()
         self.reached[IDENTITY] = set(columns)
 

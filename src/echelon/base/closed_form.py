@@ -185,6 +185,8 @@ def _vanishing(columns: Sequence[int], placement: Placement, zero: frozenset[int
 
 def _across_robot(mechanism: Mechanism, structure: Structure) -> Iterable[Relation]:
     rows = rows_of(mechanism)
+    if structure.functions_are_free and rows.freed is not None:
+        rows = rows.freed
     together = rows.forms.loops is not None  # to close them costs more than to solve for more columns
     groups: dict[int | None, list[int]] = {}
     for column, support in structure.by_robot.items():
@@ -209,6 +211,8 @@ def linear_relations(forms: LinearForms, structure: Structure) -> list[Relation]
 
     They are found together modulo primes, and each on its own at real states, where some may have no closed form.
     """
+    if structure.functions_are_free and forms.freed is not None:
+        forms = forms.freed
     targets = [column for column, support in structure.by_robot.items() if support]
     groups = [targets] if targets and forms.rational else [[target] for target in targets]
     found = list[Relation]()

@@ -326,6 +326,8 @@ def specialised(
         return SpecialisedMechanism(mechanism, replace(stated_structure(mechanism, rng), ways=ways))
     if not values.names:
         return SpecialisedMechanism(mechanism, structure)
+    if structure.functions_are_free:  # as at the stated values
+        return SpecialisedMechanism(mechanism, structure)
     if structure.real is None:
         stated = stated or model_at_stated_values(mechanism)
         if _is_general(structure, stated, rng):

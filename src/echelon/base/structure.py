@@ -61,6 +61,8 @@ class Structure:
         Independent columns at real states, where primes do not show them; of columns that are not in ``by_joint``.
     spectrum : Spectrum, optional
         With loops, how much each shows, and what of it rounding of a file explains.
+    functions_are_free : bool
+        Whether all relations hold for free values of functions such as exp, too.
     """
 
     parameters: int
@@ -71,6 +73,7 @@ class Structure:
     real: Independent | None = field(default=None, repr=False, compare=False)
     spectrum: Spectrum | None = None
     ways: tuple[int, ...] = ()
+    functions_are_free: bool = False
 
     @property
     def rank(self) -> int:
@@ -106,8 +109,24 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator, *, generic: b
     the loops are not proved to close.
     """
     whole = rows_of(mechanism)
-    if not whole.forms.rational:
-        return real_structure(mechanism, rng, whole, generic=generic)
+    if whole.forms.rational:
+        return _modulo_primes(mechanism, whole, rng)
+    freed = whole.freed
+    if freed is not None:
+        structure = _modulo_primes(mechanism, freed, rng)
+        if _independent(whole.columns(structure.pivots)):
+            return replace(structure, functions_are_free=True)
+    return real_structure(mechanism, rng, whole, generic=generic)
+
+
+def _independent(rows: Rows) -> bool:
+    """Whether all columns are independent at real states with the stated values of the symbols, and so for others."""
+    found = persistent(RealStates(rows).independent)
+    return len(found.pivots) == rows.forms.shape[1] - rows.auxiliary
+
+
+def _modulo_primes(mechanism: Mechanism, whole: Rows, rng: np.random.Generator) -> Structure:
+    """Structure of a mechanism whose rows are rational functions of free variables."""
     by_joint = _dependent_by_joint(mechanism, rng)
     remaining = _not_local(mechanism, by_joint)
     settled = _shown_by_blocks(mechanism, whole, remaining, rng)
@@ -190,12 +209,19 @@ def _not_local(mechanism: Mechanism, by_joint: Mapping[int, tuple[int, ...]]) ->
 
 def linear_structure(forms: LinearForms, rng: np.random.Generator) -> Structure:
     """Rank and pivots of any recorded rows without loops, all columns eliminated at once, the first ones preferred."""
-    rows = Rows(forms, 0)
+    rows, freed = Rows(forms, 0), forms.freed
     if forms.rational:
-        supports = _confirmed_dependence(rows, rng)
-    else:
-        found = _real_elimination(RealStates(rows), rng, generic=True)
-        supports = _supports(found.in_order(range(forms.shape[1])))
+        return _of_supports(forms, _confirmed_dependence(rows, rng))
+    if freed is not None:
+        structure = _of_supports(forms, _confirmed_dependence(Rows(freed, 0), rng))
+        if _independent(rows.columns(structure.pivots)):
+            return replace(structure, functions_are_free=True)
+    found = _real_elimination(RealStates(rows), rng, generic=True)
+    return _of_supports(forms, _supports(found.in_order(range(forms.shape[1]))))
+
+
+def _of_supports(forms: LinearForms, supports: Mapping[int, tuple[int, ...]]) -> Structure:
+    """Structure of rows whose dependent columns are known with the pivots that they depend on."""
     pivots = tuple(column for column in range(forms.shape[1]) if column not in supports)
     return Structure(forms.shape[1], pivots, {}, supports)
 

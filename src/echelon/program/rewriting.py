@@ -13,7 +13,8 @@ from fractions import Fraction
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
 from echelon.program.function import Function
-from echelon.program.operations import Op
+from echelon.program.operations import FUNCTIONS, Op
+from echelon.program.schedule import CIRCULAR
 from echelon.program.tape import Program, Scalar
 
 
@@ -32,6 +33,18 @@ def without_absolutes(program: Program, outputs: Sequence[int]) -> tuple[Program
     copy, places = Program(), dict[int, int]()
     replayed(program, outputs, copy, places, operation)
     return copy, places
+
+
+def with_free_functions(program: Program, outputs: Sequence[int]) -> tuple[Program, list[int]]:
+    """The same outputs with a random variable in the place of every function that finite fields do not have."""
+
+    def operation(copy: Program, op: Op, a: int, b: int) -> int:
+        if op not in FUNCTIONS or op in (*CIRCULAR, Op.SIGN, Op.ABS):
+            return recorded(copy, op, a, b)
+        return copy.input(f"{op.name.lower()} of node {a}", "state").node
+
+    copy = Program()
+    return copy, replayed(program, outputs, copy, {}, operation)
 
 
 def smoothed(program: Program, outputs: Sequence[int], width: float) -> tuple[Program, list[int]]:

@@ -36,6 +36,7 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, value_texts
 from echelon.program.free_states import RealPoints
 from echelon.program.operations import Op
+from echelon.program.rewriting import with_free_functions
 from echelon.program.sampling import sampler_of
 from echelon.program.schedule import FieldSampler, StagedSchedule
 from echelon.program.tape import Program, Scalar
@@ -96,6 +97,17 @@ class LinearForms:
         """Whether entries are rational functions of what varies, region by region of signs, so that primes do."""
         return self.loops is None and FieldSampler.suits(self.program, list(self.entries.values()))
 
+    @cached_property
+    def freed(self) -> LinearForms | None:
+        """The same with free variables in the place of functions; None where primes do not evaluate that either.
+
+        Relations between its columns hold for any functions, and so for these.  It may have fewer than these.
+        """
+        program, outputs = with_free_functions(self.program, list(self.entries.values()))
+        entries = dict(zip(self.entries, outputs, strict=True))
+        freed = LinearForms(program, entries, self.shape, self.loops, values=self.values)
+        return freed if freed.rational else None
+
     def sampler(self) -> FieldSampler:
         """Evaluates all entries at random states modulo primes."""
         if not self._samplers:
@@ -151,6 +163,11 @@ class Rows:
         """The rows restricted to some parameters, renumbered in the given order."""
         chosen = [*range(self.auxiliary), *(self.auxiliary + column for column in keep)]
         return Rows(self.forms.columns(chosen), self.auxiliary)
+
+    @property
+    def freed(self) -> Rows | None:
+        """The same with free variables in the place of functions; see :attr:`LinearForms.freed`."""
+        return None if self.forms.freed is None else Rows(self.forms.freed, self.auxiliary)
 
 
 def rows_of(mechanism: Mechanism) -> Rows:
