@@ -207,7 +207,7 @@ def test_symbols_of_nobody_are_found(base: ec.BaseModel) -> None:
 def test_a_column_that_no_check_reaches_is_an_error(base: ec.BaseModel, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever check forgets a column: here the identity is asked for all others."""
     asked = _Checks._identity
-    monkeypatch.setattr(_Checks, "_identity", lambda checks, columns: asked(checks, sorted(columns)[1:]))
+    monkeypatch.setattr(_Checks, "_identity", lambda checks, forms, columns: asked(checks, forms, sorted(columns)[1:]))
     assert "no check reaches XX1" in refuted(base, base.matrix)
 
 

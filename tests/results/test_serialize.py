@@ -222,6 +222,7 @@ EVIDENCE: dict[str, Any] = {
     "numbers": 1,
     "log10_residual": -40.0,
     "ball_states": 20,
+    "closed": True,
     "columns": {"minor": 60},
     "unchecked": ["everything"],
 }

@@ -34,8 +34,8 @@ _USUAL_EXPONENT = 48
 """Binary exponent of constants that, without such functions, leave values within the usual span."""
 _USUAL_SPAN = 128
 """Binary digits between values that the usual precision is made for."""
-_MOST_DIGITS = 3e7
-"""Binary digits between values, times operations, above which comparisons take minutes."""
+_MOST_DIGITS = 2e6
+"""Binary digits between values, times operations, above which comparisons take more than a minute."""
 _BITS_OF_SPAN = 512
 """Precision at which the span is found."""
 
@@ -305,7 +305,8 @@ def _with_values(table: Balls) -> Balls:
 
 def _table(entries: Balls) -> Balls:
     """Rows of all states, divided by powers of two so that their largest entries are alike at all speeds."""
-    table = entries.reshape(-1, entries.shape[-1])
+    states, rows, columns = entries.shape
+    table = entries.reshape(states * rows, columns)
     for row in table:
         largest = max((x.abs_lower() for x in row), default=flint.arb(0))
         if largest > 0:

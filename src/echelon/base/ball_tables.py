@@ -5,6 +5,7 @@ from __future__ import annotations
 import copyreg
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import cache
 from math import floor, log10
 from typing import Any
 
@@ -95,7 +96,12 @@ def vanishes(x: Any, bits: int) -> bool | None:
     """Whether a ball holds zero and little else; None if it holds much else, too."""
     if not x.contains(0):
         return False
-    return True if float(x.abs_upper()) < 2.0 ** (-bits / 4) else None
+    return True if x.abs_upper() < _zero_below(bits) else None
+
+
+@cache
+def _zero_below(bits: int) -> Any:
+    return flint.arb(2) ** -(bits // 4)
 
 
 def exponent(x: Any) -> int:

@@ -22,7 +22,7 @@ from echelon.base.elimination import Independent
 from echelon.base.real_states import RealStates
 from echelon.base.spectrum import Spectrum, spectrum_of, units_of
 from echelon.doors import public
-from echelon.errors import DegenerateSampleError, EchelonError
+from echelon.errors import DegenerateSampleError, EchelonError, SingularPoseError
 from echelon.exact.field import PrimeField, by_pivots
 from echelon.exact.unknown_functions import persistent
 from echelon.mechanism.joint import ALL, GROUND, Body, Joint, Motion, Placement, Step, floating_motions
@@ -120,8 +120,11 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator, *, generic: b
 
 
 def _independent(rows: Rows) -> bool:
-    """Whether all columns are independent at real states with the stated values of the symbols, and so for others."""
-    found = persistent(RealStates(rows).independent)
+    """Whether all columns are shown to be independent at the stated values of the symbols, and so for general ones."""
+    try:
+        found = persistent(RealStates(rows).independent)
+    except SingularPoseError:
+        return False
     return len(found.pivots) == rows.forms.shape[1] - rows.auxiliary
 
 

@@ -153,10 +153,12 @@ def symbol_roles(mechanism: Mechanism) -> SymbolRoles:
 
 
 def named_symbols(mechanism: Mechanism) -> frozenset[str]:
-    """Symbols of the geometry for whose other values loops close, too: all, where lengths or ratios have names.
+    """Symbols for whose other values there are states, too: all without loops, or where lengths or ratios have names.
 
     Where only angles are symbols, these are directions of a file, between which loops close at its own numbers.
     """
+    if not mechanism.closures:
+        return frozenset(all_symbols(mechanism))
     translations, others = geometry(mechanism)
     used = {symbol for expression in (*translations, *others) for symbol in expression.symbols()}
     return frozenset(used) if used - symbol_roles(mechanism).angles else frozenset()
