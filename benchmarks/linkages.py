@@ -11,10 +11,10 @@ import numpy as np
 
 import echelon as ec
 from echelon.formats.robot_file import RobotFile
+from echelon.loops.assembly import Assembly
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.linear_forms import virtual_power_form
-from echelon.regressor.loops.assembly import Assembly
 from numeric import states_of
 from timing import interleaved
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.regressor.loops.closing import locked_joints
+from echelon.loops.closing import locked_joints
 
 LEG = """<mujoco><worldbody>
   <body name="thigh" pos="0 0 1"><joint name="hip" axis="0 1 0"/>

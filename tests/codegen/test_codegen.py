@@ -21,10 +21,10 @@ from echelon.codegen.source import Subject, generate, printed
 from echelon.dynamics.functions import FUNCTIONS as ALL
 from echelon.dynamics.functions import LOOP_FUNCTIONS
 from echelon.errors import InputError
+from echelon.loops.assembly import Assembly
 from echelon.program.function import Argument, Function
 from echelon.program.operations import FUNCTIONS
 from echelon.program.tape import Program
-from echelon.regressor.loops.assembly import Assembly
 from support import generated_code as generated
 from support.paths import ROOT
 

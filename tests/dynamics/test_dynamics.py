@@ -15,6 +15,7 @@ import echelon as ec
 from echelon.dynamics.functions import FUNCTIONS, robot_function, vector
 from echelon.dynamics.outputs import RecordedOutputs
 from echelon.errors import InputError
+from echelon.loops.assembly import Assembly
 from echelon.mechanism.effect import Action, Effect, Side
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
@@ -22,7 +23,6 @@ from echelon.program.function import Function
 from echelon.program.schedule import FloatArithmetic
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.linear_forms import virtual_power_form
-from echelon.regressor.loops.assembly import Assembly
 from support import linkages
 from support import textbook_arms as arms
 from support.described_robots import EVERYTHING, SENSORS, sensed

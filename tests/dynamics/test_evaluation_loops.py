@@ -12,12 +12,12 @@ import pytest
 import echelon as ec
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
+from echelon.loops.assembly import Assembly
+from echelon.loops.closed_motion import normalised, position_rates
 from echelon.machine import kernel as kernel_module
 from echelon.mechanism.effect import Action, Effect, Side
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.linear_forms import virtual_power_form
-from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.loops.closed_motion import normalised, position_rates
 from support import linkages
 from support.closed_motion import completed
 from support.described_robots import sensed

@@ -18,9 +18,9 @@ from echelon.excite.problem.task import changed, task_of
 from echelon.excite.problem.trajectory import Fourier, Trajectory, resting_ends
 from echelon.excite.solve.design import designed
 from echelon.excite.verify import loop_margins
+from echelon.loops.assembly import Assembly
+from echelon.loops.dependent_motion import DependentMotion
 from echelon.program.tape import Program
-from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.loops.dependent_motion import DependentMotion
 from support import linkages
 from support.closed_motion import completed
 from support.excitation_cases import slopes_by_state

@@ -53,7 +53,7 @@ def closed(mechanism: Mechanism) -> dict[str, float]:
 @pytest.fixture
 def unclosed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames are read; whether they can meet is not asked."""
-    monkeypatch.setattr("echelon.regressor.loops.closing.close", lambda mechanism, *_, **__: mechanism)
+    monkeypatch.setattr("echelon.loops.close", lambda mechanism, *_, **__: mechanism)
 
 
 # -- descriptions: frames ----------------------------------------------------------------------------------------------

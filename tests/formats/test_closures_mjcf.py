@@ -54,9 +54,7 @@ EQUALITIES = {
 @pytest.fixture(autouse=True)
 def unclosed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames are read; whether they can meet is not asked."""
-    monkeypatch.setattr(
-        "echelon.regressor.loops.closing.close", lambda mechanism, *_, prefer: chosen(mechanism, prefer)
-    )
+    monkeypatch.setattr("echelon.loops.close", lambda mechanism, *_, prefer: chosen(mechanism, prefer))
 
 
 def chosen(mechanism: Mechanism, prefer: list[str]) -> Mechanism:
@@ -184,7 +182,7 @@ def test_a_held_joint_does_not_move_the_anchor() -> None:
 
 @pytest.mark.parametrize("name", EQUALITIES)
 def test_round_trip(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("echelon.regressor.loops.closing.close", lambda mechanism, *_, **__: mechanism)
+    monkeypatch.setattr("echelon.loops.close", lambda mechanism, *_, **__: mechanism)
     mechanism = read(EQUALITIES[name])
     written = json.dumps(write_description(mechanism))
     again = read_description(written, "robot.json", ReadingOptions(keep_fixed_links=True))

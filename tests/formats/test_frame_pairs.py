@@ -39,7 +39,7 @@ joint_type: []
 @pytest.fixture
 def unclosed(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is stated is read; whether it can close is not asked."""
-    monkeypatch.setattr("echelon.regressor.loops.closing.close", lambda mechanism, *_, **__: mechanism)
+    monkeypatch.setattr("echelon.loops.close", lambda mechanism, *_, **__: mechanism)
 
 
 def read(folder: Path, text: str, file: str = URDF) -> Mechanism:

@@ -11,9 +11,9 @@ import pytest
 import echelon as ec
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.snapping import ReadingOptions
+from echelon.loops.closed_motion import ClosureValues
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
-from echelon.regressor.loops.closed_motion import ClosureValues
 from support.mjcf_models import INERTIA, model, random_model
 from support.mujoco_loops import Array, Equalities, null_space
 from support.selection import slow_unless
@@ -24,7 +24,7 @@ _DIGITS = 1e-9
 @pytest.fixture
 def unclosed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Constraints are read; whether the program finds its own way to close them is not asked."""
-    monkeypatch.setattr("echelon.regressor.loops.closing.close", lambda mechanism, *_, **__: mechanism)
+    monkeypatch.setattr("echelon.loops.close", lambda mechanism, *_, **__: mechanism)
 
 
 def read(text: str) -> Mechanism:

@@ -347,7 +347,7 @@ def test_the_last_joint_of_a_loop_closes_it() -> None:
 
 @pytest.mark.parametrize("kind", ["revolute", "prismatic", "ball", "fixed"])
 def test_closing_joints_meet_at_zero(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("echelon.regressor.loops.closing.close", lambda mechanism, *_, **__: mechanism)
+    monkeypatch.setattr("echelon.loops.close", lambda mechanism, *_, **__: mechanism)
     text = BAR.replace('name="d" type="revolute"', f'name="d" type="{kind}"').replace("0 0 2", "0.3 -0.4 0.5")
     robot = read(text)
     zero = dict.fromkeys(robot.positions, 0.0)

@@ -2,8 +2,8 @@
 
 from mutation.fault import Fault
 
-SPATIAL, ENERGY = "regressor/steps.py", "regressor/linear_forms.py"
-POWER, PROBES, BALLS = "regressor/linear_forms.py", "regressor/steps.py", "regressor/loops/closed_balls.py"
+SPATIAL, ENERGY = "mechanism/steps.py", "regressor/linear_forms.py"
+POWER, PROBES, BALLS = "regressor/linear_forms.py", "mechanism/steps.py", "loops/closed_balls.py"
 AXES, JOINTS = "mechanism/joint.py", "mechanism/test_joints.py"
 CLOSED = "regressor/test_closed_balls.py::test_states_are_closed"
 TRUTHS = "regressor/test_loops_truths.py::test_four_bar regressor/test_loops_truths.py::test_parallelogram"
@@ -61,7 +61,7 @@ FAULTS = (
         "regressor/test_linear_forms.py",
     ),
     Fault(
-        "regressor/steps.py",
+        "mechanism/steps.py",
         "sum((c.rate[0] * r for c, r in known), zero)",
         "sum((c.rate[0] for c, r in known), zero)",
         "speeds of motors",
@@ -96,6 +96,6 @@ FAULTS = (
         "frames of sensors",
         "base/test_sensors.py::test_force_and_torque_sensors_agree_with_mujoco",
     ),
-    Fault("regressor/steps.py", "(xy + wz,", "(xy - wz,", "rotation of a ball", JOINTS),
-    Fault("regressor/steps.py", "position.sin() * motion.sign)", "position.sin())", "sense of a hinge", JOINTS),
+    Fault("mechanism/steps.py", "(xy + wz,", "(xy - wz,", "rotation of a ball", JOINTS),
+    Fault("mechanism/steps.py", "position.sin() * motion.sign)", "position.sin())", "sense of a hinge", JOINTS),
 )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.regressor.loops.assembly import Assembly
+from echelon.loops.assembly import Assembly
 from support.paths import EXAMPLES
 
 Log = dict[str, Any]

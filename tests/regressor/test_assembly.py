@@ -10,15 +10,16 @@ import pytest
 
 import echelon as ec
 from echelon.base.display import to_text
+from echelon.base.reading_report import moved_to_close
 from echelon.dynamics.evaluator import ClosedStates
+from echelon.loops.assembly import Assembly
+from echelon.loops.closed_motion import ClosureValues, normalised, position_rates
+from echelon.loops.closing import close
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.joint import Placement, floating_motions
 from echelon.mechanism.mechanism import Cut, Mechanism, plain
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.linear_forms import virtual_power_form
-from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.loops.closed_motion import ClosureValues, normalised, position_rates
-from echelon.regressor.loops.closing import assembled, close
 from echelon.results.saved import from_json, to_json
 from support import float_regressor as oracles
 from support import linkages
@@ -270,7 +271,7 @@ def test_what_moved_is_known_and_said() -> None:
     assert str(found) in to_text(base)
     assert from_json(to_json(base)).reading.assembled == found
     exact = dict(zip(("crank", "coupler", "rocker"), Assembly(assembled_at(crank=1.0)).pose.tolist(), strict=True))
-    assert assembled(assembled_at(**exact)) is None
+    assert moved_to_close(assembled_at(**exact)) is None
 
 
 def test_large_moves_are_warned_of() -> None:

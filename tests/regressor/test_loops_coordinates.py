@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.loops.coordinates import split_balls
+from echelon.loops.assembly import Assembly
+from echelon.loops.coordinates import split_balls
 from support.closed_states import read
 from support.paths import ROOT
 from support.zoo import ZOO

@@ -13,12 +13,12 @@ import pytest
 import echelon as ec
 from echelon.claims.audit import random_states
 from echelon.exact.polynomial import Polynomial
+from echelon.loops.assembly import Assembly
 from echelon.mechanism.effect import Action, Effect, Side
 from echelon.mechanism.joint import GROUND, Placement
 from echelon.mechanism.mechanism import Actuator, Cut, Mechanism, plain
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.linear_forms import virtual_power_form
-from echelon.regressor.loops.assembly import Assembly
 from support import linkages
 from support.closed_motion import completed, velocities
 from support.float_regressor import FloatArray

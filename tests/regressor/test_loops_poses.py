@@ -10,10 +10,10 @@ import pytest
 import echelon as ec
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.snapping import ReadingOptions
+from echelon.loops.assembly import Assembly
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.linear_forms import virtual_power_form
-from echelon.regressor.loops.assembly import Assembly
 from support.selection import one_in
 
 

@@ -10,7 +10,7 @@ from math import pi
 import pytest
 
 import echelon as ec
-from echelon.regressor.loops.assembly import Assembly
+from echelon.loops.assembly import Assembly
 from support.closed_states import read
 from support.described_linkage import described
 from support.loop_oracle import rank

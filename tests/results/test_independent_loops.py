@@ -252,7 +252,7 @@ def test_the_set_of_another_way_of_assembly_is_refuted() -> None:
 
 def test_it_has_its_own_closures(monkeypatch: pytest.MonkeyPatch) -> None:
     """A fault that derivation and verification share passes both: here, forgotten gravity."""
-    from echelon.regressor.steps import Recorder
+    from echelon.mechanism.steps import Recorder
 
     monkeypatch.setattr(Recorder, "gravity", lambda recorder: recorder.zeros)
     model = ec.base_parameters(read_description(FOUR_BAR, "described", ReadingOptions()))

@@ -341,7 +341,7 @@ def test_it_can_be_read_in_half_an_hour() -> None:
 
 def test_it_has_its_own_kinematics(monkeypatch: pytest.MonkeyPatch) -> None:
     """A fault that derivation and verification share passes both: here, forgotten gravity."""
-    from echelon.regressor.steps import Recorder
+    from echelon.mechanism.steps import Recorder
 
     monkeypatch.setattr(Recorder, "gravity", lambda recorder: recorder.zeros)
     model = ec.base_parameters(arms.double_pendulum())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from echelon.regressor.loops.assembly import Assembly
+from echelon.loops.assembly import Assembly
 from support.float_regressor import FloatArray
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from echelon.loops.assembly import Assembly
 from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.loops.assembly import Assembly
 from support.float_regressor import FloatArray
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import flint
 import numpy as np
@@ -22,7 +22,9 @@ from echelon.program.operations import Op
 from echelon.program.schedule import StagedSchedule, is_angle
 from echelon.program.tape import Program
 from echelon.regressor.linear_forms import LinearForms
-from echelon.regressor.loops.closed_balls import closed_states
+
+if TYPE_CHECKING:
+    from echelon.loops import ClosedBalls, Loops
 
 _MOST_LOST = 0.5
 """Share of states at which entries may have no value, as on a pole or beyond a domain that depends on symbols."""
@@ -139,7 +141,7 @@ class ClosedStates:
 
     def known(self, at: Sequence[Mapping[str, str]], first: int, poses: int, rng: Any, motions: int) -> list[Balls]:
         """Entries at motions through known closed poses, or those next to them at other values of the symbols."""
-        closed = closed_states(self.loops, at, self.loops.known_poses(first, poses))
+        closed = _closed(self.loops, at, self.loops.known_poses(first, poses))
         table = _entries(self.forms, closed.leaves(self.forms.schedule, rng, motions), len(at) * poses * motions)
         split = table.reshape(motions, len(at), poses, *self.forms.shape)
         return [_table(split[:, k].reshape(-1, *self.forms.shape)) for k in range(len(at))]
@@ -197,6 +199,13 @@ class FreeStates:
         return [_with_values(table[k * count : (k + 1) * count]) for k in range(len(at))]
 
 
+def _closed(loops: Loops, at: Sequence[Mapping[str, str]], poses: Floats) -> ClosedBalls:
+    """Closed poses in ball arithmetic next to some in doubles, at some values of the symbols."""
+    from echelon.loops import closed_states  # robots without loops do without it
+
+    return closed_states(loops, at, poses)
+
+
 def irrational_roots(forms: LinearForms) -> tuple[bool, bool]:
     """Whether √2 and √3 may occur in coefficients: they do in the rows, or other roots do."""
     program = forms.program
@@ -225,7 +234,7 @@ def ball_rows(
     if forms.loops is None:
         return _with_values(_free_entries(forms, forms.points.draw(rng, states), [at]))
     poses = forms.loops.poses(rng, -(-states // motions)) if poses is None else poses
-    leaves = closed_states(forms.loops, [at], poses).leaves(forms.schedule, rng, motions, at_rest=at_rest)
+    leaves = _closed(forms.loops, [at], poses).leaves(forms.schedule, rng, motions, at_rest=at_rest)
     return _table(_entries(forms, leaves, len(poses) * motions))
 
 
@@ -254,7 +263,7 @@ def bits_of_span(forms: LinearForms, at: Mapping[str, str], rng: np.random.Gener
             leaves, states = forms.points.leaves(schedule.leaves, drawn, [at]), count_of(drawn)
         else:
             staged, states = StagedSchedule(program, nodes), 1
-            leaves = closed_states(forms.loops, [at], forms.loops.poses(rng, 1)).leaves(staged, rng)
+            leaves = _closed(forms.loops, [at], forms.loops.poses(rng, 1)).leaves(staged, rng)
             schedule = staged.moving
         values = schedule.run(BallArithmetic(), leaves, states)
     exponents = [exponent(x.abs_lower()) for x in values.flat if x.is_finite() and not x.contains(0)]

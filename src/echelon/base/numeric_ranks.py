@@ -29,7 +29,6 @@ from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.linear_forms import LinearForms, virtual_power_form
-from echelon.regressor.loops.assembly import Assembly
 
 TOLERANCES = (1e-6, 1e-8, 1e-10, 1e-12)
 """Customary thresholds, relative to the largest singular value."""
@@ -169,7 +168,7 @@ def _sampled(
     rows = rows or max(_FEWEST_ROWS, int(_ROWS_PER_COLUMN * len(columns)))
     forms = virtual_power_form(mechanism) if recorded is None else recorded
     if forms.loops is not None:
-        closed = Assembly(mechanism, symbols, forms.loops.equations)
+        closed = forms.loops.assembly_at(symbols)
         count = -(-rows // max(1, len(mechanism.outputs)))
         states = closed.determined_states(rng, count, motions=_MOTIONS if count > _FEW_STATES else 1)
         found = evaluate_floats(forms, mechanism, *states, symbols, assembly=closed)

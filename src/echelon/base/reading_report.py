@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,11 +23,11 @@ from echelon.exact.field import rank as rank_modulo
 from echelon.hints import in_quotes
 from echelon.mechanism.closed_pose import shown_loops
 from echelon.mechanism.mechanism import Mechanism, Reading, Snap
-from echelon.mechanism.stated import StatedValues, stated_values
+from echelon.mechanism.stated import StatedValues, has_values, stated_values
 from echelon.regressor.linear_forms import LinearForms
-from echelon.regressor.loops.assembly import Assembled
-from echelon.regressor.loops.closing import assembled, locked_joints
-from echelon.regressor.loops.coordinates import split_balls
+
+if TYPE_CHECKING:
+    from echelon.loops import Assembled
 
 ROUNDING = 1e-9
 """Snaps up to this size are what decimals of a file cannot help, and part of the literal reading too."""
@@ -101,7 +102,7 @@ def _compared(
     reading = mechanism.reading
     snaps, notes = ((), ()) if reading is None else (reading.snaps, reading.notes)
     notes = (*notes, *mechanism_notes(mechanism))
-    report = ReadingReport(snaps, notes, assembled=assembled(mechanism) if mechanism.closures else None)
+    report = ReadingReport(snaps, notes, assembled=moved_to_close(mechanism))
     coarse = [snap for snap in snaps if snap.difference > ROUNDING]
     if reading is None or not coarse:  # to double precision, the numbers as they are read are those of the file
         return replace(report, doubt=_doubt(mechanism, recorded, rank, rank, matrix, mechanism))
@@ -128,6 +129,8 @@ def mechanism_notes(mechanism: Mechanism) -> list[str]:
     ]
     if not mechanism.closures:
         return notes
+    from echelon.loops import locked_joints, split_balls  # robots without loops do without it
+
     if locked := locked_joints(mechanism):
         notes.append(f"cannot move, because of {shown_loops(mechanism, locked[0])}: {in_quotes(locked, _MOST_NAMED)}")
     split = ", ".join(f"'{name}'" for name in split_balls(mechanism))
@@ -135,16 +138,29 @@ def mechanism_notes(mechanism: Mechanism) -> list[str]:
     return [*notes, *([f"{what}: {split} is independent"] if split else [])]
 
 
+def moved_to_close(mechanism: Mechanism) -> Assembled | None:
+    """What had to be moved to close the loops of a mechanism; None without loops, or if symbols have no values."""
+    if not mechanism.closures or not has_values(mechanism):
+        return None
+    from echelon.loops import Assembly  # robots without loops do without it
+
+    return Assembly(mechanism).assembled
+
+
 def doubt_of_loops(mechanism: Mechanism) -> str:
     """Evidence against what loops let move; empty if there is none."""
-    return _locked_drives(mechanism) if mechanism.closures else ""
+    return _locked_drives(mechanism)
 
 
 def _locked_drives(mechanism: Mechanism) -> str:
     """That joints with drives cannot move, if there are such; else empty."""
     stated = () if mechanism.reading is None else mechanism.reading.driven
     driven = {*stated, *(name for actuator in mechanism.actuators for name, _ in actuator.terms)}
-    locked = [name for name in locked_joints(mechanism) if name in driven] if driven else []
+    if not driven or not mechanism.closures:
+        return ""
+    from echelon.loops import locked_joints  # robots without loops do without it
+
+    locked = [name for name in locked_joints(mechanism) if name in driven]
     if not locked:
         return ""
     return (

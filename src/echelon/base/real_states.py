@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from functools import cached_property
 from math import tan
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import flint
 import numpy as np
@@ -26,7 +26,9 @@ from echelon.exact.field import DEFAULT_SEED, Geometry, PrimeField, Residues, ra
 from echelon.exact.polynomial import Number
 from echelon.program.arithmetics import stated_ball, twice_arc_text
 from echelon.regressor.linear_forms import Rows
-from echelon.regressor.loops.recorded_loops import Loops
+
+if TYPE_CHECKING:
+    from echelon.loops import Loops
 
 _BITS = (640, 1280, 2560)
 """Precisions that are tried: values of chains of loops fall smoothly past 1e-54."""

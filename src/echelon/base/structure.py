@@ -29,7 +29,6 @@ from echelon.mechanism.joint import ALL, GROUND, Body, Joint, Motion, Placement,
 from echelon.mechanism.mechanism import Cut, Mechanism
 from echelon.program.schedule import FieldSampler
 from echelon.regressor.linear_forms import FEW_COLUMNS, LinearForms, Rows, energy_changes, energy_form, rows_of
-from echelon.regressor.loops.closing import check_independent
 
 _SURPLUS_ROWS = 8
 _ATTEMPTS, _PASSES = 8, 2
@@ -177,6 +176,8 @@ def real_structure(
     order, spectrum = range(len(columns)), None
     ordered = found.in_order(order)
     if rows.forms.loops is not None:
+        from echelon.loops import check_independent  # robots without loops do without it
+
         check_independent(mechanism, states.free_velocities)
         spectrum = spectrum_of(mechanism, states, columns, found)
         if spectrum.intended < spectrum.literal:

@@ -39,11 +39,11 @@ from echelon.doors import public
 from echelon.errors import InputError
 from echelon.exact.expressions import parse
 from echelon.exact.polynomial import Polynomial
+from echelon.loops import Assembly
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.sources import Readable
 from echelon.mechanism.stated import all_symbols
-from echelon.regressor.loops.assembly import Assembly
 
 _PROPAGATED = 10.0  # how much larger than a rounded angle its effect on a coefficient may be
 

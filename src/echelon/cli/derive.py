@@ -7,14 +7,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from echelon.base.derive import SpecialisedMechanism, base_parameters, specialised
 from echelon.base.display import to_latex, to_markdown, to_text
 from echelon.base.linear_base import LinearBase
 from echelon.base.model import BaseModel
 from echelon.base.numeric_comparison import NumericComparison, compare_numeric
-from echelon.base.reading_report import MimicRanks, doubt_of_loops, mechanism_notes, mimic_ranks
+from echelon.base.reading_report import MimicRanks, doubt_of_loops, mechanism_notes, mimic_ranks, moved_to_close
 from echelon.base.sensors import SensorReport, sensor_report
 from echelon.base.special import SpecialGeometry, special_geometry
 from echelon.cli.destination import Destination, deliver
@@ -25,9 +25,10 @@ from echelon.formats.robot_file import load, load_model
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols
 from echelon.models import LinearModel
-from echelon.regressor.loops.assembly import Assembled
-from echelon.regressor.loops.closing import assembled
 from echelon.results.saved import to_json
+
+if TYPE_CHECKING:
+    from echelon.loops import Assembled
 
 
 def run_derive(
@@ -102,7 +103,7 @@ def run_rank_only(
             raise InputError("--rank-only is for robots; a linear model is always derived in closed form")
         answer = specialised(robot, rng, generic=generic)
         rank = answer.structure.rank if answer.special is None else answer.special.rank
-        mimics, moved = mimic_ranks(robot, rank, rng), assembled(robot)
+        mimics, moved = mimic_ranks(robot, rank, rng), moved_to_close(robot)
     deliver(_rank_json(answer, mimics, moved, seed) if as_json else _rank_text(answer, mimics, moved), output)
 
 

@@ -39,8 +39,8 @@ from echelon.dynamics.recursion import (
     plus,
 )
 from echelon.inertia import Array
+from echelon.mechanism.steps import Freedom, Mat, Vec, add, apply, backward, cross, dot, into_frame, scale
 from echelon.program.tape import Scalar
-from echelon.regressor.steps import Freedom, Mat, Vec, add, apply, backward, cross, dot, into_frame, scale
 
 Symmetric = dict[tuple[str, str], Scalar]  # entries by pairs of freedoms, in both orders; zero where absent
 

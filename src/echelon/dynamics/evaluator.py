@@ -24,12 +24,11 @@ from echelon.dynamics.functions import (
     closure_pivots,
 )
 from echelon.errors import InputError
+from echelon.loops import CLOSED, RANK_TOLERANCE, Assembly, largest
 from echelon.machine.kernel import Kernel, real_array, value_of
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import symbol_values
 from echelon.program.function import Argument, Function
-from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.loops.closed_motion import CLOSED, RANK_TOLERANCE, largest
 
 _STEP = 1e-9  # rad or characteristic lengths: what Newton's iteration leaves after a step that small is rounding
 _SINGULAR = RANK_TOLERANCE**2  # pivots are squares

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,8 +24,9 @@ from echelon.program.operations import Op
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.linear_forms import inverse_dynamics_regressor
-from echelon.regressor.loops.dependent_motion import DependentMotion
-from echelon.regressor.loops.recorded_loops import real_inputs
+
+if TYPE_CHECKING:
+    from echelon.loops import DependentMotion
 
 Index = tuple[int, ...]
 
@@ -87,6 +89,8 @@ def constraint_forces(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
 
 def _determined(mechanism: Mechanism, motion: DependentMotion) -> dict[str, float]:
     """How much of every component of closing wrenches the motion determines in some closed states."""
+    from echelon.loops import real_inputs  # robots without loops do without it
+
     shares = {name: value for name, value in _labelled(mechanism, motion.determined()) if value.number is None}
     values = real_inputs(mechanism, random_generator(DEFAULT_SEED), _STATES)
     schedule = Schedule(motion.program, [share.node for share in shares.values()])
@@ -106,6 +110,8 @@ def _labelled(mechanism: Mechanism, wrenches: Sequence[tuple[Scalar, ...]]) -> I
 def _motion(mechanism: Mechanism, name: str) -> DependentMotion:
     if not mechanism.closures:
         raise InputError(f"{name} is a function of mechanisms with loops; {mechanism.name} has none")
+    from echelon.loops import DependentMotion  # robots without loops do without it
+
     return DependentMotion(mechanism, Program())
 
 

@@ -11,10 +11,10 @@ from echelon.arrays import Floats
 from echelon.dynamics.arguments import Arguments, geometry_values
 from echelon.machine.kernel import Kernel
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.steps import Mat, Recorder, Step, Vec, add, apply, forward, identity, product
 from echelon.program.derivatives import derivatives
 from echelon.program.function import Function
 from echelon.program.tape import Program
-from echelon.regressor.steps import Mat, Recorder, Step, Vec, add, apply, forward, identity, product
 
 _ENTRIES = 12  # of a frame: its rotation's rows, each followed by a coordinate of its origin
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,12 +33,14 @@ from echelon.inertia import Array, pseudo_inertia
 from echelon.mechanism.effect import Side
 from echelon.mechanism.joint import GROUND, ORIGIN, Joint, MotionKind, Placement, Step, Vector, merge
 from echelon.mechanism.mechanism import Cut, Mechanism
+from echelon.mechanism.steps import EffectRecorder, Probes, Recorder, VirtualMotion, motion_of_joints, virtual_motion
+from echelon.mechanism.steps import Step as Recorded
 from echelon.program.derivatives import derivatives
 from echelon.program.operations import Op
 from echelon.program.tape import Program, Scalar
-from echelon.regressor.loops.dependent_motion import DependentMotion
-from echelon.regressor.steps import EffectRecorder, Probes, Recorder, VirtualMotion, motion_of_joints, virtual_motion
-from echelon.regressor.steps import Step as Recorded
+
+if TYPE_CHECKING:
+    from echelon.loops import DependentMotion
 
 Index = tuple[int, ...]  # row, or row and column
 
@@ -60,7 +63,7 @@ class RecordedOutputs:
         self.parameters = {columns[p].name: columns[p].unit for p in pivots}
         inputs = {p: parameter_input(columns[p].name, standard=dependent) for p in pivots}
         self._values = {p: self.program.input(name, "symbol") for p, name in inputs.items()}
-        self.dependent_motion = DependentMotion(mechanism, self.program) if mechanism.closures else None
+        self.dependent_motion = _dependent_motion(mechanism, self.program)
         self.names = row_names(mechanism)
         self._dependent = dependent
 
@@ -257,6 +260,15 @@ class RecordedOutputs:
             moved = {} if self.dependent_motion is None else self.dependent_motion.speeds({name: one})
             found[name] = motion_of_joints(mechanism, recorder, {name: one, **moved}).freedoms
         return found
+
+
+def _dependent_motion(mechanism: Mechanism, program: Program) -> DependentMotion | None:
+    """Dependent rates of a mechanism with loops, recorded on a program; None without loops."""
+    if not mechanism.closures:
+        return None
+    from echelon.loops import DependentMotion  # robots without loops do without it
+
+    return DependentMotion(mechanism, program)
 
 
 def _signs(force: Scalar) -> list[int]:

@@ -27,8 +27,7 @@ from functools import cached_property
 from echelon.inertia import Array
 from echelon.mechanism.joint import GROUND, Motion, MotionKind, transpose
 from echelon.mechanism.joint import Step as Described
-from echelon.program.tape import Scalar
-from echelon.regressor.steps import (
+from echelon.mechanism.steps import (
     Freedom,
     Mat,
     Probes,
@@ -46,6 +45,7 @@ from echelon.regressor.steps import (
     product,
     scale,
 )
+from echelon.program.tape import Scalar
 
 MASS = 3  # row of the mass and of first moments in a pseudo-inertia
 

@@ -36,12 +36,11 @@ from echelon.excite.problem.shapes import Shape, extent, plane_gaps
 from echelon.excite.problem.state_limits import Enclosed, MotionLimit, StateConstraint
 from echelon.excite.problem.task import Task
 from echelon.excite.problem.trajectory import Trajectory
+from echelon.loops import LARGEST_CORRECTION, largest, position_rates
 from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement, Step
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import placement_matrix, symbol_values
 from echelon.program.intervals import Interval
-from echelon.regressor.loops.assembly import LARGEST_CORRECTION
-from echelon.regressor.loops.closed_motion import largest, position_rates
 
 ACTIVE = 0.02  # share of a limit's range within which it counts as active
 

@@ -115,7 +115,7 @@ class _Builder:
         symbols = {name: symbol for name, symbol in self.snapping.symbols.items() if name in used}
         mechanism = replace(mechanism, symbols=symbols)
         if closures:
-            from echelon.regressor.loops.closing import close  # robots without loops load without it
+            from echelon.loops import close  # robots without loops load without it
 
             mechanism = close(mechanism, prefer=self._preferred(mechanism))
         self._check_independent(mechanism)
@@ -362,7 +362,7 @@ _NEAR = 0.02  # a pose that is this near to closing is taken for the one that is
 
 def chosen_pose(mechanism: Mechanism, poses: Mapping[str, Mapping[str, float]]) -> tuple[dict[str, float], str]:
     """The pose near which loops are assembled, and what the user should know about it, if anything."""
-    from echelon.regressor.loops.closed_motion import ClosedMotion, largest, normalised
+    from echelon.loops import ClosedMotion, largest, normalised
 
     known = [{n: v for n, v in pose.items() if n in mechanism.positions} for pose in poses.values()]
     motion = ClosedMotion(mechanism)

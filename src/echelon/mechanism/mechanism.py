@@ -157,7 +157,7 @@ class Mechanism:
         Joints that close loops.
     independent : tuple of str
         With loops, the velocity coordinates that the others depend on, as many as there are degrees of freedom; empty
-        for all of them (see :func:`echelon.regressor.loops.closing.close`).
+        for all of them (see :func:`echelon.loops.closing.close`).
     assembly : mapping of str to float
         Positions near which the loops close, which picks one of several ways to assemble them; zero where absent.
     rounding : float

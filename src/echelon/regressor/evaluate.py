@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -11,10 +12,12 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import symbol_values
+from echelon.mechanism.steps import state_inputs
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.regressor.linear_forms import LinearForms
-from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.loops.recorded_loops import state_inputs
+
+if TYPE_CHECKING:
+    from echelon.loops import Assembly
 
 _BLOCK = 1024  # samples evaluated together, so that the table of intermediate values stays small
 
@@ -43,6 +46,8 @@ def evaluate_floats(
     named |= {f"i[{name}]": values for name, values in measured.items()}
     if forms.loops is None:
         return _evaluated(forms, schedule, named | state_inputs(mechanism, q, qd, qdd), len(q))
+    from echelon.loops import Assembly  # robots without loops do without it
+
     named |= state_inputs(mechanism, q, qd, qdd)
     speeds = _virtual_speeds(assembly or Assembly(mechanism, symbols, forms.loops.equations), q)
     rows = [_evaluated(forms, schedule, named | given, len(q)) for given in speeds]

@@ -34,14 +34,7 @@ from echelon.mechanism.effect import Side
 from echelon.mechanism.joint import GROUND
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, value_texts
-from echelon.program.free_states import RealPoints
-from echelon.program.operations import Op
-from echelon.program.rewriting import with_free_functions
-from echelon.program.sampling import sampler_of
-from echelon.program.schedule import FieldSampler, StagedSchedule
-from echelon.program.tape import Program, Scalar
-from echelon.regressor.blocks import Block, BlockRows, blocks_of
-from echelon.regressor.steps import (
+from echelon.mechanism.steps import (
     EffectRecorder,
     Probes,
     Recorder,
@@ -58,9 +51,16 @@ from echelon.regressor.steps import (
     scale,
     virtual_motion,
 )
+from echelon.program.free_states import RealPoints
+from echelon.program.operations import Op
+from echelon.program.rewriting import with_free_functions
+from echelon.program.sampling import sampler_of
+from echelon.program.schedule import FieldSampler, StagedSchedule
+from echelon.program.tape import Program, Scalar
+from echelon.regressor.blocks import Block, BlockRows, blocks_of
 
 if TYPE_CHECKING:
-    from echelon.regressor.loops.recorded_loops import Loops
+    from echelon.loops import Loops
 
 FEW_COLUMNS = 120
 """So many columns are eliminated at once in less time than block by block."""
@@ -204,7 +204,7 @@ def _loops(
     """What keeps motions on closed configurations, where there are loops."""
     if not recorder.mechanism.closures:
         return None
-    from echelon.regressor.loops.recorded_loops import loops_of  # robots without loops do without it
+    from echelon.loops import loops_of  # robots without loops do without it
 
     return loops_of(recorder.mechanism, recorder, probes, chosen)
 
@@ -313,7 +313,7 @@ def inverse_dynamics_regressor(mechanism: Mechanism, columns: Sequence[int] | No
     """
     program, closed = Program(), None
     if mechanism.closures:
-        from echelon.regressor.loops.dependent_motion import DependentMotion  # robots without loops do without it
+        from echelon.loops import DependentMotion  # robots without loops do without it
 
         closed = DependentMotion(mechanism, program)
     recorded = _RecordedPowers(mechanism, program, closed.given() if closed else None)

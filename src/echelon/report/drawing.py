@@ -18,10 +18,10 @@ from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS, PER_BODY
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import EchelonError, one_line
+from echelon.loops import Assembly
 from echelon.mechanism.joint import GROUND, MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import placement_matrix, symbol_values
-from echelon.regressor.loops.assembly import Assembly
 from echelon.report.page import Context
 
 CLASSES = {

@@ -27,10 +27,10 @@ from echelon.excite.problem.state_limits import ORDERS
 from echelon.excite.problem.task import UNCHECKED
 from echelon.excite.verify import ACTIVE, Margin, when_kept
 from echelon.inputs import plain_data
+from echelon.loops import Assembly
 from echelon.mechanism.joint import Body, MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
-from echelon.regressor.loops.assembly import Assembly
 from echelon.report.drawing import ahead, joint_axes, upward, widest_view
 from echelon.report.page import ClosedForms, Context, html_page, packed, significant
 from echelon.report.report import findings_of

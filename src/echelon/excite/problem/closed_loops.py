@@ -28,14 +28,12 @@ from echelon.errors import InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.excite.problem.information import ADJOINT, StateRegressor, pullback
 from echelon.excite.problem.state_limits import Slopes, StateConstraint
+from echelon.loops import LARGEST_CORRECTION, STRIDE, DependentMotion, largest, normalised, position_rates
 from echelon.machine.kernel import Kernel
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Function
 from echelon.program.tape import Program
-from echelon.regressor.loops.assembly import LARGEST_CORRECTION, STRIDE
-from echelon.regressor.loops.closed_motion import largest, normalised, position_rates
-from echelon.regressor.loops.dependent_motion import DependentMotion
 
 _SHORTEST = 2e-3  # of a step on the way to a configuration, rad or characteristic lengths
 _REMEMBERED = 4  # sets of samples: those of the criterion and of the constraints

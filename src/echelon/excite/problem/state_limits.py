@@ -30,12 +30,12 @@ from echelon.hints import nearest_of
 from echelon.machine.kernel import Kernel
 from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import Force, Mechanism, Output, plain
+from echelon.mechanism.steps import Recorder, add, apply
 from echelon.program.derivatives import derivatives
 from echelon.program.function import Argument, Function
 from echelon.program.intervals import Interval, interval_values
 from echelon.program.rewriting import smooth_function
 from echelon.program.tape import Program
-from echelon.regressor.steps import Recorder, add, apply
 
 ORDERS = ("position", "velocity", "acceleration", "jerk")  # kinds of limits, by the order of the derivative
 

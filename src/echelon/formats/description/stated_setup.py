@@ -246,7 +246,7 @@ class Additions:
             self.expressions.snapping.options.snap_tolerance and self.robot.robot is None and not self.robot.symbols
         ):  # what has a name is as it is stated
             opened = replace(opened, rounding=rounding_of_mechanism(opened))
-        from echelon.regressor.loops.closing import close  # robots without loops load without it
+        from echelon.loops import close  # robots without loops load without it
 
         return close(opened, self._independent(), prefer=prefer)
 

@@ -20,13 +20,13 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats, Integers, pivoted_qr
 from echelon.errors import InputError
+from echelon.loops.closed_motion import NOISE
+from echelon.loops.recorded_loops import Loops, floats_of
 from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.steps import quaternion_times
 from echelon.program.arithmetics import BallArithmetic, ball, stated_ball
 from echelon.program.operations import Op
 from echelon.program.schedule import FloatArithmetic, Schedule, StagedSchedule
-from echelon.regressor.loops.closed_motion import NOISE
-from echelon.regressor.loops.recorded_loops import Loops, floats_of
-from echelon.regressor.steps import quaternion_times
 
 Balls = npt.NDArray[Any]
 """Array of ``arb``, poses last."""

@@ -17,14 +17,14 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
+from echelon.loops.closures import ClosureEquations, record_closures
 from echelon.mechanism.closed_pose import shown_loops
 from echelon.mechanism.joint import Motion, MotionKind, Symbol
 from echelon.mechanism.mechanism import Cut, Mechanism
 from echelon.mechanism.stated import characteristic_length, symbol_values
+from echelon.mechanism.steps import Probes, Recorder, cut_names, quaternion_times, virtual_motion
 from echelon.program.schedule import FloatArithmetic, Schedule, StagedSchedule
 from echelon.program.tape import Program
-from echelon.regressor.loops.closures import ClosureEquations, record_closures
-from echelon.regressor.steps import Probes, Recorder, cut_names, quaternion_times, virtual_motion
 
 RANK_TOLERANCE = 1e-6
 """Singular values below this part of the largest one count as zero."""

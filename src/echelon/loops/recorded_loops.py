@@ -11,15 +11,15 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.errors import DegenerateSampleError, InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
+from echelon.loops.assembly import Assembly
+from echelon.loops.closed_motion import REMEMBERED, Known
+from echelon.loops.closures import ClosureEquations, record_closures
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, value_texts
+from echelon.mechanism.steps import Probes, Recorder, state_inputs
 from echelon.program.arithmetics import stated_ball
 from echelon.program.schedule import StagedSchedule
 from echelon.program.tape import Scalar
-from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.loops.closed_motion import REMEMBERED, Known
-from echelon.regressor.loops.closures import ClosureEquations, record_closures
-from echelon.regressor.steps import Probes, Recorder
 
 _DRAWS = 64
 """Sets of random values that are tried for symbols without one until the loops close."""
@@ -103,7 +103,11 @@ class Loops:
     @cached_property
     def assembly(self) -> Assembly:
         """Closed configurations in double precision, at :attr:`values`."""
-        return Assembly(self.mechanism, floats_of(self.values), self.equations)
+        return self.assembly_at(floats_of(self.values))
+
+    def assembly_at(self, symbols: Mapping[str, float] | None) -> Assembly:
+        """Closed configurations in double precision, at some values of the symbols."""
+        return Assembly(self.mechanism, symbols, self.equations)
 
 
 def loops_of(
@@ -192,13 +196,3 @@ def real_inputs(mechanism: Mechanism, rng: np.random.Generator, count: int, reac
     values = floats_of(closing_values(mechanism))
     states = Assembly(mechanism, values).random_closed_states(rng, count, reach)
     return {name: np.full(count, value) for name, value in values.items()} | state_inputs(mechanism, *states)
-
-
-def state_inputs(mechanism: Mechanism, q: Floats, qd: Floats, qdd: Floats) -> dict[str, Floats]:
-    """Values of the inputs of states of all coordinates, by name."""
-    velocities, found = mechanism.velocities, dict[str, Floats]()
-    for kind, array, names in (("q", q, mechanism.positions), ("qd", qd, velocities), ("qdd", qdd, velocities)):
-        if array.ndim != 2 or array.shape[1] != len(names):
-            raise InputError(f"{kind} has shape {array.shape}; expected (samples, {len(names)}): {', '.join(names)}")
-        found |= {f"{kind}[{name}]": array[:, k] for k, name in enumerate(names)}
-    return found

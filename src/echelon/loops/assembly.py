@@ -17,10 +17,7 @@ import numpy as np
 from echelon.arrays import Flags, Floats, cut_at, one_thread, pivoted_qr
 from echelon.errors import AssemblyWarning, InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
-from echelon.mechanism.closed_pose import loop_motions
-from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.loops.closed_motion import (
+from echelon.loops.closed_motion import (
     NOISE,
     REMEMBERED,
     ClosedMotion,
@@ -30,7 +27,10 @@ from echelon.regressor.loops.closed_motion import (
     places,
     position_rates,
 )
-from echelon.regressor.loops.closures import ClosureEquations
+from echelon.loops.closures import ClosureEquations
+from echelon.mechanism.closed_pose import loop_motions
+from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.mechanism import Mechanism
 
 NEARLY_FREE = 1e-2
 """Singular values below this part of the largest one belong to motions that are nearly possible."""

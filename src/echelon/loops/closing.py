@@ -12,19 +12,19 @@ import numpy as np
 from echelon.arrays import Floats, one_thread
 from echelon.errors import InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
+from echelon.loops.assembly import NEARLY_FREE, Assembly
+from echelon.loops.closed_balls import closed_states
+from echelon.loops.closed_motion import RANK_TOLERANCE, ClosedMotion
+from echelon.loops.coordinates import independent_coordinates
+from echelon.loops.recorded_loops import floats_of, loops_of
 from echelon.mechanism.closed_pose import loop_motions, shown_loops
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import (
     has_values,
 )
+from echelon.mechanism.steps import Recorder
 from echelon.mechanism.substitute import inexact_coupling, with_numeric_ratios
 from echelon.program.tape import Program
-from echelon.regressor.loops.assembly import NEARLY_FREE, Assembled, Assembly
-from echelon.regressor.loops.closed_balls import closed_states
-from echelon.regressor.loops.closed_motion import RANK_TOLERANCE, ClosedMotion
-from echelon.regressor.loops.coordinates import independent_coordinates
-from echelon.regressor.loops.recorded_loops import floats_of, loops_of
-from echelon.regressor.steps import Recorder
 
 _ATTEMPTS = 2
 _STANDS_STILL = 1e-3  # rad or m
@@ -72,11 +72,6 @@ def check_independent(mechanism: Mechanism, velocities: Floats) -> None:
     if mechanism.independent and not ranked(columns) == len(columns) == velocities.shape[1]:
         chosen = independent_coordinates(mechanism, ranked, mechanism.independent, velocities)
         _check_wanted(mechanism, mechanism.independent, chosen, velocities)
-
-
-def assembled(mechanism: Mechanism) -> Assembled | None:
-    """What had to be moved to close the loops of a mechanism; None without loops, or if symbols have no values."""
-    return Assembly(mechanism).assembled if mechanism.closures and has_values(mechanism) else None
 
 
 class _Real:

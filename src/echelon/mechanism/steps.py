@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+from echelon.arrays import Floats
+from echelon.errors import InputError
 from echelon.mechanism.effect import Action, Effect, Side
 from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement, transpose, turned
 from echelon.mechanism.mechanism import Cut, Mechanism
@@ -388,3 +390,13 @@ class EffectRecorder:
             names[f"qd[{actuator.name}]"] = sum((c.rate[0] * r for c, r in known), zero)
             names[f"qdd[{actuator.name}]"] = sum((c.acceleration[0] * r for c, r in known), zero)
         return names
+
+
+def state_inputs(mechanism: Mechanism, q: Floats, qd: Floats, qdd: Floats) -> dict[str, Floats]:
+    """Values of the inputs of states of all coordinates, by name."""
+    velocities, found = mechanism.velocities, dict[str, Floats]()
+    for kind, array, names in (("q", q, mechanism.positions), ("qd", qd, velocities), ("qdd", qdd, velocities)):
+        if array.ndim != 2 or array.shape[1] != len(names):
+            raise InputError(f"{kind} has shape {array.shape}; expected (samples, {len(names)}): {', '.join(names)}")
+        found |= {f"{kind}[{name}]": array[:, k] for k, name in enumerate(names)}
+    return found

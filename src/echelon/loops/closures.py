@@ -15,8 +15,7 @@ from echelon.mechanism.closed_pose import ends_of
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.joint import Placement, transpose
 from echelon.mechanism.mechanism import Mechanism
-from echelon.program.tape import Program, Scalar
-from echelon.regressor.steps import (
+from echelon.mechanism.steps import (
     Mat,
     Probes,
     Recorder,
@@ -30,6 +29,7 @@ from echelon.regressor.steps import (
     into_frame,
     product,
 )
+from echelon.program.tape import Program, Scalar
 
 Wrench = tuple[Vec, Vec]
 """Moment and force."""

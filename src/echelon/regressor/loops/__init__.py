@@ -1,1 +1,0 @@
-"""Closed loops: closure equations, closed poses and motions, in double precision and in ball arithmetic."""
