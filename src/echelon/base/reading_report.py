@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,13 +20,11 @@ from echelon.errors import DegenerateSampleError, InputError, SingularPoseError
 from echelon.exact.field import ARRAY_BITS, DEFAULT_SEED, PrimeField, random_generator
 from echelon.exact.field import rank as rank_modulo
 from echelon.hints import in_quotes
+from echelon.mechanism.assembled import Assembled
 from echelon.mechanism.closed_pose import shown_loops
 from echelon.mechanism.mechanism import Mechanism, Reading, Snap
 from echelon.mechanism.stated import StatedValues, has_values, stated_values
 from echelon.regressor.linear_forms import LinearForms
-
-if TYPE_CHECKING:
-    from echelon.loops import Assembled
 
 ROUNDING = 1e-9
 """Snaps up to this size are what decimals of a file cannot help, and part of the literal reading too."""

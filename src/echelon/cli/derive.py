@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from echelon.base.derive import SpecialisedMechanism, base_parameters, specialised
 from echelon.base.display import to_latex, to_markdown, to_text
@@ -22,13 +22,11 @@ from echelon.cli.screen import json_text, say_time, steps
 from echelon.errors import InputError, one_line
 from echelon.exact.field import random_generator
 from echelon.formats.robot_file import load, load_model
+from echelon.mechanism.assembled import Assembled
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols
 from echelon.models import LinearModel
 from echelon.results.saved import to_json
-
-if TYPE_CHECKING:
-    from echelon.loops import Assembled
 
 
 def run_derive(

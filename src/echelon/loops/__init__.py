@@ -6,7 +6,7 @@ complete velocities and accelerations, in numbers and as recorded formulas; and 
 closed states, which :func:`closed_states` encloses in ball arithmetic.
 """
 
-from echelon.loops.assembly import LARGEST_CORRECTION, STRIDE, Assembled, Assembly
+from echelon.loops.assembly import LARGEST_CORRECTION, STRIDE, Assembly
 from echelon.loops.closed_balls import ClosedBalls, closed_states
 from echelon.loops.closed_motion import CLOSED, RANK_TOLERANCE, ClosedMotion, largest, normalised, position_rates
 from echelon.loops.closing import check_independent, close, locked_joints
@@ -19,7 +19,6 @@ __all__ = [
     "LARGEST_CORRECTION",
     "RANK_TOLERANCE",
     "STRIDE",
-    "Assembled",
     "Assembly",
     "ClosedBalls",
     "ClosedMotion",

@@ -7,15 +7,13 @@ steps that are small enough to stay on one of them.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
 
 from echelon.arrays import Flags, Floats, cut_at, one_thread, pivoted_qr
-from echelon.errors import AssemblyWarning, InputError
+from echelon.errors import InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.loops.closed_motion import (
     NOISE,
@@ -28,6 +26,7 @@ from echelon.loops.closed_motion import (
     position_rates,
 )
 from echelon.loops.closures import ClosureEquations
+from echelon.mechanism.assembled import Assembled, Moved, to_write
 from echelon.mechanism.closed_pose import loop_motions
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
@@ -51,62 +50,7 @@ _WALK, _FEWEST = 20, 4  # random strides from the assembly pose, and from it to 
 _KEPT_AWAY = 0.25  # of the assembly pose's distance from singular configurations; more than a stride
 _RATE = 2.0  # largest random velocity and acceleration
 _DETERMINED, _MORE = 1e-5, 4  # smallest singular value of equations for dependent velocities; times the states, else
-_ROUNDING, _LARGE, _TOO_LARGE = 1e-6, 0.1, 2.0  # moves of coordinates to a closed pose, rad or characteristic lengths
-
-
-@dataclass(frozen=True)
-class Moved:
-    """How far one coordinate was moved to close the loops."""
-
-    coordinate: str  # name of a motion; a ball counts as one
-    distance: float  # in its unit; of a ball, the angle
-    unit: str  # ``"rad"`` or ``"m"``
-    relative: float  # the same in rad or characteristic lengths of the mechanism
-    stated: bool  # whether the assembly pose says where the coordinate is
-
-
-@dataclass(frozen=True)
-class Assembled:
-    """What had to be moved because the stated assembly pose, or zero, does not close the loops."""
-
-    moved: tuple[Moved, ...]  # what moved by more than rounding, the largest move first
-    closure: str  # the closure that was open most
-    opening: float  # by how much, in its unit
-    unit: str
-    pose: Mapping[str, float]  # the closed pose that is taken
-
-    @property
-    def large(self) -> bool:
-        """Whether something moved by more than 0.1 rad or a tenth of the characteristic length."""
-        return bool(self.moved) and self.moved[0].relative > _LARGE
-
-    def check(self) -> None:
-        """Warn of a large move; refuse one of more than 2 rad or lengths where the position is stated."""
-        far = next((m for m in self.moved if m.stated and m.relative > _TOO_LARGE), None)
-        if far is not None:
-            problem = f"{self._open()}, and the nearest closed pose that was found is far from it: {_by([far])}"
-            raise InputError(f"{problem}.  {self._to_write()}", element="assembly")
-        if self.large:
-            warnings.warn(f"{self}.  {self._to_write()}", AssemblyWarning, stacklevel=2)
-
-    def __str__(self) -> str:
-        return f"{self._open()}; the loops were closed by moving {_by(self.moved[:1])}"
-
-    def _open(self) -> str:
-        where = "the stated assembly pose" if any(m.stated for m in self.moved) else "zero"
-        return f"at {where} closure '{self.closure}' is open by {self.opening:.3g} {self.unit}"
-
-    def _to_write(self) -> str:
-        return f"If this pose is meant, write  {to_write(self.pose)};  else state one at which the loops close"
-
-
-def to_write(pose: Mapping[str, float]) -> str:
-    """What a description says of a pose."""
-    return f"assembly: {{{', '.join(f'{name}: {value:.6g}' for name, value in pose.items())}}}"
-
-
-def _by(moved: Sequence[Moved]) -> str:
-    return ", ".join(f"'{m.coordinate}' by {m.distance:.3g} {m.unit}" for m in moved)
+_ROUNDING = 1e-6  # of coordinates, up to which they count as not moved, rad or characteristic lengths
 
 
 class OpenLoopsError(InputError):
