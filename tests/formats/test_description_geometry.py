@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import echelon as ec
 from echelon.errors import InputError
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
@@ -174,3 +175,16 @@ def test_rotations_by_rows_are_exact_rotations(rows: str, exact: bool) -> None:
     else:
         with pytest.raises(InputError, match="not exactly a rotation matrix"):
             read(text)
+
+
+@pytest.mark.parametrize(("angle", "value"), [("63/50", 1.26), ("pi/7", np.pi / 7), ("pi/2 + 0.3", np.pi / 2 + 0.3)])
+def test_cosines_of_numbers_are_numbers(angle: str, value: float) -> None:
+    """As lengths of sides they are those that decimals say."""
+    text = (
+        "echelon: 1\ngravity: [0, -9.81, 0]\nbodies:\n  - {{name: a, joint: {{type: revolute, axis: z}}}}\n"
+        "  - {{name: b, parent: a, joint: {{type: revolute, axis: z, origin: {{xyz: ['{}', 0, 0]}}}}}}\n"
+    )
+    exact, decimal = (
+        ec.base_parameters(ec.load(text.format(x))) for x in (f"0.3*cos({angle})", repr(float(0.3 * np.cos(value))))
+    )
+    np.testing.assert_allclose(exact.B_float(), decimal.B_float(), atol=1e-15)

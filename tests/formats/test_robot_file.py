@@ -69,3 +69,24 @@ def test_usual_effects_are_part_of_the_literal_reading(files: tuple[Path, Path])
 
 def test_the_content_decides_between_formats_of_xml() -> None:
     assert RobotFile.of(ARM.encode(), "robot.txt").mechanism().name == "arm"
+
+
+TINY = {
+    "urdf": """<robot name="r"><link name="base"/><link name="a"><inertial><mass value="1"/>
+<inertia ixx="1" ixy="1e-114" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+<joint name="j" type="revolute"><parent link="base"/><child link="a"/><origin xyz="0 {} 1"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>""",
+    "sdf": """<sdf version="1.9"><model name="r"><link name="base"/><link name="a"><pose>0 {} 1 0 0 0</pose></link>
+<joint name="f" type="fixed"><parent>world</parent><child>base</child></joint><joint name="j" type="revolute">
+<parent>base</parent><child>a</child><axis><xyz>0 1 0</xyz></axis></joint></model></sdf>""",
+    "mjcf": """<mujoco><worldbody><body pos="0 {} 1"><joint axis="0 1 0"/>
+<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></worldbody></mujoco>""",
+}
+
+
+@pytest.mark.parametrize("text", TINY.values(), ids=TINY)
+def test_tiny_numbers_are_zero(text: str) -> None:
+    tiny, zero = ec.load(text.format("-1e-114")), ec.load(text.format("0"))
+    assert ec.base_structure(tiny).rank == ec.base_structure(zero).rank
+    assert tiny.reading is not None
+    assert any("read as zero" in note and "1e-114" in note for note in tiny.reading.notes)

@@ -14,7 +14,7 @@ from __future__ import annotations
 import ast
 import re
 import warnings
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from fractions import Fraction
 from math import comb, isfinite, pi
@@ -130,8 +130,12 @@ _PIECE, _LONGEST_TERM, _LONGEST = 500, 2000, 1_000_000
 _LARGEST_EXPONENT, _MOST_TERMS, _MOST_BITS = 32, 20_000, 20_000
 
 
-def parse(text: str, symbols: Collection[str] | None = None) -> Polynomial:
-    """Read an exact expression.
+Named = Callable[[Angle], Angle]
+"""Puts a symbol in the place of an angle without an exact sine."""
+
+
+def parse(text: str, symbols: Collection[str] | None = None, named: Named | None = None) -> Polynomial:
+    """Read an exact expression, with symbols for angles of numbers such as 63/50 if there is what names them.
 
     >>> parse("D3/2 - 0.5*D3 + 2*L^2")
     2*L^2
@@ -142,7 +146,7 @@ def parse(text: str, symbols: Collection[str] | None = None) -> Polynomial:
     if len(text) > _LONGEST:
         raise ValueError(f"an expression of {len(text)} characters is too long (at most {_LONGEST})")
     # the walk below recurses along sums, so a long sum is read piece by piece
-    value = Polynomial.sum(_parse_piece(piece, symbols) for piece in _pieces(text))
+    value = Polynomial.sum(_parse_piece(piece, symbols, named) for piece in _pieces(text))
     if not all(map(in_double_range, value.terms.values())):
         raise ValueError(f"'{shortened(text)}' is {BEYOND_DOUBLES}")
     return value
@@ -161,12 +165,12 @@ def _pieces(text: str) -> list[str]:
     return [text[a:b].strip() for a, b in zip(cuts, [*cuts[1:], len(text)], strict=True)]
 
 
-def _parse_piece(text: str, symbols: Collection[str] | None) -> Polynomial:
+def _parse_piece(text: str, symbols: Collection[str] | None, named: Named | None) -> Polynomial:
     if len(text) > _LONGEST_TERM:
         raise ValueError(f"a term of {len(text)} characters is too long (at most {_LONGEST_TERM})")
     python = text.replace("^", "**")
     try:
-        return _Reader(python, symbols).read(expression_tree(python))
+        return _Reader(python, symbols, named).read(expression_tree(python))
     except (SyntaxError, RecursionError):
         raise ValueError(f"'{text}' is not an expression such as 0.5, pi/2, D3/2 or 2*cos(alpha)") from None
 
@@ -199,8 +203,8 @@ def as_angle(polynomial: Polynomial) -> Angle:
 class _Reader:
     """One walk over the syntax tree of an expression."""
 
-    def __init__(self, text: str, symbols: Collection[str] | None) -> None:
-        self.text, self.symbols = text, symbols
+    def __init__(self, text: str, symbols: Collection[str] | None, named: Named | None) -> None:
+        self.text, self.symbols, self.named = text, symbols, named
         self._bytes = text.encode()  # the offsets in a syntax tree are those of bytes
 
     def read(self, node: ast.expr) -> Polynomial:
@@ -276,6 +280,8 @@ class _Reader:
             return Polynomial.constant(square_root(argument.number))
         if name in ("cos", "sin"):
             angle = as_angle(argument)
+            if self.named is not None and not angle.parts and not angle.is_exact:
+                angle = self.named(angle)
             return angle.cos() if name == "cos" else angle.sin()
         raise ValueError(f"'{name}' is not a known function (known: sqrt of a number, sin, cos)")
 

@@ -130,6 +130,8 @@ LARGEST = 10**100  # of lengths, masses and the like: mass times a distance squa
 
 SMALLEST = Fraction(1, LARGEST)  # of what is not zero
 
+_SHOWN = 3  # tiny numbers that a note names
+
 LARGEST_ANGLE = 10**9
 """Of angles, rad: beyond, the digits of a double no longer say which multiple of 15° is the nearest."""
 
@@ -139,11 +141,23 @@ NOT_FINITE = re.compile(r"[+-]?(\.?(nan|inf|infinity)|∞)", re.IGNORECASE)
 AnyNumber = TypeVar("AnyNumber", bound=Number)
 
 
+def is_tiny(value: Rational) -> bool:
+    """Whether a number is so small, and not zero, that nobody means it."""
+    return -SMALLEST < value < SMALLEST and value != 0
+
+
+def tiny_notes(places: Sequence[str]) -> list[str]:
+    """That tiny numbers at some places of a file are read as zero."""
+    count, shown = len(places), ", ".join(places[:_SHOWN])
+    more = f" and {count - _SHOWN} others" * (count > _SHOWN)
+    return [f"read as zero, since no robot has numbers below 1e-100: {shown}{more}"] if places else []
+
+
 def checked_size(value: AnyNumber, shown: str) -> AnyNumber:
     """A number that is neither too large nor, unless it is zero, too small."""
     if not all(-LARGEST <= part <= LARGEST for part in parts_of(value)):
         raise ValueError(f"'{shown}' is too large a number: robots have lengths and masses up to 1e100, in SI units")
-    if any(-SMALLEST < part < SMALLEST and part != 0 for part in parts_of(value)):
+    if any(is_tiny(part) for part in parts_of(value)):
         raise ValueError(f"'{shown}' is too small a number to compute with: write 0, or use SI units")
     return value
 

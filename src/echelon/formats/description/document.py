@@ -131,6 +131,7 @@ class Expressions:
         self.document = document
         self.declared = frozenset(symbols)
         self.snapping = Snapping(document.source, options, literal, dict(symbols))
+        self._turns: set[str] = set()  # symbols of angles within the expression that was read last
 
     @property
     def named(self) -> dict[str, Symbol]:
@@ -150,7 +151,7 @@ class Expressions:
         """Any expression in declared symbols, pi, and coordinates where they may stand."""
         value = self.parsed(text, path)
         for name in value.symbols():
-            if name not in self.declared and name not in coordinates and name not in (PI, PER_PI):
+            if name not in {*self.declared, *self._turns, *coordinates, PI, PER_PI}:
                 problem = f"the symbol '{name}' in '{text}' is not declared: list it in symbols"
                 if coordinates:
                     problem = f"'{name}' in '{text}' is neither a coordinate nor a declared symbol"
@@ -158,10 +159,17 @@ class Expressions:
         return value
 
     def parsed(self, text: str, path: str) -> Polynomial:
-        """An expression in any names."""
+        """An expression in any names, and in those that angles of numbers such as 63/50 get in it."""
         self._check_spelling(text, path)
+        self._turns.clear()
+
+        def named(angle: Angle) -> Angle:
+            found = self.snapping.named_angle(angle, path, "turn")
+            self._turns.update(symbol for symbol, _ in found.parts)
+            return found
+
         try:
-            value = parse(text)
+            value = parse(text, named=named)
             if len(value.terms) > _MOST_TERMS:
                 raise ValueError(f"the expression expands to {len(value.terms)} terms (at most {_MOST_TERMS})")
             for coefficient in value.terms.values():

@@ -24,6 +24,7 @@ import numpy as np
 from echelon.errors import InputError
 from echelon.exact.expressions import is_whole
 from echelon.extras import extra
+from echelon.formats.snapping import SMALLEST, tiny_notes
 from echelon.formats.vocabulary import without
 from echelon.hints import in_quotes, unused
 from echelon.inputs import INCLUDES, parse_xml, read_content
@@ -207,10 +208,22 @@ def compile_spec(spec: Any, document: MjcfDocument) -> CompiledModel:
     for name in _COMPILED:
         if not np.all(np.isfinite(getattr(model, name))):
             raise InputError(f"the compiled model has infinite values in {name}", source=document.source)
+    notes += tiny_notes(_without_tiny(model))
     inferred = _inferred(spec, model) - unknown
     if inferred:
         notes.append(f"inertias of {_bodies(inferred)} are computed from their geoms: the file does not state them")
     return CompiledModel(model, spec, frozenset(unknown), tuple(notes))
+
+
+def _without_tiny(model: Any) -> list[str]:
+    """Put zero in the place of tiny numbers of a compiled model, and say where they were."""
+    found = list[str]()
+    for name in (*_COMPILED, "site_pos", "eq_data"):
+        values = getattr(model, name)
+        tiny = (np.abs(values) < float(SMALLEST)) & (values != 0)
+        found += [f"{name} = {value:g}" for value in values[tiny]]
+        values[tiny] = 0
+    return found
 
 
 # -- messages ----------------------------------------------------------------------------------------------------------

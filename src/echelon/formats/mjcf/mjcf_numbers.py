@@ -20,7 +20,7 @@ from echelon.formats.literal import (
     roll_pitch_yaw,
     rotation_matrix,
 )
-from echelon.formats.snapping import checked_size, nearest_step
+from echelon.formats.snapping import checked_size, is_tiny, nearest_step
 from echelon.inertia import rotation_of
 
 _NOISE = 1e-14  # what a few roundings of MuJoCo's compiler leave of a zero or of a multiple of 15°
@@ -86,10 +86,14 @@ def _turn(element: str, axis: int, angle: Rational) -> LiteralPlacement:
 
 
 def exact_number(value: float) -> Rational:
-    """The shortest decimal that is this double, which is the number in the file unless that has over 15 digits."""
+    """The shortest decimal that is this double, which is the number in the file unless that has over 15 digits.
+
+    What is tiny is zero.
+    """
     text = repr(float(value))
     try:
-        return checked_size(parse_decimal(text), text)
+        number = parse_decimal(text)
+        return 0 if is_tiny(number) else checked_size(number, text)
     except ValueError as error:
         raise InputError(str(error)) from None
 

@@ -8,23 +8,28 @@ from echelon.errors import InputError
 from echelon.exact.expressions import parse_decimal
 from echelon.exact.polynomial import Rational
 from echelon.formats.literal import LiteralPlacement, Triple
-from echelon.formats.snapping import checked_size
+from echelon.formats.snapping import checked_size, is_tiny
 
 
 class ExactXml:
     """Exact numbers of an XML document, and errors that name the element."""
 
-    def __init__(self, source: str) -> None:
-        self.source = source
+    def __init__(self, source: str, tiny: list[str] | None = None) -> None:
+        """``tiny`` takes the places of numbers that are read as zero."""
+        self.source, self.tiny = source, [] if tiny is None else tiny
 
     def error(self, problem: str, element: str | None = None) -> InputError:
         """An error about an element."""
         return InputError(problem, source=self.source, element=element)
 
     def number(self, text: str, where: str) -> Rational:
-        """An exact number."""
+        """An exact number; a tiny one is zero, and its place kept."""
         try:
-            return checked_size(parse_decimal(text.strip()), text)
+            value = parse_decimal(text.strip())
+            if is_tiny(value):
+                self.tiny.append(f"{where} = {text.strip()}")
+                return 0
+            return checked_size(value, text)
         except ValueError as error:
             raise self.error(str(error), where) from None
 

@@ -34,7 +34,7 @@ from echelon.formats.literal import (
     numeric_placements,
 )
 from echelon.formats.mjcf.mjcf_numbers import exact_angle, exact_number, placements, placements_of
-from echelon.formats.snapping import ANGLE_TOLERANCE, nearest_step
+from echelon.formats.snapping import ANGLE_TOLERANCE, nearest_step, tiny_notes
 from echelon.formats.urdf.exact_xml import ExactXml
 from echelon.formats.urdf.sdf_vocabulary import MODEL_NAMES, SDF
 from echelon.formats.vocabulary import unread
@@ -215,6 +215,7 @@ class _Reader(_Frames):
         left = [joint for joint in self.joints if joint not in carried.values()]
         frames = [f for f in self.known.values() if f.kind == "frame"]
         stated = tuple(self._couplings())
+        closures = tuple(self._closure(joint, position) for joint in left)
         self.notes += self._left_out()
         weightless = all(self._is_weightless(link) for link in self.links.values())
         return LiteralTree(
@@ -223,9 +224,9 @@ class _Reader(_Frames):
             links,
             stated if mimics else (),
             (0, 0, 0) if weightless else self.triple(gravity, LiteralTree("", "", ()).gravity, "gravity"),
-            tuple(self.notes),
+            (*self.notes, *tiny_notes(self.tiny)),
             root_is_world=True,
-            closures=tuple(self._closure(joint, position) for joint in left),
+            closures=closures,
             poses={"zero": {}} if left else {},
             has_mimics=bool(stated),
             frames=tuple(self._frame(frame, position) for frame in frames),

@@ -45,8 +45,8 @@ _POSE_NUMBERS = 6
 class UrdfLoops(ExactXml):
     """The closures that a URDF document states."""
 
-    def __init__(self, root: Any, source: str, position: Mapping[str, int]) -> None:
-        super().__init__(source)
+    def __init__(self, root: Any, source: str, position: Mapping[str, int], tiny: list[str]) -> None:
+        super().__init__(source, tiny)
         self.root, self.position = root, position
         self.advice = f"state the loop in {LOOP_BESIDE.format(file=PurePath(source).name)}"
         self._names: set[str] = set()
@@ -159,8 +159,10 @@ class UrdfLoops(ExactXml):
 class Couplings(ExactXml):
     """The couplings of URDF+ between joints."""
 
-    def __init__(self, root: Any, source: str, carried: Mapping[str, str], joints: Mapping[str, Any]) -> None:
-        super().__init__(source)
+    def __init__(
+        self, root: Any, source: str, carried: Mapping[str, str], joints: Mapping[str, Any], tiny: list[str]
+    ) -> None:
+        super().__init__(source, tiny)
         self.root, self.carried, self.joints = root, carried, joints  # ``carried``: the joint of each link
 
     def stated(self, single: Sequence[str], dependent: Sequence[str]) -> tuple[StatedCoupling, ...]:

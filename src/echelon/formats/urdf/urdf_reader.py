@@ -26,6 +26,7 @@ from echelon.formats.literal import (
     central_inertial,
     numeric_placement,
 )
+from echelon.formats.snapping import tiny_notes
 from echelon.formats.urdf.exact_xml import ExactXml
 from echelon.formats.urdf.urdf_dialects import LOOP_KINDS, WITHOUT_AXIS, Couplings, UrdfLoops, independence
 from echelon.formats.urdf.urdf_vocabulary import URDF
@@ -75,7 +76,7 @@ class UrdfReader(ExactXml):
             raise self.error(f"{problem}: {self._cut(parents, lost[0])}")
         position = {name: i for i, name in enumerate(order)}
         links = tuple(self._link(name, parents.get(name), position) for name in order)
-        closures = tuple(UrdfLoops(self.root, self.source, position).closures())
+        closures = tuple(UrdfLoops(self.root, self.source, position, self.tiny).closures())
         independent = independence(self.joints, lambda element, problem: self.error(problem, element))
         couplings = (*self._couplings(), *self._relations(parents, independent)) if mimics else ()
         has_mimics = any(joint.find("mimic") is not None for joint in self.joints.values())
@@ -85,7 +86,7 @@ class UrdfReader(ExactXml):
             links,
             couplings,
             self._gravity(),
-            tuple(self.notes),
+            (*self.notes, *tiny_notes(self.tiny)),
             closures=closures,
             poses={"zero": {}} if closures else {},
             driven=tuple(name for name, stated in independent.items() if stated),
@@ -235,7 +236,7 @@ class UrdfReader(ExactXml):
         """Couplings of the dialect URDF+."""
         single = [name for name, joint in self.joints.items() if joint.get("type") in SINGLE_AXIS]
         dependent = [name for name, stated in independent.items() if not stated]
-        return Couplings(self.root, self.source, parents, self.joints).stated(single, dependent)
+        return Couplings(self.root, self.source, parents, self.joints, self.tiny).stated(single, dependent)
 
     def _couplings(self) -> Iterator[StatedCoupling]:
         for name, joint in self.joints.items():
