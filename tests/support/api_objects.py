@@ -24,6 +24,8 @@ from echelon.regressor.linear_forms import virtual_power_form
 from support.paths import EXAMPLES
 from support.pendulum_logs import pendulum, write_log
 
+INNER = ("echelon.loops",)
+"""Rooms whose doors are for other rooms, and not for users."""
 STATE = dict(zip(("q", "qd", "qdd"), np.random.default_rng(0).normal(size=(3, 1500, 2)), strict=True))
 LOG = {**STATE, "y": np.random.default_rng(1).normal(size=(1500, 2))}
 MOTION = {"duration": 4, "starts": 1, "harmonics": 2, "limits": {"velocity": 3, "position": [-2, 2]}}
@@ -304,7 +306,8 @@ def _says(kind: type) -> Iterator[type]:
 
 def public_classes() -> set[type]:
     """Classes that users meet: of the public names, of what they return, and of what that holds."""
-    faces = ["echelon", *(m.name for m in pkgutil.iter_modules(ec.__path__, "echelon.") if m.ispkg)]
+    rooms = (m.name for m in pkgutil.iter_modules(ec.__path__, "echelon.") if m.ispkg and m.name not in INNER)
+    faces = ["echelon", *rooms]
     waiting: list[type] = []
     for face in faces:
         module = importlib.import_module(face)
