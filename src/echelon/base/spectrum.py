@@ -36,6 +36,9 @@ _DRAWS = 3
 _KEEPS, _CHANGES = 0.02, 0.3
 """Relative changes, for a change of numbers by a whole last decimal: up to the first, rounding does not make a value,
 as it would take fifty last decimals; from the second on, it is likely to do so."""
+_COARSE = 1e-4
+"""Last decimal, rad or a share of the size, beyond which files are not rounded more than once: fifty of them would be
+half a percent.  Rounding then makes no value unless it is likely to do so for one."""
 _WIDE = 1e4
 """Fall that is clear whatever follows."""
 _BETWEEN = 1.5
@@ -126,7 +129,8 @@ def spectrum_of(mechanism: Mechanism, states: RealStates, columns: Sequence[int]
     changes = _changes(mechanism, states, columns, found)
     firm = (np.arange(count) < first) | (changes < _KEEPS)
     made = ~firm & (changes > _CHANGES)
-    if firm.all():
+    coarse = mechanism.rounding > _COARSE
+    if firm.all() or (coarse and not made.any()):
         return Spectrum(shown, count, inf, (count,))
     falls = np.divide(shown, [*shown[1:], 0.0], out=np.full(count, inf), where=np.array([*shown[1:], 0.0]) > 0)
     intended = int(firm.argmin())

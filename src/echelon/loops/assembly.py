@@ -27,7 +27,7 @@ from echelon.loops.closed_motion import (
 )
 from echelon.loops.closures import ClosureEquations
 from echelon.mechanism.assembled import Assembled, Moved, to_write
-from echelon.mechanism.closed_pose import loop_motions
+from echelon.mechanism.closed_pose import loop_motions, shown_loops
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 
@@ -127,6 +127,9 @@ class Assembly(ClosedMotion):
             q[closed] = ahead[closed]
         jacobian = self._jacobian(q)
         sizes = np.linalg.svd(jacobian, compute_uv=False)
+        if sizes.max(initial=0.0) <= self.tolerance:  # rad or lengths, by rad or lengths that move
+            idle = f"{shown_loops(self.mechanism)} hold nothing that can move: leave them out"
+            raise InputError(idle, element="loops")
         rank = cut_at((sizes / sizes[:, :1]).max(axis=0), self.tolerance, NOISE, _CLEAR)
         order = pivoted_qr(jacobian.swapaxes(1, 2).reshape(-1, jacobian.shape[1]))[1]
         return sorted(order[:rank].tolist()), nearest
