@@ -25,13 +25,17 @@ SAID = (
     | dict.fromkeys((15, 47), "follows from the others .*  Write  independent: ")
     | {129: "can move infinitesimally, but not really"}
     | dict.fromkeys(
-        (13, 28, 39, 43, 48, 68, 85, 90, 99, 100, 101, 102, 111, 113, 114, 117, 137, 139, 146, 149),
+        (13, 28, 39, 43, 48, 68, 85, 90, 99, 100, 101, 102, 111, 114, 117, 137, 139, 149),
         "hold nothing that can move: leave them out",
     )
 )
 """What is said of linkages that are locked, move in more ways at zero than near it, or have loops that hold nothing."""
-SAID_OF_ROUNDED = SAID | {18: "0 coordinates are independent", 55: "last decimals do not tell"}
-"""With six digits the former seems locked, and the latter to show more."""
+SAID_OF_ROUNDED = (
+    SAID
+    | {18: "0 coordinates are independent", 55: "last decimals do not tell"}
+    | dict.fromkeys((113, 146), "hold nothing that can move: leave them out")
+)
+"""With six digits the first of these seems locked, and the second to show more."""
 
 
 def answer(file: Path) -> tuple[int, int] | str:
