@@ -101,12 +101,15 @@ class LinearForms:
     def freed(self) -> LinearForms | None:
         """The same with free variables in the place of functions; None where primes do not evaluate that either.
 
-        Relations between its columns hold for any functions, and so for these.  It may have fewer than these.
+        Relations between its columns hold for any functions, and so for these.  It may have fewer than these.  The
+        regions of its signs are known to be enough: they need not be those of real states.
         """
         program, outputs = with_free_functions(self.program, list(self.entries.values()))
         entries = dict(zip(self.entries, outputs, strict=True))
         freed = LinearForms(program, entries, self.shape, self.loops, values=self.values)
-        return freed if freed.rational else None
+        if not freed.rational or (freed.has_signs and freed.points.report.unseen):
+            return None
+        return freed
 
     def sampler(self) -> FieldSampler:
         """Evaluates all entries at random states modulo primes."""
