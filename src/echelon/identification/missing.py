@@ -17,7 +17,7 @@ import numpy as np
 
 from echelon.arrays import Floats, Integers
 from echelon.base.model import BaseModel
-from echelon.identification.rows.plan import begun
+from echelon.identification.rows.plan import spread_out as begun
 from echelon.identification.rows.rows import ModelRows, rows_taken
 from echelon.logs.finding import Finding, note, warning
 from echelon.logs.recording import Samples
@@ -241,7 +241,7 @@ class _Trial:
 
     def rows(self, samples: Iterable[Samples]) -> _Rows | None:
         """What is known of some samples, as R-factors of [W C y]."""
-        pieces = [self._piece(some) for some in begun(samples, self.band, _SAMPLES, self._left)]
+        pieces = [self._piece(some) for some in begun(samples, self.band, _SAMPLES, 10, self._left)]
         layout = ModelRows.of(self.base, ()).layout
         parts, outputs, spread = [], [], np.zeros(len(layout.outputs))
         names = [column[0].output for column in self.columns]

@@ -60,21 +60,44 @@ def part_of(samples: Samples, begin: int, end: int) -> Samples:
 SAMPLED = 12.0  # rate at which a band is looked at, by its edge: filters of states pass a quarter of it unchanged
 
 
-def begun(
-    samples: Iterable[Samples], band: float, count: int, seen: Callable[[Samples], Samples] = lambda some: some
-) -> Iterator[Samples]:
-    """The beginnings of some stretches, on clocks no faster than a band needs: any motion shows what is wrong.
+def spread_out(
+    samples: Iterable[Samples],
+    band: float,
+    count: int,
+    parts: int,
+    seen: Callable[[Samples], Samples] = lambda some: some,
+) -> list[Samples]:
+    """About ``count`` samples from all parts of some stretches, on clocks no faster than a band needs, Hz.
 
-    ``seen`` is what is looked at of samples on the clock of the log.
+    All of them if they are fewer; else windows that are ``count / parts`` long, evenly spaced in time.  What is
+    looked at of samples on the clock of the log is what ``seen`` makes of them.
     """
-    left = count
+    kept: list[Samples] = []
+    length, every, number = count // parts, 0, 0  # no windows yet
     for stretch in samples:
-        if left <= 0:
-            return
         factor = max(1, int(stretch.rate / (SAMPLED * band)))
-        end = min(len(stretch), stretch.first + factor * count // 3)
-        yield _slower(seen(part_of(stretch, 0, end)), factor, band)
-        left -= end // factor
+        slow = _slower(seen(stretch), factor, band)
+        if every == 0 and sum(map(len, kept)) + len(slow) <= count:
+            kept.append(slow)
+            continue
+        if every == 0:
+            kept = [window for some in kept for window in _windows(some, length)]
+            number, every = len(kept), 1
+        for window in _windows(slow, length):
+            if number % every == 0:
+                kept.append(window)
+            number += 1
+            if len(kept) > 2 * parts:
+                kept, every = kept[::2], 2 * every
+    return kept if every == 0 or len(kept) <= parts else [kept[k * len(kept) // parts] for k in range(parts)]
+
+
+def _windows(samples: Samples, length: int) -> Iterator[Samples]:
+    """Samples cut into windows of one length, the last one shorter."""
+    for begin in range(0, samples.end, length):
+        window = part_of(samples, begin, min(begin + length, len(samples)))
+        if window.end - window.first > length // 2 or begin == 0:
+            yield window
 
 
 def _slower(samples: Samples, factor: int, band: float) -> Samples:

@@ -1,0 +1,143 @@
+"""Continuous changes of what is read: gravity's direction, gains of outputs, a rate, joints that give way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from echelon.arrays import Floats
+from echelon.base.model import BaseModel
+from echelon.identification.judge.effects import Place, places
+from echelon.identification.judge.evidence import Evidence, States
+from echelon.identification.judge.hypothesis import Kind, Knob, Term, Usual
+
+
+_TURN = 0.1  # load, by its mean size, that turns a gear from one side of its play to the other
+
+
+def turned(evidence: Evidence, states: States, values: Floats) -> Iterator[Term]:
+    """Terms of all knobs: derivatives of the prediction with some base parameters."""
+    load = load_of(evidence.base, states, values)
+    for kind, words, place, usual, outputs, knob in _knobs(evidence.base, states):
+        sizes = knob.step * np.eye(knob.count)
+        columns = []
+        for size in sizes:
+            ahead, back = (_expected(evidence.base, knob.moved(states, sign * size, load), values) for sign in (1, -1))
+            columns.append((ahead - back) / (2 * knob.step))
+        slopes = np.stack(columns, axis=2)
+        yield Term(kind, words, place, "", usual, {k: slopes[:, k] for k in outputs}, knob)
+
+
+def load_of(base: BaseModel, states: States, values: Floats) -> Floats:
+    """What the model predicts without effects, such as friction, whose steps have no rates; (samples, outputs)."""
+    columns = base.mechanism.columns
+    of_bodies = [columns[pivot].body is not None for pivot in base.matrix.pivots]
+    return states.predicted(base, np.where(of_bodies, values, 0.0))
+
+
+def _expected(base: BaseModel, states: States, values: Floats) -> Floats:
+    return states.predicted(base, values)
+
+
+def _knobs(base: BaseModel, states: States) -> Iterator[tuple[Kind, str, str, Usual, list[int], Knob]]:
+    mechanism = base.mechanism
+    names = [output.name for output in mechanism.outputs]
+    every = list(range(len(names)))
+    if states.gravity is not None:
+        yield Kind.GRAVITY, "gravity in another direction", "", Usual.OFTEN, every, _tilt(states.gravity)
+    for k, name in enumerate(names):
+        words = f"the gain of the output of '{name}'"
+        yield Kind.GAIN, words, name, Usual.OFTEN, [k], _gain(k, name)
+    yield Kind.RATE, "the rate", "", Usual.OFTEN, every, _rate()
+    for place in places(mechanism):
+        if len(place.ratios) == 1:
+            yield Kind.JOINT, f"a joint '{place.name}' that gives way", place.name, Usual.RARELY, every, _elastic(place)
+            yield Kind.JOINT, f"a gear of '{place.name}' with play", place.name, Usual.RARELY, every, _backlash(place)
+
+
+def _tilt(gravity: Floats) -> Knob:
+    size = float(np.linalg.norm(gravity))
+    across = np.linalg.svd(gravity[None])[2][1:]
+
+    def moved(states: States, sizes: Floats, _: Floats) -> States:
+        assert states.gravity is not None
+        found = states.gravity + size * (sizes @ across)
+        return replace(states, gravity=size * found / np.linalg.norm(found))
+
+    def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
+        found = gravity + size * (sizes @ across)
+        found = size * found / np.linalg.norm(found)
+        angle = np.degrees(np.arccos(np.clip(found @ gravity / size**2, -1, 1)))
+        line = ", ".join(f"{g:.4g}" for g in found)
+        error = np.degrees(float(np.linalg.norm(errors)))
+        return f"the base is tilted by {angle:.2g}° ± {error:.1g}°: gravity is along [{line}]", f"gravity: [{line}]"
+
+    return Knob(1e-3, 2, moved, says)
+
+
+def _gain(output: int, name: str) -> Knob:
+    def moved(states: States, sizes: Floats, _: Floats) -> States:
+        scale = states.scale.copy()
+        scale[output] *= np.exp(sizes[0])
+        return replace(states, scale=scale)
+
+    def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
+        factor = np.exp(sizes[0])
+        words = f"the output of '{name}' is {factor:.3g} ± {factor * errors[0]:.1g} times what it should be"
+        return words, f"scale: {1 / factor:.4g}"
+
+    return Knob(1e-2, 1, moved, says)
+
+
+def _rate() -> Knob:
+    def moved(states: States, sizes: Floats, _: Floats) -> States:
+        faster = np.exp(sizes[0])
+        return replace(states, qd=faster * states.qd, qdd=faster**2 * states.qdd)
+
+    def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
+        return f"the rate is {np.exp(sizes[0]):.4g} ± {errors[0]:.1g} times what was taken", ""
+
+    return Knob(1e-3, 1, moved, says)
+
+
+def _elastic(place: Place) -> Knob:
+    ((q, v, ratio),) = place.ratios
+
+    def moved(states: States, sizes: Floats, load: Floats) -> States:
+        bent = load[:, place.output] * sizes[0] / ratio
+        rate = states.derivative(bent)
+        return _shifted(states, q, v, bent, rate, states.derivative(rate))
+
+    def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
+        stiffness = 1 / sizes[0] if sizes[0] else np.inf
+        return f"'{place.name}' gives way: its stiffness is about {stiffness:.3g} N·m/rad", ""
+
+    return Knob(1e-6, 1, moved, says)
+
+
+def _backlash(place: Place) -> Knob:
+    ((q, v, _),) = place.ratios
+
+    def moved(states: States, sizes: Floats, load: Floats) -> States:
+        mine = load[:, place.output]
+        side = 0.5 * sizes[0] * np.tanh(mine / (_TURN * np.abs(mine).mean() + 1e-300))
+        rate = states.derivative(side)
+        return _shifted(states, q, v, side, rate, states.derivative(rate))
+
+    def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
+        return f"the gear of '{place.name}' has a play of about {abs(sizes[0]):.2g} rad", ""
+
+    return Knob(1e-4, 1, moved, says)
+
+
+def _shifted(
+    states: States, q: int, v: int, position: Floats, rate: Floats | float, acceleration: Floats | float
+) -> States:
+    """States whose encoder is ahead of the joint by some position, with its rate and acceleration."""
+    positions, velocities, accelerations = states.q.copy(), states.qd.copy(), states.qdd.copy()
+    positions[:, q] -= position
+    velocities[:, v] -= rate
+    accelerations[:, v] -= acceleration
+    return replace(states, q=positions, qd=velocities, qdd=accelerations)
