@@ -26,7 +26,7 @@ from echelon.base.model import BaseModel
 from echelon.errors import EchelonError
 from echelon.identification.culprit_marks import Marks, Normal, States
 from echelon.identification.rows.plan import begun
-from echelon.logs.columns.column_map import Channel, ColumnMap, motion_of
+from echelon.logs.columns.column_map import Channel, ColumnMap, motion_of, signal_names
 from echelon.logs.recording import Samples
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.motor_side import transmission_matrix
@@ -307,9 +307,8 @@ class _Search:
     @cached_property
     def _coordinates(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Names of the columns of positions and of velocities."""
-        of, few = self.base.mechanism, self.base.mechanism.independent_velocities
-        whole = self.rows.q.shape[1] == len(of.positions)
-        return (of.positions if whole else few), (of.velocities if self.rows.qd.shape[1] == len(of.velocities) else few)
+        of = self.base.mechanism
+        return signal_names(of, "q", self.rows.q.shape[1]), signal_names(of, "qd", self.rows.qd.shape[1])
 
     @cached_property
     def _position_labels(self) -> list[str]:
