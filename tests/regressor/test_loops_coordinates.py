@@ -54,6 +54,16 @@ def test_balls_are_taken_whole(name: str, expected: str) -> None:
     assert not split_balls(mechanism)
 
 
+def test_independent_positions_are_those_that_all_others_follow_from() -> None:
+    floating = without_choice(ZOO["four bar, floating base"].text)
+    assert floating.independent_positions == (*floating.positions[:7], "crank")
+    legs = ec.load(EXAMPLES / "biped.xml")  # with rods that spin
+    assert legs.independent_positions == legs.positions
+    arm = ec.load(ROOT / "examples" / "panda.yaml")
+    assert arm.independent_positions == arm.positions
+    assert not arm.dependent_velocities
+
+
 @pytest.mark.parametrize("drive", ["rod1", "rod2"])
 def test_driven_coordinates_come_first(drive: str) -> None:
     text = (EXAMPLES / "gough_stewart.yaml").read_text() + f"actuators: {{motor: 100*{drive}}}\n"
