@@ -1,4 +1,4 @@
-"""What the loops of a mechanism are for whoever records or moves it: None for a tree, which loads no file of loops."""
+"""The loops of a mechanism for whoever records or moves it: None for a tree, which loads no file of theirs."""
 
 from __future__ import annotations
 

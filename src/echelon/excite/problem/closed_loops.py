@@ -168,7 +168,7 @@ def state_regressor(mechanism: Mechanism, pivots: Sequence[int], smooth: float |
 
 
 def loop_motion(mechanism: Mechanism) -> LoopMotion | None:
-    """What closes the loops of a mechanism; None for a tree."""
+    """Closed motions of a mechanism with loops; None for a tree."""
     return LoopMotion(mechanism) if mechanism.dependent_velocities else None
 
 
