@@ -10,7 +10,7 @@ import pytest
 
 import echelon as ec
 from echelon.loops.assembly import Assembly
-from echelon.loops.coordinates import split_balls
+from echelon.mechanism.closed_pose import split_balls
 from support.closed_states import read
 from support.paths import ROOT
 from support.zoo import ZOO
@@ -52,6 +52,16 @@ def test_balls_are_taken_whole(name: str, expected: str) -> None:
     mechanism = without_choice(ZOO[name].text)
     assert mechanism.independent == tuple(expected.split())
     assert not split_balls(mechanism)
+
+
+def test_independent_positions_are_those_that_all_others_follow_from() -> None:
+    floating = without_choice(ZOO["four bar, floating base"].text)
+    assert floating.independent_positions == (*floating.positions[:7], "crank")
+    legs = ec.load(EXAMPLES / "biped.xml")  # with rods that spin
+    assert legs.independent_positions == legs.positions
+    arm = ec.load(ROOT / "examples" / "panda.yaml")
+    assert arm.independent_positions == arm.positions
+    assert not arm.dependent_velocities
 
 
 @pytest.mark.parametrize("drive", ["rod1", "rod2"])

@@ -253,8 +253,7 @@ class Evaluation(ABC):
         """
         state = {"q": q, "qd": qd, "qdd": qdd, "parameters": values}
         both = self._evaluator("inverse_dynamics_derivatives")(state, symbols, inputs, None, threads)
-        mechanism = self.mechanism
-        positions = len(mechanism.independent_velocities if mechanism.closures else mechanism.positions)
+        positions = both.shape[2] - self.mechanism.degrees_of_freedom
         return both[:, :, :positions], both[:, :, positions:]
 
     def constraint_forces(
@@ -296,8 +295,8 @@ class Evaluation(ABC):
 
     @cached_property
     def _loops(self) -> ClosedStates | None:
-        """The completion of states by their dependent coordinates; None without loops."""
-        if not self.mechanism.closures:
+        """The completion of states by their dependent coordinates; None without any."""
+        if not self.mechanism.dependent_velocities:
             return None
         from echelon.dynamics.evaluator import ClosedStates
 

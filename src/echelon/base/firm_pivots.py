@@ -90,7 +90,7 @@ def doubt_of_coefficients(mechanism: Mechanism, matrix: BaseMatrix, forms: Linea
         return ""
     if largest >= LARGEST_COEFFICIENT:
         return f"coefficients of B reach {largest:.0e}, so that X̄ B loses as much of the precision of doubles"
-    if mechanism.closures:
+    if forms.loops is not None:
         return ""
     error = reconstruction_error(mechanism, forms, matrix.pivots, matrix.floats(known), random_generator(DEFAULT_SEED))
     if error < _LARGEST_ERROR:

@@ -280,7 +280,7 @@ def _paired(first: Mechanism, second: Mechanism) -> Iterator[tuple[int, int]]:
 
 
 def _check(mechanism: Mechanism) -> None:
-    if mechanism.couplings or mechanism.closures or mechanism.effects:
+    if mechanism.couplings or mechanism.dependent_velocities or mechanism.effects:
         raise InputError("couplings, loops and effects cannot be matched", element=mechanism.name)
     for body in mechanism.bodies:
         kinds = [motion.kind for motion in body.joint.motions]

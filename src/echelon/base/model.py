@@ -200,7 +200,7 @@ class BaseModel(BaseSet, Evaluation):
 
     def _is_rounding(self, coefficient: RationalFunction) -> bool:
         number = coefficient.numerator.number if coefficient.is_polynomial else None
-        return bool(self.mechanism.closures) and number is not None and abs(float(number)) < _ROUNDED
+        return bool(self.mechanism.dependent_velocities) and number is not None and abs(float(number)) < _ROUNDED
 
     @property
     def hidden(self) -> int:
@@ -379,7 +379,7 @@ class BaseModel(BaseSet, Evaluation):
     @cached_property
     def standard_forms(self) -> LinearForms:
         """The standard regressor X as recorded forms; with loops, its one row uᵀX in virtual velocities."""
-        if self.mechanism.closures:
+        if self.mechanism.dependent_velocities:
             return virtual_power_form(self.mechanism)
         return inverse_dynamics_regressor(self.mechanism)
 
@@ -418,7 +418,7 @@ class BaseModel(BaseSet, Evaluation):
         from echelon.base.formulas import absolute_angles, symbolic_regressor
 
         robot = self.mechanism
-        rows = ["power"] if robot.closures else [output.name for output in robot.outputs]
+        rows = ["power"] if self.reduced.loops else [output.name for output in robot.outputs]
         return symbolic_regressor(robot.name, self.reduced, rows, self.pivots, form, absolute_angles(robot))
 
     # -- showing ------------------------------------------------------------------------------------------------

@@ -118,10 +118,11 @@ def numeric_ranks(
         mechanism, recorded = reading.literal(), None
     rng = random_generator(seed)
     columns = range(len(mechanism.parameters)) if columns is None else columns
+    forms = virtual_power_form(mechanism) if recorded is None else recorded
     # rows at few closed states are hardly independent
-    if near is None or near + 2 * _MARGIN >= len(columns) or mechanism.closures:
-        return ranks_of_matrix(_sampled(mechanism, columns, rng, None, symbols, recorded), tolerances, pivoted=pivoted)
-    matrix = _sampled(mechanism, columns, rng, near + 2 * _MARGIN, symbols, recorded)
+    if near is None or near + 2 * _MARGIN >= len(columns) or forms.loops is not None:
+        return ranks_of_matrix(_sampled(mechanism, forms, columns, rng, None, symbols), tolerances, pivoted=pivoted)
+    matrix = _sampled(mechanism, forms, columns, rng, near + 2 * _MARGIN, symbols)
     mixed = matrix @ rng.standard_normal((matrix.shape[1], near + _MARGIN))
     if near <= _MOST_SINGULAR_VALUES:
         return ranks_of_matrix(mixed, tolerances, pivoted=pivoted)
@@ -154,11 +155,11 @@ def reconstruction_error(
 
 def _sampled(
     mechanism: Mechanism,
+    forms: LinearForms,
     columns: Sequence[int],
     rng: np.random.Generator,
     rows: int | None,
     symbols: Mapping[str, float] | None,
-    recorded: LinearForms | None,
 ) -> Floats:
     """Rows uᵀX at random states and virtual velocities u, columns scaled to unit size.
 
@@ -166,7 +167,6 @@ def _sampled(
     If omitted, there are at least half as many rows again as columns.
     """
     rows = rows or max(_FEWEST_ROWS, int(_ROWS_PER_COLUMN * len(columns)))
-    forms = virtual_power_form(mechanism) if recorded is None else recorded
     if forms.loops is not None:
         closed = forms.loops.assembly_at(symbols)
         count = -(-rows // max(1, len(mechanism.outputs)))

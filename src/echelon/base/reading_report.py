@@ -21,10 +21,11 @@ from echelon.exact.field import ARRAY_BITS, DEFAULT_SEED, PrimeField, random_gen
 from echelon.exact.field import rank as rank_modulo
 from echelon.hints import in_quotes
 from echelon.mechanism.assembled import Assembled
-from echelon.mechanism.closed_pose import shown_loops
+from echelon.mechanism.closed_pose import shown_loops, split_balls
 from echelon.mechanism.mechanism import Mechanism, Reading, Snap
 from echelon.mechanism.stated import StatedValues, has_values, stated_values
 from echelon.regressor.linear_forms import LinearForms
+from echelon.regressor.loops import assembly_of, joints_locked_by_loops
 
 ROUNDING = 1e-9
 """Snaps up to this size are what decimals of a file cannot help, and part of the literal reading too."""
@@ -81,7 +82,7 @@ def report_reading(
     Of loops the spectrum says what rounding of lengths and directions makes.
     """
     counted = rank if spectrum is None else spectrum.literal
-    report = _compared(mechanism, counted, rng, recorded, matrix)
+    report = _compared(mechanism, counted, rng, recorded, matrix, spectrum)
     report = replace(report, mimics=mimic_ranks(mechanism, rank, rng))
     if spectrum is not None and spectrum.note:
         literal_rank = report.literal_rank or spectrum.literal
@@ -95,6 +96,7 @@ def _compared(
     rng: np.random.Generator,
     recorded: LinearForms | None,
     matrix: BaseMatrix | None,
+    spectrum: Spectrum | None,
 ) -> ReadingReport:
     reading = mechanism.reading
     snaps, notes = ((), ()) if reading is None else (reading.snaps, reading.notes)
@@ -102,7 +104,7 @@ def _compared(
     report = ReadingReport(snaps, notes, assembled=moved_to_close(mechanism))
     coarse = [snap for snap in snaps if snap.difference > ROUNDING]
     if reading is None or not coarse:  # to double precision, the numbers as they are read are those of the file
-        return replace(report, doubt=_doubt(mechanism, recorded, rank, rank, matrix, mechanism))
+        return replace(report, doubt=_doubt(mechanism, recorded, rank, rank, matrix, mechanism, spectrum))
     try:
         literal = reading.literal()
         literal_rank = _to_the_letter(literal, rng)
@@ -113,7 +115,8 @@ def _compared(
         elements = list(dict.fromkeys(snap.element for snap in coarse))
         chosen = set(_decisive(reading, elements, rank, len(mechanism.bodies), rng))
     decisive = tuple(snap for snap in coarse if snap.element in chosen)
-    doubt = _doubt(mechanism, None, literal_rank, rank, matrix if literal_rank == rank else None, literal)
+    known = matrix if literal_rank == rank else None
+    doubt = _doubt(mechanism, None, literal_rank, rank, known, literal, spectrum)
     return replace(report, literal_rank=literal_rank, decisive=decisive, doubt=doubt)
 
 
@@ -124,11 +127,7 @@ def mechanism_notes(mechanism: Mechanism) -> list[str]:
         for k in mechanism.carriers
         if len(mechanism.sharing[k]) > 1
     ]
-    if not mechanism.closures:
-        return notes
-    from echelon.loops import locked_joints, split_balls  # robots without loops do without it
-
-    if locked := locked_joints(mechanism):
+    if locked := joints_locked_by_loops(mechanism):
         notes.append(f"cannot move, because of {shown_loops(mechanism, locked[0])}: {in_quotes(locked, _MOST_NAMED)}")
     split = ", ".join(f"'{name}'" for name in split_balls(mechanism))
     what = "the loops leave part of a free rotation undetermined, such as the spin of a rod between two ball joints"
@@ -137,11 +136,8 @@ def mechanism_notes(mechanism: Mechanism) -> list[str]:
 
 def moved_to_close(mechanism: Mechanism) -> Assembled | None:
     """What had to be moved to close the loops of a mechanism; None without loops, or if symbols have no values."""
-    if not mechanism.closures or not has_values(mechanism):
-        return None
-    from echelon.loops import Assembly  # robots without loops do without it
-
-    return Assembly(mechanism).assembled
+    closed = assembly_of(mechanism) if has_values(mechanism) else None
+    return None if closed is None else closed.assembled
 
 
 def doubt_of_loops(mechanism: Mechanism) -> str:
@@ -153,11 +149,7 @@ def _locked_drives(mechanism: Mechanism) -> str:
     """That joints with drives cannot move, if there are such; else empty."""
     stated = () if mechanism.reading is None else mechanism.reading.driven
     driven = {*stated, *(name for actuator in mechanism.actuators for name, _ in actuator.terms)}
-    if not driven or not mechanism.closures:
-        return ""
-    from echelon.loops import locked_joints  # robots without loops do without it
-
-    locked = [name for name in locked_joints(mechanism) if name in driven]
+    locked = [name for name in joints_locked_by_loops(mechanism) if name in driven] if driven else []
     if not locked:
         return ""
     return (
@@ -177,13 +169,14 @@ def _doubt(
     intended: int,
     matrix: BaseMatrix | None,
     as_stated: Mechanism,
+    spectrum: Spectrum | None,
 ) -> str:
     """The float ranks of the literal numbers, if none of them is the expected one; else empty, as with loops.
 
     Snaps explain all ranks from the intended one to the literal one: what they move by little shows little.
     ``as_stated`` has the literal numbers, as far as they differ in double precision.
     """
-    if mechanism.closures:  # ball arithmetic tells the size of all singular values
+    if spectrum is not None:  # ball arithmetic tells the size of all singular values
         return ""
     low, high = sorted((literal, intended))
     columns, where = None, ""

@@ -306,7 +306,7 @@ def _shown_by_blocks(mechanism: Mechanism, rows: Rows, columns: Sequence[int], r
 
     To show a column to be independent modulo one prime is a proof, so one attempt is enough.
     """
-    if len(columns) <= FEW_COLUMNS or mechanism.closures:
+    if len(columns) <= FEW_COLUMNS:
         return set()
     blocks = energy_changes(mechanism) if rows.auxiliary else rows.forms.blocks
     if blocks is None:

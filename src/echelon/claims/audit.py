@@ -39,11 +39,11 @@ from echelon.doors import public
 from echelon.errors import InputError
 from echelon.exact.expressions import parse
 from echelon.exact.polynomial import Polynomial
-from echelon.loops import Assembly
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.sources import Readable
 from echelon.mechanism.stated import all_symbols
+from echelon.regressor.loops import assembly_of
 
 _PROPAGATED = 10.0  # how much larger than a rounded angle its effect on a coefficient may be
 
@@ -298,8 +298,8 @@ def random_states(
 ) -> tuple[Floats, Floats, Floats]:
     """Random states with two decimals; quaternions have unit length, and loops are closed."""
     mechanism = model.mechanism
-    if mechanism.closures:
-        return Assembly(mechanism, symbols).random_closed_states(rng, _STATES)
+    if closed := assembly_of(mechanism, symbols):
+        return closed.random_closed_states(rng, _STATES)
     q = rng.uniform(-2.0, 2.0, (_STATES, len(mechanism.positions))).round(2)
     for motion in mechanism.motions:
         if motion.kind is MotionKind.BALL:

@@ -260,7 +260,7 @@ def generate(
 
 def _default_functions(base: BaseModel) -> tuple[list[str], list[str]]:
     """The functions that are written by default; why there is no mass matrix, where effects leave none."""
-    names = [*DEFAULT_FUNCTIONS, *["closed_positions"] * bool(base.mechanism.closures)]
+    names = [*DEFAULT_FUNCTIONS, *["closed_positions"] * bool(base.mechanism.dependent_velocities)]
     try:
         base.function("mass_matrix")
     except InputError as error:

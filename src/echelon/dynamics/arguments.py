@@ -63,14 +63,15 @@ class Arguments:
         return Argument(name, nodes, tuple(labels), tuple(units), meaning)
 
     def _positions(self) -> Argument:
-        meaning = "joint positions" + (", all of them, which close the loops" if self.mechanism.closures else "")
-        return self._named("q", self.mechanism.positions, coordinate_units(self.mechanism, "q"), meaning)
+        mechanism = self.mechanism
+        of = ", all of them, which close the loops" if mechanism.dependent_velocities else ""
+        return self._named("q", mechanism.positions, coordinate_units(mechanism, "q"), f"joint positions{of}")
 
     def _rates(self, kind: str) -> Argument:
         meaning = {"qd": "joint velocities", "qdd": "joint accelerations"}[kind]
         units = dict(zip(self.mechanism.velocities, coordinate_units(self.mechanism, kind), strict=True))
         labels = self.mechanism.independent_velocities
-        of = ", independent" if self.mechanism.closures else ""
+        of = ", independent" if self.mechanism.dependent_velocities else ""
         return self._named(kind, labels, [units[name] for name in labels], meaning + of)
 
     def _parameters(self) -> Argument:

@@ -97,7 +97,7 @@ class CompiledAssembly(Assembly):
             return given
         chosen = np.ascontiguousarray(given[:, [names.index(n) for n in free]])
         rates = {"qd": np.zeros_like(chosen), **found, name: chosen}
-        closed, units = self.run(function, **rates), self.closures.units[: len(names)]
+        closed, units = self.run(function, **rates), self.speed_units
         off = (
             np.abs(given - closed) / units > CLOSED / trust[:, None] * np.maximum(largest(closed / units), 1.0)[:, None]
         )
@@ -116,7 +116,7 @@ class CompiledAssembly(Assembly):
         off = ~(step * trust < CLOSED)
         if off.any():
             sample = int(off.argmax())
-            problem = self.opening(self.closures.at(q[sample : sample + 1])[0][0])
+            problem = self.opening(q[sample])
             raise InputError(
                 f"the positions of sample {sample} do not keep the loops closed: {problem}; give those of the "
                 f"independent coordinates only ({', '.join(self.mechanism.independent_velocities)})"

@@ -8,7 +8,7 @@ dependently, and the forces of closures.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -24,6 +24,7 @@ from echelon.program.operations import Op
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.linear_forms import inverse_dynamics_regressor
+from echelon.regressor.loops import dependent_motion
 
 if TYPE_CHECKING:
     from echelon.loops import DependentMotion
@@ -68,13 +69,10 @@ def constraint_forces(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
     Components that redundant constraints leave undetermined are left out.  Base parameters do not determine the others:
     they are functions of all standard parameters.
     """
-    _motion(mechanism, "constraint_forces")
     recorded = RecordedOutputs(mechanism, range(len(mechanism.parameters)), dependent=True)
-    motion = recorded.dependent_motion
-    assert motion is not None
+    motion = _not_of_tree(mechanism, "constraint_forces", recorded.dependent_motion)
     forces = dict(zip(motion.dependent, recorded.forces(), strict=True))
-    found = dict(_labelled(mechanism, motion.closing_wrenches(forces)))
-    shares = _determined(mechanism, motion)
+    found, shares = _labelled(motion.closing_wrenches(forces)), _determined(mechanism, motion)
     kept = tuple(name for name, share in shares.items() if share > 1 - _DETERMINED)
     if not kept:
         raise InputError("redundant constraints leave all forces of the closures undetermined")
@@ -91,7 +89,7 @@ def _determined(mechanism: Mechanism, motion: DependentMotion) -> dict[str, floa
     """How much of every component of closing wrenches the motion determines in some closed states."""
     from echelon.loops import real_inputs  # robots without loops do without it
 
-    shares = {name: value for name, value in _labelled(mechanism, motion.determined()) if value.number is None}
+    shares = {name: value for name, value in _labelled(motion.determined()).items() if value.number is None}
     values = real_inputs(mechanism, random_generator(DEFAULT_SEED), _STATES)
     schedule = Schedule(motion.program, [share.node for share in shares.values()])
     leaves = {node: values[motion.program.inputs[node].name] for node in schedule.leaves}
@@ -101,18 +99,19 @@ def _determined(mechanism: Mechanism, motion: DependentMotion) -> dict[str, floa
     return {name: share for name, share in least if not np.isnan(share)}
 
 
-def _labelled(mechanism: Mechanism, wrenches: Sequence[tuple[Scalar, ...]]) -> Iterator[tuple[str, Scalar]]:
-    for closure, wrench in zip(mechanism.closures, wrenches, strict=True):
-        for component, value in zip(_COMPONENTS, wrench, strict=True):
-            yield f"{closure.name}: {component}", value
+def _labelled(wrenches: Mapping[str, tuple[Scalar, ...]]) -> dict[str, Scalar]:
+    pairs = ((name, zip(_COMPONENTS, wrench, strict=True)) for name, wrench in wrenches.items())
+    return {f"{name}: {component}": value for name, wrench in pairs for component, value in wrench}
 
 
 def _motion(mechanism: Mechanism, name: str) -> DependentMotion:
-    if not mechanism.closures:
-        raise InputError(f"{name} is a function of mechanisms with loops; {mechanism.name} has none")
-    from echelon.loops import DependentMotion  # robots without loops do without it
+    return _not_of_tree(mechanism, name, dependent_motion(mechanism, Program()))
 
-    return DependentMotion(mechanism, Program())
+
+def _not_of_tree(mechanism: Mechanism, name: str, motion: DependentMotion | None) -> DependentMotion:
+    if motion is None:
+        raise InputError(f"{name} is a function of mechanisms with loops; {mechanism.name} has none")
+    return motion
 
 
 def _rates(mechanism: Mechanism, kind: str, what: str, arguments: str) -> Function:

@@ -38,6 +38,7 @@ from echelon.mechanism.steps import Step as Recorded
 from echelon.program.derivatives import derivatives
 from echelon.program.operations import Op
 from echelon.program.tape import Program, Scalar
+from echelon.regressor.loops import dependent_motion
 
 if TYPE_CHECKING:
     from echelon.loops import DependentMotion
@@ -63,7 +64,7 @@ class RecordedOutputs:
         self.parameters = {columns[p].name: columns[p].unit for p in pivots}
         inputs = {p: parameter_input(columns[p].name, standard=dependent) for p in pivots}
         self._values = {p: self.program.input(name, "symbol") for p, name in inputs.items()}
-        self.dependent_motion = _dependent_motion(mechanism, self.program)
+        self.dependent_motion = dependent_motion(mechanism, self.program)
         self.names = row_names(mechanism)
         self._dependent = dependent
 
@@ -71,7 +72,7 @@ class RecordedOutputs:
     def state(self) -> tuple[str, ...]:
         """Inputs of the positions, then of the velocities; with loops, of independent velocity coordinates twice."""
         free = self.mechanism.independent_velocities
-        positions = free if self.mechanism.closures else self.mechanism.positions
+        positions = self.mechanism.positions if self.dependent_motion is None else free
         return (*(f"q[{n}]" for n in positions), *(f"qd[{n}]" for n in free))
 
     @property
@@ -103,8 +104,8 @@ class RecordedOutputs:
     def inertial_derivatives(self) -> dict[Index, Scalar]:
         """Derivatives of the inertial forces by row and column; columns are positions, then velocities."""
         mechanism = self._reframed.mechanism
-        if mechanism.closures:
-            return self._derivatives_in_loops(self.inertial(True))
+        if self.dependent_motion is not None:
+            return self._derivatives_in_loops(self.dependent_motion, self.inertial(True))
         if not all(coupling.is_linear for coupling in mechanism.couplings):
             return self._derivatives_on_sphere(self.inertial(True))
         inertias, state = self._inertias, self._motion()
@@ -124,14 +125,13 @@ class RecordedOutputs:
 
     def effect_derivatives(self) -> dict[Index, Scalar]:
         """Derivatives of the forces of effects by the state."""
-        forces = self.effects()
-        return self._derivatives_in_loops(forces) if self.mechanism.closures else self._derivatives(forces)
+        forces, motion = self.effects(), self.dependent_motion
+        return self._derivatives(forces) if motion is None else self._derivatives_in_loops(motion, forces)
 
-    def _derivatives_in_loops(self, forces: Sequence[Scalar]) -> dict[Index, Scalar]:
+    def _derivatives_in_loops(self, motion: DependentMotion, forces: Sequence[Scalar]) -> dict[Index, Scalar]:
         """The same, along the motions of the independent coordinates."""
-        assert self.dependent_motion is not None
         program, free = self.program, self.mechanism.independent_velocities
-        along = [self.dependent_motion.position_rates(motion) for motion in self._unit_motions.values()]
+        along = [motion.position_rates(speeds) for speeds in self._unit_motions.values()]
         along += [{program.input(f"qd[{name}]").node: program.one} for name in free]
         inputs = list(dict.fromkeys(node for rates in along for node in rates))
         found = derivatives(program, [force.node for force in forces], inputs, reverse=True)
@@ -260,15 +260,6 @@ class RecordedOutputs:
             moved = {} if self.dependent_motion is None else self.dependent_motion.speeds({name: one})
             found[name] = motion_of_joints(mechanism, recorder, {name: one, **moved}).freedoms
         return found
-
-
-def _dependent_motion(mechanism: Mechanism, program: Program) -> DependentMotion | None:
-    """Dependent rates of a mechanism with loops, recorded on a program; None without loops."""
-    if not mechanism.closures:
-        return None
-    from echelon.loops import DependentMotion  # robots without loops do without it
-
-    return DependentMotion(mechanism, program)
 
 
 def _signs(force: Scalar) -> list[int]:

@@ -194,8 +194,8 @@ def advice(names: Sequence[str], direction: Floats, change: Floats, base: BaseMo
 
 def _motion(base: BaseModel, change: Floats) -> str:
     """Which joints to move, and how."""
-    if base.mechanism.closures:
-        # positions that close the loops cannot be drawn one by one
+    if base.mechanism.dependent_velocities:
+        # positions that follow from others cannot be drawn one by one
         return f"move {_together(base.mechanism.independent_velocities)} further, faster and with larger accelerations"
     found = sensitivities(base, change)
     largest = max((value for values in found.values() for value in values.values()), default=0.0)

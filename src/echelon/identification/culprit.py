@@ -25,8 +25,8 @@ from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.errors import EchelonError
 from echelon.identification.culprit_marks import Marks, Normal, States
-from echelon.identification.rows.plan import spread_out as begun
-from echelon.logs.columns.column_map import Channel, ColumnMap, motion_of
+from echelon.identification.rows.plan import begun
+from echelon.logs.columns.column_map import Channel, ColumnMap, motion_of, signal_names
 from echelon.logs.recording import Samples
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.motor_side import transmission_matrix
@@ -79,7 +79,7 @@ class _Change:
 
 def states_of(samples: Iterable[Samples], band: float) -> States:
     """Prepared samples on a clock that is no faster than the band needs."""
-    pieces = tuple(piece for piece in begun(samples, band, SAMPLES, 10) if piece.y is not None)
+    pieces = tuple(piece for piece in begun(samples, band, SAMPLES) if piece.y is not None)
     q, qd, qdd, y = (np.concatenate([getattr(p, name) for p in pieces]) for name in ("q", "qd", "qdd", "y"))
     inputs = {name: np.concatenate([piece.inputs[name] for piece in pieces]) for name in pieces[0].inputs}
     return States(q, qd, qdd, y, inputs, pieces)
@@ -307,9 +307,8 @@ class _Search:
     @cached_property
     def _coordinates(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Names of the columns of positions and of velocities."""
-        of, few = self.base.mechanism, self.base.mechanism.independent_velocities
-        whole = self.rows.q.shape[1] == len(of.positions)
-        return (of.positions if whole else few), (of.velocities if self.rows.qd.shape[1] == len(of.velocities) else few)
+        of = self.base.mechanism
+        return signal_names(of, "q", self.rows.q.shape[1]), signal_names(of, "qd", self.rows.qd.shape[1])
 
     @cached_property
     def _position_labels(self) -> list[str]:

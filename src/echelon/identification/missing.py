@@ -113,11 +113,7 @@ class _Place:
 
 
 def _places(mechanism: Mechanism) -> Iterator[_Place]:
-    measured = mechanism.independent_velocities  # with loops, logs hold no others
-    positions, velocities = (
-        [name for name in names if not mechanism.closures or name in measured]
-        for names in (mechanism.positions, mechanism.velocities)
-    )
+    positions, velocities = mechanism.independent_positions, mechanism.independent_velocities
     known, drives = known_values(mechanism), {a.name: a.terms for a in mechanism.transmission.actuators}
     for k, output in enumerate(mechanism.outputs):
         force = output.terms[0][0]

@@ -34,7 +34,7 @@ from echelon.identification.physics.prior_information import known_before
 from echelon.identification.rows.plan import SAMPLED, Plan
 from echelon.identification.rows.rows import ModelRows, rows_taken
 from echelon.logs.columns.by_values import fitting_units
-from echelon.logs.columns.column_map import ColumnMap
+from echelon.logs.columns.column_map import ColumnMap, signal_names
 from echelon.logs.finding import Finding, counted, note, warning
 from echelon.logs.preparation.choices import Signals, chosen
 from echelon.logs.preparation.prepare import Preparation, PreparationPlan, prepare
@@ -275,10 +275,8 @@ def _beginnings(plan: Plan, paths: Sequence[Path]) -> Iterator[Samples]:
 def _travels(base: BaseModel, samples: Sequence[Samples]) -> Iterator[Travel]:
     of = base.mechanism
     q, qd = (np.concatenate([getattr(some, name) for some in samples]) for name in ("q", "qd"))
-    names = of.positions if q.shape[1] == len(of.positions) else of.independent_velocities
-    speeds: dict[str, Floats] = dict(
-        zip(of.velocities if len(of.velocities) == qd.shape[1] else names, qd.T, strict=True)
-    )
+    names, rates = signal_names(of, "q", q.shape[1]), signal_names(of, "qd", qd.shape[1])
+    speeds: dict[str, Floats] = dict(zip(rates, qd.T, strict=True))
     for name, values in zip(names, q.T, strict=True):
         speed = float(np.abs(speeds[name]).max()) if name in speeds else float("nan")
         yield Travel(name, float(values.min()), float(values.max()), speed)

@@ -10,7 +10,6 @@ from echelon.loops.assembly import LARGEST_CORRECTION, STRIDE, Assembly
 from echelon.loops.closed_balls import ClosedBalls, closed_states
 from echelon.loops.closed_motion import CLOSED, RANK_TOLERANCE, ClosedMotion, largest, normalised, position_rates
 from echelon.loops.closing import check_independent, close, locked_joints
-from echelon.loops.coordinates import split_balls
 from echelon.loops.dependent_motion import DependentMotion
 from echelon.loops.recorded_loops import Loops, loops_of, real_inputs
 
@@ -33,5 +32,4 @@ __all__ = [
     "normalised",
     "position_rates",
     "real_inputs",
-    "split_balls",
 ]

@@ -27,7 +27,7 @@ from echelon.loops.closed_motion import (
 )
 from echelon.loops.closures import ClosureEquations
 from echelon.mechanism.assembled import Assembled, Moved, to_write
-from echelon.mechanism.closed_pose import loop_motions, shown_loops
+from echelon.mechanism.closed_pose import loop_motions, shown_loops, split_balls
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 
@@ -150,7 +150,7 @@ class Assembly(ClosedMotion):
         best = int(np.where(closed, away, np.inf).argmin())
         nearest: Floats = q[best]
         if not done[best] and open_by[best] > self.explained:
-            raise OpenLoopsError(self.opening(values[best]), self.written(nearest), nearest, float(open_by[best]))
+            raise OpenLoopsError(self.opening(nearest), self.written(nearest), nearest, float(open_by[best]))
         return nearest
 
     def _nearly_closed(self) -> Floats:
@@ -217,7 +217,7 @@ class Assembly(ClosedMotion):
         if not moved:
             return None
         pose = dict(zip(mechanism.positions, self.pose.tolist(), strict=True))
-        return Assembled(tuple(moved), *self.widest(self.closures.at(self._stated[None])[0][0]), pose)
+        return Assembled(tuple(moved), *self.widest(self._stated), pose)
 
     @cached_property
     def _stated(self) -> Floats:
@@ -314,17 +314,12 @@ class Assembly(ClosedMotion):
     @cached_property
     def independent_positions(self) -> tuple[str, ...]:
         """Names of the positions that belong to the independent coordinates."""
-        found: list[str] = []
-        motions = {name: m for m in self.mechanism.motions for name in m.velocities}
-        for name in self.mechanism.independent_velocities:
-            motion = motions[name]
-            if not set(motion.velocities) <= set(self.mechanism.independent_velocities):
-                raise InputError(
-                    f"'{name}' is one velocity of a free rotation, to which no position belongs: give the positions of "
-                    f"all coordinates ({', '.join(self.mechanism.positions)})"
-                )
-            found += motion.positions
-        return tuple(dict.fromkeys(found))
+        if split := split_balls(self.mechanism):
+            raise InputError(
+                f"'{split[0]}' is one velocity of a free rotation, to which no position belongs: give the positions of "
+                f"all coordinates ({', '.join(self.mechanism.positions)})"
+            )
+        return self.mechanism.independent_positions
 
     # -- states ----------------------------------------------------------------------------------------------------
 
@@ -349,10 +344,9 @@ class Assembly(ClosedMotion):
             done &= sizes[:, smallest] >= near
             q[done], across[done] = found[done], ahead[done]
         q, across = (np.repeat(x, motions, axis=0)[:count] for x in (q, across))
-        units = self.closures.units[: len(self.mechanism.velocities)]
-        qd = _random_motion(rng, across, _RATE) * units
+        qd = _random_motion(rng, across, _RATE) * self.speed_units
         back = np.linalg.pinv(self._jacobian(q), rcond=self.tolerance) @ self.closures.bias(q, qd)[:, :, None]
-        return q, qd, (_random_motion(rng, across, _RATE) - back[:, :, 0]) * units
+        return q, qd, (_random_motion(rng, across, _RATE) - back[:, :, 0]) * self.speed_units
 
     def determined_states(
         self, rng: np.random.Generator, count: int, reach: float = 1.0, motions: int = 1
@@ -374,13 +368,8 @@ class Assembly(ClosedMotion):
         independent = sizes > self.tolerance * sizes[:, :1]
         return sizes, across * independent[:, :, None]
 
-    def _jacobian(self, q: Floats) -> Floats:
-        """Derivatives of the closure equations by velocities."""
-        return self.closures.at(q)[1][:, :, : len(self.mechanism.velocities)]
-
     def _moved(self, q: Floats, change: Floats) -> Floats:
-        units = self.closures.units[: change.shape[1]]
-        return normalised(self.mechanism, q + position_rates(self.mechanism, q, change * units))
+        return normalised(self.mechanism, q + position_rates(self.mechanism, q, change * self.speed_units))
 
     @cached_property
     def position_units(self) -> Floats:
@@ -404,7 +393,7 @@ class Assembly(ClosedMotion):
         nearest, done = self.closed(q[None], self.mechanism.independent_velocities)
         problem = "the way there from the assembly pose passes a singular configuration"
         if not done[0]:
-            problem = self.opening(self.closures.at(nearest)[0][0])
+            problem = self.opening(nearest[0])
         raise InputError(f"the loops cannot be closed at the independent positions of sample {sample}: {problem}")
 
 

@@ -172,10 +172,19 @@ class ClosedMotion:
         self._independent = [names.index(name) for name in mechanism.independent_velocities]
         self._dependent = [k for k in range(len(names)) if k not in self._independent]
 
+    @property
+    def speed_units(self) -> Floats:
+        """Units of the velocity coordinates' speeds, shape (velocities,)."""
+        return self.closures.units[: len(self.mechanism.velocities)]
+
+    def _jacobian(self, q: Floats) -> Floats:
+        """Derivatives of the closure equations by velocities."""
+        return self.closures.at(q)[1][:, :, : len(self.mechanism.velocities)]
+
     def singular_values(self, q: Floats, columns: Sequence[int] | None = None) -> Floats:
         """Singular values of the closure equations by velocities, all or some, about the largest, shape (N, values)."""
         chosen = range(len(self.mechanism.velocities)) if columns is None else columns
-        found = np.linalg.svd(self.closures.at(q)[1][:, :, list(chosen)], compute_uv=False)
+        found = np.linalg.svd(self._jacobian(q)[:, :, list(chosen)], compute_uv=False)
         relative: Floats = found / np.maximum(found[:, :1], NOISE)
         return relative
 
@@ -186,8 +195,7 @@ class ClosedMotion:
 
     def free_velocities(self, q: Floats) -> Floats:
         """Orthonormal velocities that keep the loops closed in one configuration, shape (velocities, freedoms)."""
-        jacobian = self.closures.at(q[None])[1][0, :, : len(self.mechanism.velocities)]
-        _, singular, turned = np.linalg.svd(jacobian)
+        _, singular, turned = np.linalg.svd(self._jacobian(q[None])[0])
         free: Floats = turned[(singular > self.tolerance * singular.max(initial=0.0)).sum() :].T
         return free
 
@@ -267,13 +275,14 @@ class ClosedMotion:
             f"'{output.name}' move alone (missed by {np.abs(missed).max(initial=0.0):.1g}); leave  independent  out"
         )
 
-    def opening(self, values: Floats) -> str:
-        """What closure equations miss most, in words."""
-        closure, size, unit = self.widest(values)
+    def opening(self, q: Floats) -> str:
+        """What the closure equations miss most in a configuration (positions,), in words."""
+        closure, size, unit = self.widest(q)
         return f"closure '{closure}' is off by {size:.3g} {unit} between {self.mechanism.ends(closure)}"
 
-    def widest(self, values: Floats) -> tuple[str, float, str]:
-        """The closure that equations miss most, by how much, and in which unit."""
+    def widest(self, q: Floats) -> tuple[str, float, str]:
+        """The closure that a configuration (positions,) opens most, by how much, and in which unit."""
+        values = self.closures.at(q[None])[0][0]
         worst = int(np.abs(values).argmax())
         if self.closures.is_length[worst]:
             return self.closures.owners[worst], float(abs(values[worst]) * self.closures.length), "m"

@@ -196,8 +196,6 @@ def _independent(count: int) -> str:
 
 def locked_joints(mechanism: Mechanism) -> tuple[str, ...]:
     """Names of the joints that loops keep from moving in closed poses near the assembly pose, of coupled ones too."""
-    if not mechanism.closures:
-        return ()
     assembly = loops_of(mechanism, Recorder(mechanism, Program())).assembly
     states, _, _ = assembly.random_closed_states(random_generator(DEFAULT_SEED), _STATES, _NEAR)
     # a joint may stand still in one pose, such as a dead centre, but not in all

@@ -63,13 +63,6 @@ def independent_coordinates(
     return tuple(name for name, k in place.items() if k in chosen)
 
 
-def split_balls(mechanism: Mechanism) -> list[str]:
-    """Independent coordinates of balls of which other components depend on them."""
-    chosen = set(mechanism.independent)
-    balls = [motion for motion in mechanism.motions if motion.kind is MotionKind.BALL]
-    return [name for m in balls for name in m.velocities if name in chosen and not chosen.issuperset(m.velocities)]
-
-
 def _left(columns: Sequence[int], taken: Sequence[int], real: Floats) -> list[float]:
     """How much some coordinates can move while those that are taken rest."""
     moved, _ = np.linalg.qr(real[taken].T)

@@ -44,8 +44,7 @@ class DependentMotion:
         for (row, name), node in found.jacobian.items():
             if row in self._openings:
                 self._columns.setdefault(name, {})[row] = Scalar(program, node)
-        independent = mechanism.independent_velocities
-        self.dependent = tuple(name for name in mechanism.velocities if name not in independent)
+        self.dependent = mechanism.dependent_velocities
         loose = next((name for name in self.dependent if name not in self._columns), None)
         if loose is not None:
             raise InputError(f"'{loose}' is in no loop and not independent", element="independent")
@@ -119,33 +118,33 @@ class DependentMotion:
         pairs = (zip(position, change, strict=True) for position, change in self._moved(speeds))
         return {position.node: rate for pair in pairs for position, rate in pair if not rate.is_zero}
 
-    def closing_wrenches(self, efforts: Mapping[str, Scalar]) -> list[tuple[Scalar, ...]]:
-        """Wrenches of the closures that make the efforts of the dependent coordinates.
+    def closing_wrenches(self, efforts: Mapping[str, Scalar]) -> dict[str, tuple[Scalar, ...]]:
+        """Wrenches of the closures, by their names, that make the efforts of the dependent coordinates.
 
         Moment and force on the second body about the first frame's origin, in its axes; where constraints are
         redundant, those of the smallest multipliers.
         """
         multipliers = self._system.solve_transposed(efforts)
-        return [
-            tuple(
+        return {
+            name: tuple(
                 sum((component * multipliers[row] for row, component in parts if row in multipliers), self.program.zero)
                 for parts in components
             )
-            for components in self._components
-        ]
+            for name, components in self._components.items()
+        }
 
-    def determined(self) -> list[tuple[Scalar, ...]]:
+    def determined(self) -> dict[str, tuple[Scalar, ...]]:
         """For every component of these wrenches, how much of it the efforts determine: 1, or less if redundant."""
-        return [tuple(self._system.share(dict(parts)) for parts in components) for components in self._components]
+        return {n: tuple(self._system.share(dict(p)) for p in parts) for n, parts in self._components.items()}
 
     @cached_property
-    def _components(self) -> list[list[list[tuple[int, Scalar]]]]:
+    def _components(self) -> dict[str, list[list[tuple[int, Scalar]]]]:
         """Rows of every component of every closure's wrench, and the component that their unit stands for."""
-        found: list[list[list[tuple[int, Scalar]]]] = []
+        found: dict[str, list[list[tuple[int, Scalar]]]] = {}
         for closure in self.mechanism.closures:
             rows = [row for row in self._openings if self._owners[row] == closure.name]
             wrenches = {row: (*self._wrenches[row][0], *self._wrenches[row][1]) for row in rows}
-            found.append([[(r, w[k]) for r, w in wrenches.items() if not w[k].is_zero] for k in range(6)])
+            found[closure.name] = [[(r, w[k]) for r, w in wrenches.items() if not w[k].is_zero] for k in range(6)]
         return found
 
     def bias(self, speeds: Mapping[str, Scalar]) -> dict[int, Scalar]:

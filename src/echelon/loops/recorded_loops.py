@@ -91,7 +91,7 @@ class Loops:
     @property
     def motions(self) -> int:
         """Motions through one pose that show about as much as motions through several, which take longer to close."""
-        freedoms = len(self.mechanism.independent_velocities)
+        freedoms = self.mechanism.degrees_of_freedom
         return min(_SHARED, 1 + freedoms * (freedoms + 1) // 2)
 
     @cached_property

@@ -29,6 +29,13 @@ def shown_loops(mechanism: Mechanism, coordinate: str | None = None) -> str:
     return shown if len(through) <= _SHOWN else f"{shown} and {len(through) - _SHOWN} others"
 
 
+def split_balls(mechanism: Mechanism) -> list[str]:
+    """Independent coordinates of balls of which other components depend on them."""
+    chosen = set(mechanism.independent_velocities)
+    split = [motion for motion in mechanism.motions if not chosen.issuperset(motion.velocities)]
+    return [name for motion in split for name in motion.velocities if name in chosen]
+
+
 def ends_of(mechanism: Mechanism, closure: Closure) -> tuple[list[int], list[int]]:
     """The bodies between each end of a closure and what carries both, the outermost first."""
     return parted(closure.first, closure.second, lambda body: mechanism.bodies[body].parent)

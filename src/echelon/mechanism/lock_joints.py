@@ -42,7 +42,7 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, float]) -> Mechani
     strange = next((name for name in positions if name not in motions), None)
     if strange is not None:
         raise InputError(f"there is no coordinate '{strange}' to hold{nearest_of(strange, list(motions))}")
-    if mechanism.closures:
+    if not lockable(mechanism):
         raise InputError("joints of a mechanism with loops cannot be locked")
     all_positions = _with_coupled(mechanism, positions)
     gone = {name for key in all_positions for name in (key, *motions[key].velocities)}
@@ -56,6 +56,11 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, float]) -> Mechani
         effects=tuple(_effects(mechanism, gone, all_positions)),
         measured=None if mechanism.measured is None else tuple(_outputs(mechanism.measured, gone)),
     )
+
+
+def lockable(mechanism: Mechanism) -> bool:
+    """Whether joints can be locked, which with loops would lock others."""
+    return not mechanism.closures
 
 
 def _with_coupled(mechanism: Mechanism, positions: Mapping[str, float]) -> dict[str, float]:

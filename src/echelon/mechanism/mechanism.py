@@ -229,6 +229,22 @@ class Mechanism:
         """Names of the velocity coordinates that all others depend on, through couplings and loops."""
         return self.independent or self.velocities
 
+    @cached_property
+    def dependent_velocities(self) -> tuple[str, ...]:
+        """Names of the velocity coordinates that loops make dependent."""
+        return tuple(name for name in self.velocities if name not in self.independent_velocities)
+
+    @cached_property
+    def independent_positions(self) -> tuple[str, ...]:
+        """Names of the position coordinates that all others follow from.
+
+        They are those of the independent motions; all of them where a ball is independent in part.
+        """
+        of = {name: motion for motion in self.free_motions for name in motion.velocities}
+        motions = dict.fromkeys(of[name] for name in self.independent_velocities)
+        whole = sum(len(motion.velocities) for motion in motions) == self.degrees_of_freedom
+        return tuple(name for motion in motions for name in motion.positions) if whole else self.positions
+
     @property
     def degrees_of_freedom(self) -> int:
         """Number of independent velocity coordinates."""

@@ -108,7 +108,7 @@ def placement_matrix(placement: Placement, symbols: Mapping[str, float]) -> npt.
 
 def characteristic_length(mechanism: Mechanism) -> float:
     """The largest offset of a joint, loops' joints included, whose value is known, m; 1 if there is none."""
-    frames = [frame for closure in mechanism.closures for frame in (closure.first_frame, closure.second_frame)]
+    frames = [frame for closure in mechanism.closures for frame in closure.placements]
     largest = largest_offset(
         [*(step for body in mechanism.bodies for step in body.joint.steps), *frames], known_values(mechanism)
     )

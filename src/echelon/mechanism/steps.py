@@ -277,7 +277,7 @@ class VirtualMotion:
 
     freedoms: Mapping[str, Scalar]  # of joint coordinates (dependent ones included) and cuts; absent where zero
     drives: Mapping[str, Scalar]  # of actuators, whose effects the output sees
-    # those of freedoms that the outputs determine; in a mechanism with loops the others follow
+    # those of freedoms that the outputs determine; in a mechanism with loops the others follow, unless it is empty
     chosen: Mapping[str, Scalar]
 
 
@@ -313,10 +313,21 @@ def virtual_motion(
                     factor = program.polynomial(inverse.numerator) / program.polynomial(inverse.denominator)
                     increase(freedoms, joint, speed * factor)
     chosen = dict(freedoms)
-    if mechanism.closures:
-        open_ = [n for n in mechanism.velocities if n not in chosen]
-        freedoms.update({n: program.input(f"v[{n}]") for n in open_} if solved is None else solved(chosen))
+    names = mechanism.dependent_velocities
+    freedoms.update({n: program.input(f"v[{n}]") for n in names} if solved is None else solved(chosen))
     return VirtualMotion(_coupled(probes.recorder, freedoms), drives, chosen)
+
+
+def measured_motion(mechanism: Mechanism, probes: Probes) -> VirtualMotion:
+    """Any virtual motion that the outputs see: its speeds are inputs ``u[...]`` of the outputs.
+
+    With loops, where the outputs are all forces, it is :func:`any_motion`, which needs nothing to be solved.
+    """
+    if mechanism.closures and mechanism.measures_every_force:
+        return any_motion(mechanism, probes.recorder)
+    program = probes.recorder.program
+    speeds = {output.name: program.input(f"u[{output.name}]") for output in mechanism.outputs}
+    return virtual_motion(mechanism, probes, speeds)
 
 
 def any_motion(mechanism: Mechanism, recorder: Recorder, kind: str = "v") -> VirtualMotion:

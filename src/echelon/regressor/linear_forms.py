@@ -47,6 +47,7 @@ from echelon.mechanism.steps import (
     dot,
     forward,
     into_frame,
+    measured_motion,
     motion_of_joints,
     scale,
     virtual_motion,
@@ -58,6 +59,7 @@ from echelon.program.sampling import sampler_of
 from echelon.program.schedule import FieldSampler, StagedSchedule
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.blocks import Block, BlockRows, blocks_of
+from echelon.regressor.loops import dependent_motion, recorded_loops
 
 if TYPE_CHECKING:
     from echelon.loops import Loops
@@ -201,17 +203,6 @@ def _row(values: Mapping[int, Scalar], row: int = 0) -> dict[tuple[int, int], in
     return {(row, column): value.node for column, value in values.items() if not value.is_zero}
 
 
-def _loops(
-    recorder: Recorder, probes: Probes | None = None, chosen: Mapping[str, Scalar] | None = None
-) -> Loops | None:
-    """What keeps motions on closed configurations, where there are loops."""
-    if not recorder.mechanism.closures:
-        return None
-    from echelon.loops import loops_of  # robots without loops do without it
-
-    return loops_of(recorder.mechanism, recorder, probes, chosen)
-
-
 def _stated(mechanism: Mechanism) -> dict[str, str]:
     """Exact values of those symbols that have one, as text."""
     return value_texts(mechanism, all_symbols(mechanism))
@@ -238,7 +229,7 @@ def energy_form(mechanism: Mechanism) -> LinearForms:
     energies = {index: _energy_of_body(rates[index]) for index in mechanism.first_column}
     sums = column_sums(mechanism, energies, lambda body, kind: energies[body][kind])
     entries = {(0, 0): program.one.node} | _row({1 + column: energy for column, energy in sums.items()})
-    loops = _loops(recorder)
+    loops = recorded_loops(recorder)
     return LinearForms(program, entries, (1, 1 + len(mechanism.parameters)), loops, values=_stated(mechanism))
 
 
@@ -314,11 +305,8 @@ def inverse_dynamics_regressor(mechanism: Mechanism, columns: Sequence[int] | No
     ``q[...]``, ``qd[...]``, ``qdd[...]``, geometry symbols, and ``i[...]`` where effects use measured inputs.  With
     loops, rates are those of the independent coordinates, and positions must be closed.
     """
-    program, closed = Program(), None
-    if mechanism.closures:
-        from echelon.loops import DependentMotion  # robots without loops do without it
-
-        closed = DependentMotion(mechanism, program)
+    program = Program()
+    closed = dependent_motion(mechanism, program)
     recorded = _RecordedPowers(mechanism, program, closed.given() if closed else None)
     wanted = range(len(mechanism.parameters)) if columns is None else columns
     rows = []
@@ -343,16 +331,11 @@ def virtual_power_form(mechanism: Mechanism) -> LinearForms:
     """
     recorded = _RecordedPowers(mechanism)
     program, recorder, probes = recorded.program, recorded.recorder, recorded.probes
-    if mechanism.closures and mechanism.measures_every_force:
-        motion, known = any_motion(mechanism, recorder), None
-    else:
-        speeds = {output.name: program.input(f"u[{output.name}]") for output in mechanism.outputs}
-        motion = virtual_motion(mechanism, probes, speeds)
-        known = motion.chosen
+    motion = measured_motion(mechanism, probes)
     entries = _row(recorded.powers(motion))
-    loops = _loops(recorder, probes, known)
+    loops = recorded_loops(recorder, probes, motion.chosen or None)
     many = len(mechanism.parameters) > FEW_COLUMNS
-    blocks = _block_powers(recorded) if many and mechanism.measures_every_force and not mechanism.closures else None
+    blocks = _block_powers(recorded) if many and mechanism.measures_every_force and loops is None else None
     return LinearForms(program, entries, (1, len(mechanism.parameters)), loops, blocks, _stated(mechanism))
 
 
@@ -376,7 +359,7 @@ def power_form(mechanism: Mechanism) -> LinearForms:
     recorded = _RecordedPowers(mechanism)
     motion = any_motion(mechanism, recorded.recorder, "qd")
     entries = _row(recorded.powers(motion))
-    loops = _loops(recorded.recorder)
+    loops = recorded_loops(recorded.recorder)
     return LinearForms(recorded.program, entries, (1, len(mechanism.parameters)), loops, values=_stated(mechanism))
 
 

@@ -18,10 +18,10 @@ from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS, PER_BODY
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import EchelonError, one_line
-from echelon.loops import Assembly
 from echelon.mechanism.joint import GROUND, MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import placement_matrix, symbol_values
+from echelon.regressor.loops import assembly_of
 from echelon.report.page import Context
 
 CLASSES = {
@@ -84,7 +84,7 @@ def seen_links(base: BaseModel) -> Context:
         "columns": PARAMETERS,
         "drawing": None if pose is None else drawing(base.mechanism, pose, bodies),
         "bent": pose is not None and pose.bent,
-        "loops": bool(base.mechanism.closures),
+        "loops": bool(base.mechanism.dependent_velocities),
         "counts": {name: classes.count(kind) for kind, name in CLASSES.items()},
     }
 
@@ -250,8 +250,8 @@ def drawable_pose(mechanism: Mechanism) -> Pose | None:
     None where lengths have no values or loops do not close.
     """
     try:
-        if mechanism.closures:
-            return pose_at(mechanism, Assembly(mechanism).pose)
+        if closed := assembly_of(mechanism):
+            return pose_at(mechanism, closed.pose)
         straight = pose_at(mechanism, positions_of(mechanism))
         if len(mechanism.bodies) < 2:
             return straight if mechanism.bodies else None

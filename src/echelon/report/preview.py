@@ -27,10 +27,10 @@ from echelon.excite.problem.state_limits import ORDERS
 from echelon.excite.problem.task import UNCHECKED
 from echelon.excite.verify import ACTIVE, Margin, when_kept
 from echelon.inputs import plain_data
-from echelon.loops import Assembly
 from echelon.mechanism.joint import Body, MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
+from echelon.regressor.loops import assembly_of
 from echelon.report.drawing import ahead, joint_axes, upward, widest_view
 from echelon.report.page import ClosedForms, Context, html_page, packed, significant
 from echelon.report.report import findings_of
@@ -322,8 +322,8 @@ def scene(found: ExcitingTrajectory) -> Scene:
 def _positions(found: ExcitingTrajectory, time: Floats) -> Floats:
     """Positions of all coordinates, shape (pictures, positions); with loops, those that the others follow from."""
     mechanism, trajectory = found.base.mechanism, found.trajectory
-    if mechanism.closures:
-        return Assembly(mechanism).from_independent(trajectory(time))
+    if closed := assembly_of(mechanism):
+        return closed.from_independent(trajectory(time))
     columns = [trajectory.coordinates.index(name) for name in mechanism.positions]
     return trajectory(time)[:, columns]
 

@@ -29,7 +29,7 @@ from echelon.logs.finding import listed
 from echelon.logs.long_log import LongLog
 from echelon.logs.read_log import first_table, measured, opened
 from echelon.logs.units import factor
-from echelon.mechanism.lock_joints import lock_joints
+from echelon.mechanism.lock_joints import lock_joints, lockable
 from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.setup import Setup, setup_of, with_usual
 
@@ -101,7 +101,7 @@ def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = Fal
         columns, findings = with_units(columns, table, setup.mechanism)
         notes += [finding.text for finding in findings]
         still: dict[str, float] = {}
-        if more is None and not setup.mechanism.closures:  # of a long log nobody knows what moves later
+        if more is None and lockable(setup.mechanism):  # of a long log nobody knows what moves later
             silent |= {name for name, some in columns.outputs.items() if not np.any(table.columns[some.column])}
             still = _still(columns, table)
         resting = {name: at for name, at in still.items() if only or name in silent}

@@ -202,8 +202,7 @@ class _Columns:
         self.known = {**known_values(mechanism), PI: math.pi}
 
     def read(self, log: LogEntry) -> ColumnMap:
-        positions = independent(self.mechanism.positions, self.mechanism)
-        velocities = independent(self.mechanism.velocities, self.mechanism)
+        positions, velocities = self.mechanism.independent_positions, self.mechanism.independent_velocities
         outputs = tuple(output.name for output in self.mechanism.outputs)
         return ColumnMap(
             None if log.time is None else self._channel(log.time, f"{self.path}.time", {}),
@@ -281,8 +280,3 @@ class _Columns:
                 place, f"'{text}' is {number}; a {part} must be finite" + " and not zero" * (not number)
             )
         return number
-
-
-def independent(names: Sequence[str], mechanism: Mechanism) -> tuple[str, ...]:
-    """Coordinates that have to be measured: those that no coupling and no loop makes dependent."""
-    return tuple(name for name in names if not mechanism.closures or name in mechanism.independent_velocities)

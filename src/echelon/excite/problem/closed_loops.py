@@ -77,11 +77,6 @@ class LoopMotion(CompiledAssembly):
         return {**vars(self), "_last": {}}
 
     @property
-    def speed_units(self) -> Floats:
-        """Units of the velocity coordinates' speeds, shape (velocities,)."""
-        return self.closures.units[: len(self.mechanism.velocities)]
-
-    @property
     def independent_units(self) -> Floats:
         """Units of the independent positions, shape (k,)."""
         return self.speed_units[self._independent]
@@ -168,8 +163,13 @@ NO_WEIGHT, FULL_WEIGHT = 0.05, 0.1
 
 def state_regressor(mechanism: Mechanism, pivots: Sequence[int], smooth: float | None = None) -> StateRegressor:
     """The regressor of a mechanism as a function of its independent coordinates."""
-    made = LoopRegressor if mechanism.closures else StateRegressor
+    made = LoopRegressor if mechanism.dependent_velocities else StateRegressor
     return made(mechanism, pivots, smooth)
+
+
+def loop_motion(mechanism: Mechanism) -> LoopMotion | None:
+    """Closed motions of a mechanism with loops; None for a tree."""
+    return LoopMotion(mechanism) if mechanism.dependent_velocities else None
 
 
 def passive_motions(mechanism: Mechanism) -> list[Motion]:

@@ -23,7 +23,7 @@ from echelon.base.model import BaseModel
 from echelon.dynamics.arguments import coordinate_units
 from echelon.errors import InputError, locating
 from echelon.excite.problem.clearance import Clearance, clearance_of
-from echelon.excite.problem.closed_loops import LoopMotion, check_loops, loop_limits, passive_motions
+from echelon.excite.problem.closed_loops import check_loops, loop_limits, loop_motion, passive_motions
 from echelon.excite.problem.prior_model import identified_efforts, prior_efforts
 from echelon.excite.problem.robot_shapes import entry_shapes, read_geometry
 from echelon.excite.problem.state_limits import (
@@ -39,7 +39,7 @@ from echelon.formats.schema.schema_excite import EVERY, ExcitationEntry, FrameEn
 from echelon.formats.stated_limits import StatedLimits, stated_limits
 from echelon.hints import nearest_of
 from echelon.logs.finding import Finding, note, warning
-from echelon.mechanism.lock_joints import lock_joints
+from echelon.mechanism.lock_joints import lock_joints, lockable
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
 from echelon.setup.setup import Setup
@@ -257,7 +257,7 @@ def names_of(mechanism: Mechanism) -> frozenset[str]:
 def _held(setup: Setup, entry: ExcitationEntry, findings: list[Finding]) -> dict[str, float]:
     """Motions that do not move, and where they are."""
     mechanism = setup.mechanism
-    if mechanism.closures:
+    if not lockable(mechanism):
         check_loops(mechanism, entry.move, entry.hold, setup.source)
         return {}
     motions = mechanism.free_motions
@@ -302,7 +302,8 @@ def _constraints(
     found += [] if clearance is None else [clearance]
     if model is not None:
         found.insert(0, effort_limits(mechanism, limits.efforts, model, entry.effort_margin, smooth))
-    return (loop_limits(LoopMotion(mechanism), found),) if mechanism.closures else tuple(found)
+    motion = loop_motion(mechanism)
+    return (loop_limits(motion, found),) if motion else tuple(found)
 
 
 def _clearance(
@@ -326,8 +327,8 @@ def _clearance(
         excluded += combinations([body.name for body in mechanism.bodies], 2)
     names = mechanism.independent_velocities
     start = [entry.centre.get(name, middle) for name, middle in zip(names, limits.middle, strict=True)]
-    if mechanism.closures:
-        start = LoopMotion(mechanism).positioned(np.array([start])).q[0].tolist()
+    if motion := loop_motion(mechanism):
+        start = motion.positioned(np.array([start])).q[0].tolist()
     pure = replace(mechanism)  # how the file was read is of no use to another process
     found = clearance_of(
         pure, shapes, section.clearance, excluded, reference=start, ignore_touching=section.ignore_touching

@@ -181,7 +181,7 @@ def designed(task: Task, prior: Floats | None = None) -> Design:
         prior = np.zeros((base.rank, base.rank)) if prior is None else prior
         if prior.shape != (base.rank, base.rank):
             raise InputError(f"prior_information has shape {prior.shape}; the robot has {base.rank} base parameters")
-        n = len(base.mechanism.independent_velocities)
+        n = base.mechanism.degrees_of_freedom
         basis = resting_ends(family(entry, n))
         regressor = state_regressor(base.mechanism, base.matrix.pivots, task.smooth)
         times = sample_times(basis.duration, entry.rate)

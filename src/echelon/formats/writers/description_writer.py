@@ -73,7 +73,7 @@ def _loops(mechanism: Mechanism) -> dict[str, Any]:
     return _stated(
         loops=[_loop(closure, mechanism) for closure in mechanism.closures],
         independent=list(mechanism.independent) or None,
-        rounding=mechanism.rounding if mechanism.closures else None,
+        rounding=mechanism.rounding,
         assembly={name: repr(float(value)) for name, value in mechanism.assembly.items()} or None,
     )
 

@@ -262,7 +262,7 @@ def _checked_joints(mechanism: Mechanism) -> tuple[str, ...]:
         )
     geared = any(len(actuator.terms) > 1 for actuator in mechanism.transmission.actuators)
     outputs = tuple(output.name for output in mechanism.outputs)
-    if mechanism.closures or mechanism.couplings or geared or not mechanism.positions == names == outputs:
+    if mechanism.couplings or geared or not mechanism.positions == mechanism.independent_velocities == outputs:
         raise InputError(
             "a fit of servos needs a tree of revolute and prismatic joints, each with one servo and without couplings; "
             "leave 'outputs' and 'actuators' out"

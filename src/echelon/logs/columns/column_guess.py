@@ -24,7 +24,7 @@ from echelon.logs.columns.by_values import (
     in_pairs,
     is_mixed,
 )
-from echelon.logs.columns.column_map import Channel, ColumnMap, actuators, coordinates, units
+from echelon.logs.columns.column_map import Channel, ColumnMap, actuators, independent_coordinates, units
 from echelon.logs.columns.column_names import (
     KNOWN,
     SHARES,
@@ -39,7 +39,7 @@ from echelon.logs.columns.column_names import (
 from echelon.logs.files.log_file import Table
 from echelon.logs.finding import counted, listed
 from echelon.logs.units import factor, fits
-from echelon.mechanism.lock_joints import lock_joints
+from echelon.mechanism.lock_joints import lock_joints, lockable
 from echelon.mechanism.mechanism import Mechanism
 
 Meanings = Mapping[str, Meaning]
@@ -88,7 +88,7 @@ def guess(
     """
     meanings, known = _meanings(names, mechanism, said)
     whole = _of_all(names, meanings, mechanism, look, outputs=outputs, by_values=by_values)
-    if not whole.problems or mechanism.closures:
+    if not whole.problems or not lockable(mechanism):
         return whole
     paired = _in_pairs(names, meanings, mechanism, look, outputs=outputs) if by_values and look is not None else None
     if paired is not None:
@@ -220,8 +220,7 @@ def _by_names(
 def _valid(mechanism: Mechanism, kind: str) -> list[str]:
     if kind in ("output", "current"):
         return [output.name for output in mechanism.outputs]
-    names = coordinates(mechanism, "position" if kind == "joint" else kind)
-    return [name for name in names if not mechanism.closures or name in mechanism.independent_velocities]
+    return list(independent_coordinates(mechanism, "position" if kind == "joint" else kind))
 
 
 # -- names ------------------------------------------------------------------------------------------------------------

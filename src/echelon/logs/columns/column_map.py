@@ -80,6 +80,11 @@ def coordinates(mechanism: Mechanism, kind: str) -> tuple[str, ...]:
     return mechanism.velocities if ORDERS[kind] else mechanism.positions
 
 
+def independent_coordinates(mechanism: Mechanism, kind: str) -> tuple[str, ...]:
+    """Names of those coordinates that all others follow from, which are enough in a log."""
+    return mechanism.independent_velocities if ORDERS[kind] else mechanism.independent_positions
+
+
 def units(mechanism: Mechanism, kind: str, name: str) -> tuple[str, ...] | None:
     """SI units that a channel may have: two for an actuator, which turns or slides; None for an input."""
     if kind == "input":
@@ -105,8 +110,9 @@ def signal_names(mechanism: Mechanism, signal: str, columns: int) -> tuple[str, 
     """Names of the columns of a signal; with loops it may have the independent coordinates only."""
     if signal == "y":
         return tuple(output.name for output in mechanism.outputs)
-    names = coordinates(mechanism, SIGNALS[signal])
-    return names if len(names) == columns else mechanism.independent_velocities
+    kind = SIGNALS[signal]
+    names = coordinates(mechanism, kind)
+    return names if len(names) == columns else independent_coordinates(mechanism, kind)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from echelon.arrays import Floats
 from echelon.errors import InputError, locating
 from echelon.hints import nearest_of, nearest_word
-from echelon.logs.columns.column_map import Channel, ColumnMap, actuators, coordinates, units
+from echelon.logs.columns.column_map import Channel, ColumnMap, actuators, coordinates, independent_coordinates, units
 from echelon.logs.files.log_file import Table
 from echelon.logs.finding import listed
 from echelon.logs.recording import Recording
@@ -248,8 +248,9 @@ def joint_coordinates(mechanism: Mechanism, kind: str, given: Given) -> Floats:
     """
     names = coordinates(mechanism, kind)
     motors = {actuator.name for actuator in actuators(mechanism)}
-    if mechanism.closures and not given.keys() - motors - set(mechanism.independent_velocities):
-        names = mechanism.independent_velocities
+    independent = independent_coordinates(mechanism, kind)
+    if not given.keys() - motors - set(independent):
+        names = independent
     check_names(mechanism, kind, given)
     found = {name: values for name, values in given.items() if name in names}
     moved = [name for name in given if name not in names]

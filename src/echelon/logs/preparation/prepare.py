@@ -26,10 +26,9 @@ from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
 from echelon.extras import extra
 from echelon.formats.schema.schema_log import PreparationEntry
-from echelon.logs.columns.column_map import motion_of, quaternion_columns, signal_names
+from echelon.logs.columns.column_map import quaternion_columns, signal_names
 from echelon.logs.recording import Samples, Segment
 from echelon.mechanism.effect import Side
-from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Cut, Mechanism, Output
 from echelon.mechanism.stated import symbol_values
 from echelon.signals.clock import shift_reach, shifted
@@ -67,26 +66,20 @@ MEASURED = ("qd", "qdd")  # derivatives that may be taken from a log
 def usable(segment: Segment, mechanism: Mechanism) -> Segment:
     """A segment with the coordinates that states are made of, and quaternions whose sign does not jump."""
     q = segment.signals["q"]
-    whole, few = len(mechanism.positions), len(mechanism.independent_velocities)
-    if q.ndim != 2 or q.shape[1] not in ((whole, few) if mechanism.closures else (whole,)):
+    free = mechanism.independent_positions
+    if q.ndim != 2 or q.shape[1] not in (len(mechanism.positions), len(free)):
         raise InputError(f"expected positions of {', '.join(mechanism.positions)}", source=segment.source)
     signals = dict(segment.signals)
-    if mechanism.closures and q.shape[1] == whole and _scalar(mechanism):
+    if q.shape[1] > len(free) and free == mechanism.independent_velocities:
         for name, order in (("q", mechanism.positions), *((name, mechanism.velocities) for name in MEASURED)):
             if name in signals and signals[name].shape[1] == len(order):
-                signals[name] = signals[name][:, [order.index(c) for c in mechanism.independent_velocities]]
+                signals[name] = signals[name][:, [order.index(c) for c in free]]
     columns = signals["q"].shape[1]
     for first in quaternion_columns(mechanism, "q", columns):
         some = slice(first, first + 4)
         signals["q"] = signals["q"].copy()
         signals["q"][:, some] = continuous(signals["q"][:, some])
     return replace(segment, signals=signals)
-
-
-def _scalar(mechanism: Mechanism) -> bool:
-    """Whether every independent velocity has a position of its own."""
-    motions = [motion_of(mechanism, name) for name in mechanism.independent_velocities]
-    return all(motion is not None and motion.kind is not MotionKind.BALL for motion in motions)
 
 
 def velocity_names(mechanism: Mechanism, columns: int) -> tuple[str, ...]:
@@ -206,7 +199,7 @@ def rubs(mechanism: Mechanism, output: Output) -> bool:
     for channel, _ in output.terms:
         if isinstance(channel, Cut):
             continue
-        if mechanism.closures:
+        if mechanism.dependent_velocities:  # which move with the output, too
             return bool(dry)
         moved = mechanism.transmission.inverse[channel.at] if channel.side is Side.ACTUATOR else ()
         if (channel.at, channel.side) in dry or any((name, Side.JOINT) in dry for name in moved):
