@@ -99,12 +99,12 @@ class ReadingOptions:
             raise InputError(f"measured is 'drives' or 'file', not '{self.measured}'")
 
 
-def gravity_vector(gravity: Gravity, stated: Vector) -> Vector | None:
+def gravity_vector(gravity: Gravity, stated: Vector | None = None) -> Vector | None:
     """Gravity in the base frame, m/s²."""
     if gravity is None or gravity == "none":
         return None
     if gravity == "file":
-        return stated if any(stated) else None
+        return stated if any(stated or ()) else None
     if gravity == "generic":
         return (Polynomial.generator("gx"), Polynomial.generator("gy"), Polynomial.generator("gz"))
     parts = gravity.split(",") if isinstance(gravity, str) else list(gravity)

@@ -3,9 +3,6 @@
 A drive's row of 0 = x̄ᵀ ζ̄ + known − i K, over K, is the current that the model expects less the one that was measured.
 So the sum of squares over all rows of an output is ‖R (ζ̄, K, −1)‖²/K²: a Gauss–Newton step costs as much as least
 squares on the triangles, however many rows there were.  Each drive's noise is estimated from its own residual.
-
-The same fit tells whether outputs are in units that contradict each other: each output's unit, but for one, is taken
-for an unknown gain.
 """
 
 from __future__ import annotations
@@ -13,7 +10,6 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
@@ -21,8 +17,8 @@ from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate, inverse_triangle, solved
-from echelon.observe.observation import Layout, Observation
-from echelon.observe.triangle import safe_norms, upper_triangle
+from echelon.observe.observation import Observation
+from echelon.observe.triangle import upper_triangle
 
 _STEPS = 200
 _SETTLED = 1e-6  # step in standard deviations that changes nothing
@@ -185,97 +181,3 @@ def _walked(parts: Sequence[_Output], values: Floats, change: Floats, noise: Flo
 
 def _squares(parts: Sequence[_Output], values: Floats, noise: Floats) -> float:
     return float(sum(np.sum((part.residual(values) / s) ** 2) for part, s in zip(parts, noise, strict=True)))
-
-
-# -- outputs that are in other units ----------------------------------------------------------------------------------
-
-
-_APART, _REMOVED = 1.4, 0.3
-"""Ratio of gains, and share of an output's squares that gains of their own remove, from which on outputs contradict."""
-_TOLD = 0.1  # relative standard deviation up to which the data tell a gain
-_MEETING = 1e-9  # singular value, relative to the largest, below which directions of rows are the same
-
-
-def contradicting_gains(
-    observation: Observation, units: Sequence[str], noise: Floats
-) -> tuple[dict[str, float], float]:
-    """Outputs that contradict others through what they share, with factors that reconcile them.
-
-    With them the logarithm by which these factors reduce residuals, the mean of all outputs.
-    """
-    used = [k for k, count in enumerate(observation.counts) if count and np.isfinite(noise[k])]
-    found: dict[str, float] = {}
-    reduction = 0.0
-    for group in _one_scale(observation, used):
-        factors, gain = _contradicting(observation, units, noise, group)
-        found |= factors
-        reduction += gain / len(observation.counts)
-    return found, reduction
-
-
-def _one_scale(observation: Observation, outputs: Sequence[int]) -> list[list[int]]:
-    """Outputs whose gains the data relate: the spaces of their rows meet."""
-    layout = observation.layout
-    rows = {}
-    for k in outputs:
-        rows[k] = np.zeros((len(observation.factors[k]), len(layout.parameters)))
-        rows[k][:, layout.columns[k]] = observation.factors[k][:, :-1]
-    scales = safe_norms(np.concatenate(list(rows.values()))) if rows else np.ones(0)
-
-    def rank(group: Sequence[int]) -> int:
-        parts = [rows[k] / scales for k in group]
-        stacked = np.concatenate([part / (np.linalg.norm(part) or 1.0) for part in parts])
-        singular = np.linalg.svd(stacked, compute_uv=False)
-        return int(np.sum(singular > _MEETING * singular[0]))
-
-    groups = [[k] for k in outputs]
-    while True:
-        pairs = combinations(groups, 2)
-        meeting = next(((a, b) for a, b in pairs if rank(a + b) < rank(a) + rank(b)), None)
-        if meeting is None:
-            return [sorted(group) for group in groups if len(group) > 1]
-        groups = [g for g in groups if g not in meeting] + [meeting[0] + meeting[1]]
-
-
-def _contradicting(
-    observation: Observation, units: Sequence[str], noise: Floats, group: Sequence[int]
-) -> tuple[dict[str, float], float]:
-    """Of outputs with one scale: each unit is an unknown gain, but for one; gains are compared with the usual one."""
-    layout, scaled = observation.layout, group[1:]
-    names = tuple(f"gain of {layout.outputs[k]}" for k in scaled)
-    try:
-        found = fit_currents(
-            _with_gains(observation, scaled, names),
-            [*units, *("" for _ in names)],
-            [(names[scaled.index(k)],) if k in scaled else () for k in range(len(layout.outputs))],
-        )
-    except InputError:  # the data do not tell
-        return {}, 0.0
-    gains = np.array([1.0, *found.values[len(layout.parameters) :]])
-    deviations = np.array([0.0, *found.std[len(layout.parameters) :]])
-    told = (gains > 0) & (deviations < _TOLD * np.abs(gains))
-    left = np.abs(found.noise[group] / gains / noise[group])
-    if not (1 - left[told] ** 2 > _REMOVED).any():
-        return {}, 0.0
-    factors = gains / _usual_gain(np.sort(gains[told]))
-    some = zip(group, factors, told, strict=True)
-    apart = {layout.outputs[k]: float(f) for k, f, clear in some if clear and not 1 / _APART < f < _APART}
-    return apart, -float(np.log(left).sum())
-
-
-def _usual_gain(gains: Floats) -> float:
-    """Of gains in their order the one that half of them or more are like, else the median."""
-    alike = np.sum(np.abs(np.log(np.divide.outer(gains, gains))) < 0.5 * np.log(_APART), axis=1)
-    return float(gains[np.argmax(alike) if 2 * alike.max() >= len(gains) else (len(gains) - 1) // 2])
-
-
-def _with_gains(observation: Observation, scaled: Sequence[int], names: tuple[str, ...]) -> Observation:
-    """The equations 0 = X ζ − y K for some outputs, as they are for the others."""
-    layout, count = observation.layout, len(observation.layout.parameters)
-    columns, factors = list(layout.columns), list(observation.factors)
-    for place, k in enumerate(scaled):
-        columns[k] = (*columns[k], count + place)
-        R = factors[k]
-        factors[k] = upper_triangle(np.column_stack([R[:, :-1], -R[:, -1], np.zeros(len(R))]))
-    whole = Layout(layout.outputs, (*layout.parameters, *names), tuple(columns))
-    return Observation(whole, tuple(factors), observation.counts)

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, replace
-from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -20,14 +17,17 @@ from echelon.doors import public
 from echelon.errors import EchelonError, InputError, MissingExtraError
 from echelon.formats.usual_effects import slides, with_rotors
 from echelon.identification.conditioning import Conditioning, conditioning, without_rounding
-from echelon.identification.culprit import Culprit, common_unit
-from echelon.identification.culprit import culprit as find_culprit
-from echelon.identification.current_fit import contradicting_gains, gain_names
+from echelon.identification.current_fit import gain_names
 from echelon.identification.estimators.essential import essential
 from echelon.identification.estimators.estimate import Estimate, solved
 from echelon.identification.estimators.fit import fitted, usable_noise
 from echelon.identification.estimators.least_squares import minimum_norm, noise_estimate
-from echelon.identification.missing import WORTH, Missing, explained, missing_effects
+from echelon.identification.judge.evidence import States
+from echelon.identification.judge.findings import contradiction, finding
+from echelon.identification.judge.judge import Judge, Judged
+from echelon.identification.judge.mounting import EARTH, free_gravity, is_unknown, with_gravity
+from echelon.identification.judge.readings import Readings
+from echelon.identification.judge.units import common_unit
 from echelon.identification.passes_over_data import MEMORY, PassesOverData, Task
 from echelon.identification.physics.bounds import Bounds
 from echelon.identification.physics.feasibility import Feasibility, feasibility
@@ -47,7 +47,9 @@ from echelon.identification.rows.plan import Plan
 from echelon.identification.scores import Grade, Validation, by_role, grade, overall_verdict
 from echelon.identification.survey import survey
 from echelon.identification.validation import Models
+from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.finding import Finding, counted, enumerated, note, warning
+from echelon.logs.recording import Samples
 from echelon.observe.observation import Observation
 from echelon.setup.logs import with_logs
 from echelon.setup.setup import Setup
@@ -66,7 +68,8 @@ _PIECES = 5  # stretches of the data that are predicted from one another to weig
 _BIASED = ("ols", "wls", "irls", "huber")  # estimators that noise of the positions biases as it biases least squares
 _CLEARLY = 5.0  # times a sensor's noise in the band, or an estimate's standard deviation, that is more than noise
 _ROTOR = "a rotor inertia was taken in at {}: it weighs nothing, which else a constant force would have to explain"
-_SAME_UNIT = 0.5  # decades that a factor between outputs may be off that of a unit
+_PASSES = 4  # fits at most, of which all but the first take in what the one before it found
+_EXPLAINED = 1e-3  # share of an output's spread that is left at most where nothing is lacking
 
 
 @public
@@ -117,20 +120,45 @@ def identify(
     """
     setup, given, others = with_logs(setup, logs, validate_on)
     step = on_step or (lambda _: None)
-    result, lacking = _fitted(setup, given, others, client, step, memory)
-    remarks = [missing.finding(lists_effects=setup.states_effects) for missing in lacking]
-    drives = {place for missing in lacking if missing.is_rotor for place in missing.places}
-    lifted = _lifted(result) - drives
-    if (drives or lifted) and setup.usual:
-        # nobody has said that there are none, so they are taken in
-        step("trying rotors in the drives")
-        lists = setup.states_effects
-        remarks = [missing.finding(lists_effects=lists, taken=True) for missing in lacking if missing.is_rotor]
-        remarks += [note("rotor", "", _ROTOR.format(", ".join(sorted(lifted))))] if lifted else []
-        setup = replace(setup, mechanism=with_rotors(setup.mechanism, drives | lifted))
-        result, lacking = _fitted(setup, given, others, client, step, memory)
-        remarks += [missing.finding(lists_effects=lists) for missing in lacking]
+    lists = setup.states_effects
+    mounted = not is_unknown(setup.mechanism)
+    if not mounted:
+        setup = replace(setup, mechanism=with_gravity(setup.mechanism, np.array([0.0, 0.0, -EARTH])))
+    remarks: list[Finding] = []
+    for _ in range(_PASSES):
+        result, judged = _fitted(setup, given, others, client, step, memory)
+        changed, taken, said = _completed(setup, result, judged, mounted=mounted and lists)
+        remarks += said
+        if changed is setup:
+            break
+        step("taking in what the logs say")
+        setup = changed
+    remarks += [finding(some, lists_effects=lists) for some in judged if some not in taken]
     return replace(result, findings=limited([*remarks, *result.findings]))
+
+
+def _completed(
+    setup: Setup, result: Identification, judged: Sequence[Judged], *, mounted: bool
+) -> tuple[Setup, list[Judged], list[Finding]]:
+    """The set-up with what nobody has stated and the logs say: rotors, and the direction of gravity if not ``mounted``.
+
+    With the hypotheses that it takes in, and what is said of them.
+    """
+    lists, mechanism = setup.states_effects, setup.mechanism
+    turned = [some for some in judged if np.any(some.gravity)] if not mounted else []  # None is none, too
+    if turned:
+        gravity = turned[0].gravity
+        assert gravity is not None
+        said = [finding(turned[0], lists_effects=lists, taken=True)]
+        return replace(setup, mechanism=with_gravity(mechanism, gravity)), turned[:1], said
+    rotors = [some for some in judged if some.is_rotor]
+    drives = {place for some in rotors for place in some.places}
+    lifted = _lifted(result) - drives
+    if not (drives or lifted) or not setup.usual:
+        return setup, [], []
+    said = [finding(some, lists_effects=lists, taken=True) for some in rotors]
+    said += [note("rotor", "", _ROTOR.format(", ".join(sorted(lifted))))] if lifted else []
+    return replace(setup, mechanism=with_rotors(mechanism, drives | lifted)), rotors, said
 
 
 def _lifted(result: Identification) -> set[str]:
@@ -149,8 +177,8 @@ def _lifted(result: Identification) -> set[str]:
 
 def _fitted(
     setup: Setup, given: Logs, others: Logs, client: Client | None, step: OnStep, memory: int
-) -> tuple[Identification, list[Missing]]:
-    """The model with the effects of a set-up, and effects that it lacks."""
+) -> tuple[Identification, list[Judged]]:
+    """The model with the effects of a set-up, and hypotheses that explain what it leaves."""
     settings = setup.settings
     with one_thread():
         step("deriving the base parameters")
@@ -192,34 +220,24 @@ def _fitted(
         plain = _without_friction(base, observation, noise)
         models |= {} if plain is None else {"plain": plain}
         validations = _validations(data, models, unseen_logs)
-        seek = partial(
-            find_culprit,
-            base,
-            columns=setup.columns,
-            band=plan.preparation.band or np.inf,
-            velocities="qd" in (plan.preparation.measured or ()),
-        )
-        culprit = None if prior_base is None else common_unit(base, observation, prior_base)
-        if culprit is None:
-            step("looking for a mistake in the set-up")
-            doubtful = bool(unsolved) or _is_doubtful(validations, feasible)
-            if doubtful or _is_above_noise(by_role(validations)[0]):
-                culprit = seek(data.fitted(), prior=prior_base, only_rate=not doubtful)
-        elsewhere = _culprits_of_unseen(seek, data, models["model"], validations, unseen_logs)
-        step("looking for effects that the model lacks")
-        lacking = _lacking(data, estimate, validations, unseen_logs)
+        step("judging what may be wrong or lacking")
+        whole = None if prior_base is None else common_unit(base, observation, prior_base)
+        judged, judge = [whole] if whole is not None else [], None
+        doubtful = bool(unsolved) or _is_doubtful(validations, feasible)
+        if not judged and (doubtful or _is_unexplained(by_role(validations))):
+            judge = _judge(plan, data.fitted(), estimate.values, setup, doubtful=doubtful, prior=prior_base)
+            judged = judge.run() if judge.is_told else []
+        elsewhere = _misread_elsewhere(setup, data, models["model"], validations, unseen_logs)
 
     findings = [note("assumed", setup.source, text) for text in setup.assumed]
     findings += [*surveyed.findings, *(() if prior is None else prior.findings), *unsolved]
     comparable = conditions.is_complete and not gain_names(base)
-    gains = contradicting_gains(observation, base.units, noise) if comparable else ({}, 0.0)
-    culprit, apart, lacking = _one_reason(culprit, gains, lacking, len(base.mechanism.outputs))
     findings += elsewhere
     if physical is not None and prior is not None:
         findings += departures(base.mechanism, physical.standard, prior.values, physical.prior_weight)
     findings += mass_findings(base, estimate.values) if comparable else []
-    facts = contradictions(feasible, culprit, apart, findings)
-    findings += fit_findings(estimate, conditions, feasible, physical, validations, culprit, apart)
+    facts = [*filter(None, map(contradiction, judged)), *contradictions(feasible, findings)]
+    findings += fit_findings(estimate, conditions, feasible, physical, validations)
     judgement = overall_verdict(by_role(validations)[-1], facts)
     ranges = fitted_ranges(plan.preparation, by_role(validations)[0])
     speeds = enumerated([found.speeds for found in ranges], "; ")
@@ -238,8 +256,9 @@ def _fitted(
         _record(setup, plan),
         f"{judgement.text} It was fitted up to {ranges[0].band:.3g} Hz: {speeds}.",
         (*judgement.reasons, *([] if conditions.is_complete else [conditions.verdict])),
+        tuple(judged if judge is None else judge.told),
     )
-    return result, lacking
+    return result, judged
 
 
 def _split_logs(
@@ -365,9 +384,30 @@ def _is_doubtful(validations: Sequence[Validation], feasible: Feasibility | None
     return poor or (feasible is not None and feasible.feasible is False and feasible.distance > FAR)
 
 
-def _is_above_noise(fitted: Validation) -> bool:
-    """Whether more is left of some output than noise of its sensor, so that a wrong clock may be behind it."""
-    return any(s.rms > _CLEARLY * s.noise * np.sqrt(s.rows / max(s.raw.rows, 1)) for s in fitted.scores)
+def _is_unexplained(validations: Sequence[Validation]) -> bool:
+    """Whether more is left of some output than its sensor's noise, or than no model could explain."""
+    fitted, judged = validations[0], validations[-1]
+    above = any(s.rms > _CLEARLY * s.noise * np.sqrt(s.rows / max(s.raw.rows, 1)) for s in fitted.scores)
+    return above or any(score.r2 < 1 - _EXPLAINED for score in judged.scores)
+
+
+def _judge(
+    plan: Plan,
+    samples: Iterable[Samples],
+    values: Floats,
+    setup: Setup,
+    *,
+    doubtful: bool,
+    prior: Floats | None = None,
+) -> Judge:
+    """A judge of what may be wrong with some logs, or lacking in a model with some base parameters."""
+    base, preparation = plan.base, plan.preparation
+    free, gravity = free_gravity(base, setup.seed)
+    states = States.of(samples, preparation.band or np.inf, base, values, gravity)
+    columns = setup.columns[0] if setup.columns else ColumnMap()
+    readings = Readings(free, states, columns, "qd" in (preparation.measured or ()))
+    # a prior of the model without gravity's directions says nothing of the one with them
+    return Judge(free, states, readings, doubtful, prior if free is base else None)
 
 
 def _validations(data: PassesOverData, models: Models, unseen_logs: Sequence[Path]) -> tuple[Validation, ...]:
@@ -380,12 +420,8 @@ def _validations(data: PassesOverData, models: Models, unseen_logs: Sequence[Pat
     return (*first, *data.validations(models, unseen, reference))
 
 
-def _culprits_of_unseen(
-    seek: Callable[..., Culprit | None],
-    data: PassesOverData,
-    values: Floats,
-    validations: Sequence[Validation],
-    unseen_logs: Sequence[Path],
+def _misread_elsewhere(
+    setup: Setup, data: PassesOverData, values: Floats, validations: Sequence[Validation], unseen_logs: Sequence[Path]
 ) -> list[Finding]:
     """Mistakes in logs that are predicted poorly, where the fitted ones are not."""
     fitted = by_role(validations)[0].scores
@@ -394,48 +430,15 @@ def _culprits_of_unseen(
         grades = [(grade(seen), grade(unseen)) for seen, unseen in zip(fitted, validation.scores, strict=True)]
         told = [(seen, unseen) for seen, unseen in grades if seen is not None and unseen is not None]
         if any(seen >= Grade.USABLE > unseen for seen, unseen in told):
-            mistake = seek(data.samples(log, "all"), values=values)
+            base, preparation = data.plan.base, data.plan.preparation
+            states = States.of(data.samples(log, "all"), preparation.band or np.inf, base, values)
+            columns = setup.columns[0] if setup.columns else ColumnMap()
+            readings = Readings(base, states, columns, "qd" in (preparation.measured or ()))
+            mistake = Judge(base, states, readings, values=values).other_reading()
             if mistake is not None:
-                text = f"in this log, other than in those that were fitted, {mistake.text}"
+                text = f"in this log, other than in those that were fitted, {mistake[0].words}"
                 found.append(warning("culprit", str(log), text))
     return found
-
-
-def _one_reason(
-    culprit: Culprit | None, gains: tuple[dict[str, float], float], lacking: list[Missing], outputs: int
-) -> tuple[Culprit | None, dict[str, float], list[Missing]]:
-    """Of a mistake, outputs that contradict the others, and effects that the model lacks, those that explain most."""
-    apart, by_gains = gains
-    usual = [missing for missing in lacking if missing.usual]
-    if culprit is not None and not (_is_explained(apart, culprit) and culprit.reduction > explained(usual, outputs)):
-        culprit = None
-    if culprit is not None or by_gains < explained(lacking, outputs):
-        apart = {}
-    # what residuals follow otherwise is no effect
-    return culprit, apart, usual if apart or culprit is not None else lacking
-
-
-def _is_explained(apart: Mapping[str, float], culprit: Culprit) -> bool:
-    """Whether a mistake explains outputs that contradict the others: a unit, one output by its factor."""
-    if " is in " not in culprit.text:
-        return True
-    thousand = any(abs(abs(np.log10(factor)) - 3) < _SAME_UNIT for factor in apart.values())
-    return not apart or (len(apart) == 1 and (thousand or not re.search("[mk]N", culprit.text)))
-
-
-def _lacking(
-    data: PassesOverData, estimate: Estimate, validations: Sequence[Validation], unseen_logs: Sequence[Path]
-) -> list[Missing]:
-    """Effects that the model lacks; none are sought where no data are held out to tell, or nothing is left of them."""
-    if all(score.r2 > 1 - WORTH for score in by_role(validations)[-1].scores):
-        return []
-    fitted = chain.from_iterable(data.samples(path, "first") for path in data.paths)
-    if data.plan.holdout:
-        unseen = chain.from_iterable(data.samples(path, "last") for path in data.paths)
-    else:
-        unseen = chain.from_iterable(data.samples(path, "all") for path in unseen_logs)
-    band = data.plan.preparation.band or np.inf
-    return missing_effects(data.plan.base, estimate.values, estimate.noise, band, fitted, unseen)
 
 
 def _record(setup: Setup, plan: Plan) -> dict[str, Any]:

@@ -14,8 +14,8 @@ from echelon.doors import public
 from echelon.errors import InputError, one_line
 from echelon.extras import extra
 from echelon.identification.conditioning import Conditioning
-from echelon.identification.culprit import Culprit
 from echelon.identification.estimators.estimate import Estimate
+from echelon.identification.judge.judge import Judged
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.scores import Validation, by_role
@@ -116,6 +116,8 @@ class Identification:
         The whole in words.
     reasons : tuple of str
         Why the model should not be used; empty if nothing speaks against it.
+    hypotheses : tuple of Judged
+        What may be wrong or lacking, as it was judged: those that explain what the model leaves, and the next best.
     """
 
     base: BaseModel
@@ -132,6 +134,7 @@ class Identification:
     settings: Mapping[str, Any] = field(default_factory=dict)
     verdict: str = ""
     reasons: tuple[str, ...] = ()
+    hypotheses: tuple[Judged, ...] = ()
 
     @property
     def pooled(self) -> tuple[Validation, ...]:
@@ -250,15 +253,9 @@ IMPOSSIBLE = 30.0
 _COSTLY = 1.5  # ratio of misfits from which on physical consistency costs more than noise does
 
 
-def contradictions(
-    feasible: Feasibility | None, culprit: Culprit | None, apart: Mapping[str, float], findings: Sequence[Finding]
-) -> list[str]:
+def contradictions(feasible: Feasibility | None, findings: Sequence[Finding]) -> list[str]:
     """Facts that contradict a model however well it predicts."""
     facts = []
-    if culprit is not None:
-        facts.append(f"it would be explained if {culprit.text}")
-    if apart:
-        facts.append(_contradicting(apart))
     if feasible is not None and feasible.feasible is False and feasible.distance > IMPOSSIBLE:
         away = f"{feasible.distance:.2g} standard deviations away"
         facts.append(f"no robot can have its parameters, the nearest is {away}")
@@ -272,23 +269,9 @@ def fit_findings(
     feasible: Feasibility | None,
     physical: PhysicalFit | None,
     validations: Sequence[Validation],
-    culprit: Culprit | None,
-    apart: Mapping[str, float],
 ) -> list[Finding]:
-    """What is wrong with a fit, or worth knowing; ``apart`` are outputs whose units contradict those of the others."""
-    found = [*_of_scores(validations), *_of_estimate(estimate, seen), *_of_physics(feasible, physical, estimate)]
-    if apart:
-        text = (
-            f"{_contradicting(apart)}: are they currents, or in other units? State scales, or map currents under "
-            "'input' and add {type: drive_gain, at: all} to 'effects'"
-        )
-        found.insert(0, warning("gains", "", text))
-    return found if culprit is None else [_of_culprit(culprit), *found]
-
-
-def _contradicting(apart: Mapping[str, float]) -> str:
-    shown = ", ".join(f"{name} {factor:.3g} times" for name, factor in apart.items())
-    return f"outputs contradict each other through the inertias that they share, unless some are multiplied ({shown})"
+    """What is wrong with a fit, or worth knowing."""
+    return [*_of_scores(validations), *_of_estimate(estimate, seen), *_of_physics(feasible, physical, estimate)]
 
 
 def limited(findings: Iterable[Finding]) -> tuple[Finding, ...]:
@@ -303,14 +286,6 @@ def limited(findings: Iterable[Finding]) -> tuple[Finding, ...]:
         if len(same) > _MOST:
             shown.append(Finding(severity, kind, "", f"{len(same) - _MOST} more findings of this kind ({kind})"))
     return tuple(shown)
-
-
-def _of_culprit(culprit: Culprit) -> Finding:
-    gain = (
-        f"; with this one change what a physical robot leaves of the outputs falls from {culprit.before:.2%} to "
-        f"{culprit.after:.2%} of their spread"
-    )
-    return warning("culprit", "", culprit.text + gain * (culprit.before < 1))
 
 
 def _of_scores(validations: Sequence[Validation]) -> Iterable[Finding]:

@@ -28,9 +28,10 @@ from echelon.errors import InputError
 from echelon.extras import extra
 from echelon.identification.band import Noisy, slower, with_band
 from echelon.identification.conditioning import Conditioning, conditioning, without_rounding
-from echelon.identification.culprit import culprit
 from echelon.identification.estimators.least_squares import noise_estimate
-from echelon.identification.physics.prior_information import known_before
+from echelon.identification.judge.evidence import States
+from echelon.identification.judge.judge import Judge
+from echelon.identification.judge.readings import Readings
 from echelon.identification.rows.plan import SAMPLED, Plan
 from echelon.identification.rows.rows import ModelRows, rows_taken
 from echelon.logs.columns.by_values import fitting_units
@@ -295,18 +296,13 @@ def explained_rate(setup: Setup, logs: Sequence[Path]) -> float | None:
     """
     columns, base = setup.columns[0], base_parameters(setup.mechanism, seed=setup.seed)
     preparation = survey(setup, base, logs).preparation
-    prior = known_before(base, setup.prior)
-    found = culprit(
-        base,
-        Plan(base, setup.columns, preparation).samples(logs[0]),
-        (columns,),
-        band=preparation.band or np.inf,
-        prior=None if prior is None else prior.base_values(base),
-        only_rate=True,
-    )
-    if found is None or columns.rate is None or found.after > _EXPLAINED:
+    samples = Plan(base, setup.columns, preparation).samples(logs[0])
+    states = States.of(samples, preparation.band or np.inf, base, np.zeros(base.rank))
+    readings = Readings(base, states, columns, "qd" in (preparation.measured or ()))
+    found = Judge(base, states, readings).other_reading(only_clock=True)
+    if found is None or columns.rate is None or found[0].after[0] > _EXPLAINED:
         return None
-    rate = columns.rate * found.rate
+    rate = columns.rate * found[0].size
     ten = 10 ** np.floor(np.log10(rate))
     near = min((ten * n for n in _NICE), key=lambda nice: abs(np.log(nice / rate)))
     is_usual = abs(near / rate - 1) < _NEAR and fitting_units(1 / near)[:1] == ["s"]

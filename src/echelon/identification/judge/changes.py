@@ -26,7 +26,7 @@ def payloads(base: BaseModel, states: States) -> Iterator[Term]:
         mine = [k for k, column in enumerate(mechanism.columns) if column.body == index]
         if index in carriers or len(mine) < PER_BODY:
             continue
-        left, sizes, right = np.linalg.svd(B[:, mine], full_matrices=False)
+        left, sizes, _ = np.linalg.svd(B[:, mine], full_matrices=False)
         told = sizes > 1e-9 * sizes.max(initial=1e-300)
         forces = states.scale[:, None] * (X @ (left[:, told] * sizes[told]))
         for block in range(1, BLOCKS):
@@ -47,7 +47,7 @@ def warming(base: BaseModel, states: States) -> Iterator[Term]:
         decay: Floats = np.exp(-time / constant)
         words = f"friction that warms up, within about {constant:.2g} s"
         write = "begin when the drives are warm, or map a temperature under 'input' and add temperature_friction"
-        for place in places(base.mechanism):
+        for place in places(base.mechanism, states):
             _, qd, _ = place.state(states)
             forces = np.stack([decay * qd, decay * np.sign(qd)], axis=1)
             yield Term(Kind.CHANGE, words, place.name, write, Usual.OFTEN, {place.output: forces})

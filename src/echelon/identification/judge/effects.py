@@ -10,6 +10,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.identification.judge.evidence import States
 from echelon.identification.judge.hypothesis import Kind, Term, Usual
+from echelon.logs.columns.column_map import signal_names
 from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import Force, Mechanism
 from echelon.mechanism.stated import known_values
@@ -35,13 +36,9 @@ class Place:
         return q, qd, qdd
 
 
-def places(mechanism: Mechanism) -> Iterator[Place]:
+def places(mechanism: Mechanism, states: States) -> Iterator[Place]:
     """Outputs that are forces of one drive or joint."""
-    measured = mechanism.independent_velocities  # with loops, logs hold no others
-    positions, velocities = (
-        [name for name in names if not mechanism.closures or name in measured]
-        for names in (mechanism.positions, mechanism.velocities)
-    )
+    positions, velocities = (signal_names(mechanism, name, getattr(states, name).shape[1]) for name in ("q", "qd"))
     known, drives = known_values(mechanism), {a.name: a.terms for a in mechanism.transmission.actuators}
     for k, output in enumerate(mechanism.outputs):
         force = output.terms[0][0]
@@ -56,7 +53,7 @@ def places(mechanism: Mechanism) -> Iterator[Place]:
 
 def effects(mechanism: Mechanism, states: States, load: Floats) -> Iterator[Term]:
     """All effects at all places; ``load`` is what the model predicts, shape (samples, outputs)."""
-    found = tuple(places(mechanism))
+    found = tuple(places(mechanism, states))
     for place in found:
         yield from _at(place, states, load[:, place.output])
         yield from _elsewhere(place, [other for other in found if other is not place], states)

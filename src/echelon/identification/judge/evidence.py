@@ -54,12 +54,13 @@ class States:
         """
 
         def left(some: Samples) -> Samples:
+            assert some.y is not None
             return replace(some, y=some.y - _predicted(base, some, values))
 
         measured = (piece for piece in samples if piece.y is not None)
         pieces = tuple(spread_out(measured, band, SAMPLES, BLOCKS, left))
-        pieces = tuple(replace(piece, y=piece.y + _predicted(base, piece, values)) for piece in pieces)
-        q, qd, qdd, y = (np.concatenate([getattr(p, name) for p in pieces]) for name in ("q", "qd", "qdd", "y"))
+        q, qd, qdd, rest = (np.concatenate([getattr(p, name) for p in pieces]) for name in ("q", "qd", "qdd", "y"))
+        y = rest + np.concatenate([_predicted(base, piece, values) for piece in pieces])
         inputs = {name: np.concatenate([piece.inputs[name] for piece in pieces]) for name in pieces[0].inputs}
         return States(q, qd, qdd, y, inputs, pieces, np.ones(y.shape[1]), gravity)
 
@@ -79,7 +80,8 @@ class States:
         """Rates of signals (samples, …), by central differences within stretches."""
         ends = np.cumsum([len(piece) for piece in self.pieces])
         parts = zip(self.pieces, np.split(values, ends[:-1]), strict=True)
-        return np.concatenate([np.gradient(part, axis=0) * piece.rate for piece, part in parts])
+        rates: Floats = np.concatenate([np.gradient(part, axis=0) * piece.rate for piece, part in parts])
+        return rates
 
     def rows(self, values: Floats) -> Floats:
         """Signals (samples, …) after the filter of both sides, shape (rows, …)."""
@@ -96,7 +98,9 @@ class States:
 
     def predicted(self, base: BaseModel, values: Floats) -> Floats:
         """The outputs of a model, shape (samples, outputs)."""
-        return self.scale * base.predict(self.q, self.qd, self.qdd, values, self.symbols, dict(self.inputs))
+        inputs = dict(self.inputs)
+        found: Floats = self.scale * base.predict(self.q, self.qd, self.qdd, values, self.symbols, inputs)
+        return found
 
     @property
     def symbols(self) -> dict[str, float]:

@@ -32,6 +32,7 @@ class Kind(StrEnum):
     RATE = "rate"
     JOINT = "joint"  # that gives way
     READING = "reading"  # other columns, signs, units, clocks, mounting
+    UNIT = "unit"  # of all outputs, by a prior
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class Term:
     @property
     def width(self) -> int:
         """Number of its columns."""
-        return next(iter(self.signals.values())).shape[1]
+        return int(next(iter(self.signals.values())).shape[1])
 
 
 @dataclass(frozen=True)

@@ -50,7 +50,7 @@ _SAME_RATE = 0.05  # relative difference from which on a rate is another one
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Judged:
     """A hypothesis that was judged."""
 
     kind: Kind
@@ -66,10 +66,15 @@ class Verdict:
     gravity: Floats | None = None  # that it finds, m/s² in the base frame
     taken: bool = True
 
+    @property
+    def is_rotor(self) -> bool:
+        """Whether it is the inertia of rotors."""
+        return any("rotor_inertia" in entry for entry in self.entries)
+
 
 @dataclass(frozen=True)
 class _Candidate:
-    verdict: Verdict
+    verdict: Judged
     terms: tuple[Term, ...]
     left: Floats  # squares by block and output
 
@@ -84,7 +89,7 @@ class Judge:
     doubtful: bool = True  # whether other readings are tried, each of which may take a physical programme
     prior: Floats | None = None  # base parameters that decide between readings that do alike
     values: Floats | None = None  # base parameters that are known, as of a log that was not fitted
-    told: list[Verdict] = field(default_factory=list, init=False)  # those that were taken, and the next best
+    told: list[Judged] = field(default_factory=list, init=False)  # those that were taken, and the next best
     terms: list[Term] = field(default_factory=list, init=False)  # columns that were taken
 
     def __post_init__(self) -> None:
@@ -95,9 +100,9 @@ class Judge:
         """Whether some output varies in rows that move, so that there is anything to judge."""
         return bool((self.evidence.products(self.states).spread > 0).any())
 
-    def run(self) -> list[Verdict]:
+    def run(self) -> list[Judged]:
         """Hypotheses that are taken, in their order; :attr:`told` has others beside them."""
-        taken: list[Verdict] = []
+        taken: list[Judged] = []
         while len(taken) < ROUNDS:
             small, others = self._small()
             large = self.other_reading() if self.doubtful and not taken else None
@@ -112,7 +117,7 @@ class Judge:
 
     # -- columns -------------------------------------------------------------------------------------------------
 
-    def _small(self) -> tuple[_Candidate | None, list[Verdict]]:
+    def _small(self) -> tuple[_Candidate | None, list[Judged]]:
         """The best hypothesis that is columns of the fit, and others that do well."""
         _, first = self._fit(self.states)
         values = first.values[: self.base.rank]
@@ -136,7 +141,7 @@ class Judge:
         others = sorted((c for c in sure if c is not chosen), key=lambda c: -c.verdict.gain.mean)[:SHOWN]
         return chosen, [replace(c.verdict, taken=False) for c in others]
 
-    def _taken(self, chosen: _Candidate) -> Verdict:
+    def _taken(self, chosen: _Candidate) -> Judged:
         verdict = chosen.verdict
         if chosen.terms[0].knob is None:
             self.terms += chosen.terms
@@ -145,7 +150,7 @@ class Judge:
         self.evidence = Evidence(self.base, self.states)
         return verdict
 
-    def _settled(self, chosen: _Candidate) -> Verdict:
+    def _settled(self, chosen: _Candidate) -> Judged:
         """A continuous change that is made in earnest, by Gauss–Newton steps until its size stands."""
         (term, *_), start, rank = chosen.terms, self.states, self.base.rank
         knob = term.knob
@@ -175,7 +180,7 @@ class Judge:
 
     # -- readings ------------------------------------------------------------------------------------------------
 
-    def other_reading(self, *, only_clock: bool = False) -> tuple[Verdict, Reading] | None:
+    def other_reading(self, *, only_clock: bool = False) -> tuple[Judged, Reading] | None:
         """The reading of the logs with which a robot that can exist explains far more, if there is one."""
         before = self._physical(self.states)
         tried = self._clocks() if only_clock else (*self.readings.all(), *self._clocks())
@@ -192,7 +197,7 @@ class Judge:
         if len(alike) > _ALTERNATIVES:
             return None
         words, shares = ", or ".join(reading.words for reading in alike), (exp(before.mean()), exp(best.mean()))
-        verdict = Verdict(Kind.READING, words, "", most, gain, before=shares[:1], after=shares[1:], size=alike[0].rate)
+        verdict = Judged(Kind.READING, words, "", most, gain, before=shares[:1], after=shares[1:], size=alike[0].rate)
         return replace(verdict, gravity=alike[0].gravity), alike[0]
 
     def _programmes(self, tried: Iterable[Reading], before: float) -> list[tuple[Floats, Reading]]:
@@ -289,7 +294,7 @@ class _Trial:
         old, new = (tuple(float(1 - e[:, k].sum() / spread[k]) for k in outputs) for e in (before, after))
         entries, names = tuple(t.write for t in terms), tuple(t.place for t in terms)
         gain = Gain.of(before, after, self.floor)
-        verdict = Verdict(terms[0].kind, terms[0].words, entries[0], terms[0].usual, gain, names, entries, old, new)
+        verdict = Judged(terms[0].kind, terms[0].words, entries[0], terms[0].usual, gain, names, entries, old, new)
         return _Candidate(verdict, terms, after)
 
     def _is_worth(self, term: Term, before: Floats, after: Floats) -> bool:

@@ -13,7 +13,6 @@ from echelon.identification.judge.effects import Place, places
 from echelon.identification.judge.evidence import Evidence, States
 from echelon.identification.judge.hypothesis import Kind, Knob, Term, Usual
 
-
 _TURN = 0.1  # load, by its mean size, that turns a gear from one side of its play to the other
 
 
@@ -51,7 +50,7 @@ def _knobs(base: BaseModel, states: States) -> Iterator[tuple[Kind, str, str, Us
         words = f"the gain of the output of '{name}'"
         yield Kind.GAIN, words, name, Usual.OFTEN, [k], _gain(k, name)
     yield Kind.RATE, "the rate", "", Usual.OFTEN, every, _rate()
-    for place in places(mechanism):
+    for place in places(mechanism, states):
         if len(place.ratios) == 1:
             yield Kind.JOINT, f"a joint '{place.name}' that gives way", place.name, Usual.RARELY, every, _elastic(place)
             yield Kind.JOINT, f"a gear of '{place.name}' with play", place.name, Usual.RARELY, every, _backlash(place)
@@ -111,8 +110,8 @@ def _elastic(place: Place) -> Knob:
         return _shifted(states, q, v, bent, rate, states.derivative(rate))
 
     def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
-        stiffness = 1 / sizes[0] if sizes[0] else np.inf
-        return f"'{place.name}' gives way: its stiffness is about {stiffness:.3g} N·m/rad", ""
+        about, error = 1 / sizes[0], errors[0] / sizes[0] ** 2
+        return f"'{place.name}' gives way: its stiffness is about {about:.3g} ± {error:.1g} N·m/rad", ""
 
     return Knob(1e-6, 1, moved, says)
 
@@ -127,7 +126,7 @@ def _backlash(place: Place) -> Knob:
         return _shifted(states, q, v, side, rate, states.derivative(rate))
 
     def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
-        return f"the gear of '{place.name}' has a play of about {abs(sizes[0]):.2g} rad", ""
+        return f"the gear of '{place.name}' has a play of about {abs(sizes[0]):.2g} ± {errors[0]:.1g} rad", ""
 
     return Knob(1e-4, 1, moved, says)
 

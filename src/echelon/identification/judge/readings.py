@@ -82,7 +82,7 @@ class Readings:
                 order = [names.index(name) for name in self.outputs]
                 forces = matrix.T[np.ix_(order, order)]
                 text = f"the drive of '{one}' turns by {one} {word} {other}: state its drives under 'actuators'"
-                change = _Change(text, positions=np.linalg.inv(matrix), outputs=forces)
+                change = _Change(text, positions=np.asarray(np.linalg.inv(matrix)), outputs=forces)
                 yield Reading(text, partial(self._changed, change), Usual.OFTEN)
 
     def _changes(self) -> Iterator[_Change]:
