@@ -93,8 +93,9 @@ def test_one_output_in_amperes_is_named(tmp_path: Path) -> None:
     motion = motion_of(ARM)
     result = found(replace(motion, y=motion.y * [1, 1 / 9, 1, 1, 1]), tmp_path)
     (fault,) = of_kind(result, "gains")
-    assert "are they currents" in fault.text
-    factor = re.search(rf"multiplied \({result.base.mechanism.outputs[1].name} ([0-9.]+) times\)", fault.text)
+    assert "Is it a current" in fault.text
+    assert f"the output of '{result.base.mechanism.outputs[1].name}'" in fault.text
+    factor = re.search(r"State  scale: ([0-9.]+)", fault.text)
     assert factor is not None
     assert float(factor[1]) == pytest.approx(9, rel=0.1)
     assert not of_kind(result, "culprit")

@@ -105,7 +105,9 @@ class States:
     @property
     def symbols(self) -> dict[str, float]:
         """Values of the symbols of gravity, if the model has some."""
-        return {} if self.gravity is None else dict(zip(GRAVITY, map(float, self.gravity), strict=True))
+        if self.gravity is None:
+            return {}
+        return {name: float(value) for name, value in zip(GRAVITY, self.gravity, strict=True)}
 
 
 def _predicted(base: BaseModel, samples: Samples, values: Floats) -> Floats:
@@ -127,6 +129,13 @@ class Products:
         """Squares of measured values about their means, shape (outputs,)."""
         squares = np.array([gram[:, -1, -1].sum() for gram in self.grams])
         return np.maximum(squares - self.sums.sum(axis=0) ** 2 / np.maximum(self.counts.sum(axis=0), 1), 0.0)
+
+    def scaled(self, output: int, factor: float) -> Products:
+        """The products where an output is so many times what the model says."""
+        scale = np.append(np.full(len(self.columns[output]), factor), 1.0)
+        grams = list(self.grams)
+        grams[output] = grams[output] * np.outer(scale, scale)
+        return replace(self, grams=tuple(grams))
 
     def squares(self, values: Floats) -> Floats:
         """Squares of residuals with some parameters, shape (blocks, outputs)."""

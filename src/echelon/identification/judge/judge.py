@@ -43,6 +43,8 @@ _PROGRAMMES = 16  # physical programmes that are solved at most
 _LARGEST = 120  # base parameters beyond which physics is not asked: programmes of that size take seconds
 _ALTERNATIVES = 2  # readings that are named together, because nothing tells them apart
 _FLOOR = 1e-4  # of an output's spread: smaller residuals count as equal
+_GAINS = (1 / 30, 0.1, 0.2, 0.4, 2.5, 5.0, 10.0, 30.0)  # of outputs in other units, that are tried first
+CLEAR_GAIN = 0.1  # what such a gain removes at least, in logarithms
 _UNITS = (1e-3, 1e3)  # rates by that taken, where ms and s were confused
 _RATES = (*np.geomspace(0.1, 10, 31), *_UNITS)  # that are tried first
 _FINER_RATES = ((1.17, 9), (1.03, 9))  # then, how far from the best one, and how many
@@ -77,6 +79,7 @@ class _Candidate:
     verdict: Judged
     terms: tuple[Term, ...]
     left: Floats  # squares by block and output
+    start: float = 0.0  # size of a continuous change to start from
 
 
 @dataclass
@@ -119,7 +122,7 @@ class Judge:
 
     def _small(self) -> tuple[_Candidate | None, list[Judged]]:
         """The best hypothesis that is columns of the fit, and others that do well."""
-        _, first = self._fit(self.states)
+        model, first = self._fit(self.states)
         values = first.values[: self.base.rank]
         tried = [
             *effects(self.base.mechanism, self.states, self.states.predicted(self.base, values)),
@@ -131,6 +134,7 @@ class Judge:
         kept = products.size - sum(term.width for term in tried)
         trial = _Trial(products, HeldOut(products, np.arange(kept), first.noise), tried)
         found = [c for columns in _grouped(tried, kept) if (c := trial.candidate(columns)) is not None]
+        found += self._foreign_gains(model, [term for term in tried if term.kind is Kind.GAIN])
         sure = [c for c in found if c.verdict.gain.ratio > SURE]
         if not sure:
             return None, []
@@ -140,6 +144,23 @@ class Judge:
         chosen = _of_position(chosen, alike)
         others = sorted((c for c in sure if c is not chosen), key=lambda c: -c.verdict.gain.mean)[:SHOWN]
         return chosen, [replace(c.verdict, taken=False) for c in others]
+
+    def _foreign_gains(self, model: Products, gains: Sequence[Term]) -> Iterator[_Candidate]:
+        """Outputs in another unit, such as currents, whose gains are too far from one for a derivative."""
+        fit, kept = fitted(model), np.arange(model.size)
+        before = HeldOut(model, kept, fit.noise).squares()
+        for term in gains:
+            (output,) = term.signals
+            tried = [(factor, model.scaled(output, factor)) for factor in _GAINS]
+            marks = [float(_marks(some, fitted(some).values).mean()) for _, some in tried]
+            factor, other = tried[int(np.argmin(marks))]
+            if min(marks) > float(_marks(model, fit.values).mean()) - CLEAR_GAIN:
+                continue
+            after = HeldOut(other, kept, fitted(other).noise).squares()
+            gain = Gain.of(before, after, _FLOOR**2 * model.spread)
+            r2 = tuple(float(1 - e[:, output].sum() / max(model.spread[output], _TINY)) for e in (before, after))
+            verdict = Judged(term.kind, term.words, "", term.usual, gain, (term.place,), ("",), r2[:1], r2[1:])
+            yield _Candidate(verdict, (term,), after, float(np.log(factor)))
 
     def _taken(self, chosen: _Candidate) -> Judged:
         verdict = chosen.verdict
@@ -155,7 +176,8 @@ class Judge:
         (term, *_), start, rank = chosen.terms, self.states, self.base.rank
         knob = term.knob
         assert knob is not None
-        sizes, errors = np.zeros(knob.count), np.zeros(knob.count)
+        sizes, errors = np.full(knob.count, chosen.start), np.zeros(knob.count)
+        self.states = knob.moved(start, sizes, np.zeros_like(start.y)) if chosen.start else start
         for _ in range(_STEPS):
             values = self._fit(self.states)[1].values[:rank]
             (slopes,) = (
