@@ -128,7 +128,8 @@ class Products:
     def spread(self) -> Floats:
         """Squares of measured values about their means, shape (outputs,)."""
         squares = np.array([gram[:, -1, -1].sum() for gram in self.grams])
-        return np.maximum(squares - self.sums.sum(axis=0) ** 2 / np.maximum(self.counts.sum(axis=0), 1), 0.0)
+        of_means: Floats = self.sums.sum(axis=0) ** 2 / np.maximum(self.counts.sum(axis=0), 1)
+        return np.asarray(np.maximum(squares - of_means, 0.0))
 
     def scaled(self, output: int, factor: float) -> Products:
         """The products where an output is so many times what the model says."""

@@ -23,8 +23,9 @@ from echelon.errors import EchelonError
 from echelon.identification.judge.changes import payloads, warming
 from echelon.identification.judge.effects import effects
 from echelon.identification.judge.evidence import Evidence, Fit, Gain, HeldOut, Products, States, fitted
-from echelon.identification.judge.hypothesis import Kind, Reading, Term, Usual
-from echelon.identification.judge.knobs import load_of, turned
+from echelon.identification.judge.gains import own_gains
+from echelon.identification.judge.hypothesis import Kind, Knob, Reading, Term, Usual
+from echelon.identification.judge.knobs import gain, load_of, slopes, turned
 from echelon.identification.judge.readings import Readings
 from echelon.identification.physics.feasibility import nearest_physical
 
@@ -43,8 +44,7 @@ _PROGRAMMES = 16  # physical programmes that are solved at most
 _LARGEST = 120  # base parameters beyond which physics is not asked: programmes of that size take seconds
 _ALTERNATIVES = 2  # readings that are named together, because nothing tells them apart
 _FLOOR = 1e-4  # of an output's spread: smaller residuals count as equal
-_GAINS = (1 / 30, 0.1, 0.2, 0.4, 2.5, 5.0, 10.0, 30.0)  # of outputs in other units, that are tried first
-CLEAR_GAIN = 0.1  # what such a gain removes at least, in logarithms
+_HALVINGS = 5  # of a Gauss–Newton step at most
 _UNITS = (1e-3, 1e3)  # rates by that taken, where ms and s were confused
 _RATES = (*np.geomspace(0.1, 10, 31), *_UNITS)  # that are tried first
 _FINER_RATES = ((1.17, 9), (1.03, 9))  # then, how far from the best one, and how many
@@ -76,10 +76,10 @@ class Judged:
 
 @dataclass(frozen=True)
 class _Candidate:
-    verdict: Judged
+    judged: Judged
     terms: tuple[Term, ...]
     left: Floats  # squares by block and output
-    start: float = 0.0  # size of a continuous change to start from
+    start: Floats | None = None  # sizes of a continuous change to start from
 
 
 @dataclass
@@ -109,7 +109,7 @@ class Judge:
         while len(taken) < ROUNDS:
             small, others = self._small()
             large = self.other_reading() if self.doubtful and not taken else None
-            if small is not None and (large is None or small.verdict.gain.mean >= large[0].gain.mean):
+            if small is not None and (large is None or small.judged.gain.mean >= large[0].gain.mean):
                 taken.append(self._taken(small))
             elif large is not None:
                 taken.append(large[0])
@@ -128,73 +128,90 @@ class Judge:
             *effects(self.base.mechanism, self.states, self.states.predicted(self.base, values)),
             *payloads(self.base, self.states),
             *warming(self.base, self.states),
-            *turned(self.evidence, self.states, values),
+            *turned(self.base, self.states, values),
         ]
         products = self.evidence.products(self.states, [t.signals for t in (*self.terms, *tried)])
         kept = products.size - sum(term.width for term in tried)
         trial = _Trial(products, HeldOut(products, np.arange(kept), first.noise), tried)
         found = [c for columns in _grouped(tried, kept) if (c := trial.candidate(columns)) is not None]
-        found += self._foreign_gains(model, [term for term in tried if term.kind is Kind.GAIN])
-        sure = [c for c in found if c.verdict.gain.ratio > SURE]
+        found += self._foreign_gains(model, first)
+        sure = [c for c in found if c.judged.gain.ratio > SURE]
         if not sure:
             return None, []
-        best = max(sure, key=lambda c: c.verdict.gain.mean)
+        best = max(sure, key=lambda c: c.judged.gain.mean)
         alike = [c for c in sure if c is best or Gain.of(c.left, best.left, trial.floor).is_none]
-        chosen = min(alike, key=lambda c: (c.verdict.usual, sum(t.width for t in c.terms), -c.verdict.gain.mean))
+        chosen = min(alike, key=lambda c: (c.judged.usual, sum(t.width for t in c.terms), -c.judged.gain.mean))
         chosen = _of_position(chosen, alike)
-        others = sorted((c for c in sure if c is not chosen), key=lambda c: -c.verdict.gain.mean)[:SHOWN]
-        return chosen, [replace(c.verdict, taken=False) for c in others]
+        others = sorted((c for c in sure if c is not chosen), key=lambda c: -c.judged.gain.mean)[:SHOWN]
+        return chosen, [replace(c.judged, taken=False) for c in others]
 
-    def _foreign_gains(self, model: Products, gains: Sequence[Term]) -> Iterator[_Candidate]:
-        """Outputs in another unit, such as currents, whose gains are too far from one for a derivative."""
-        fit, kept = fitted(model), np.arange(model.size)
+    def _foreign_gains(self, model: Products, fit: Fit) -> list[_Candidate]:
+        """Outputs in other units, such as currents, whose gains are too far from one for derivatives."""
+        gains = own_gains(self.base, model)
+        if not gains:
+            return []
+        kept, other = np.arange(model.size), model
+        for output, factor in gains.items():
+            other = other.scaled(output, factor)
         before = HeldOut(model, kept, fit.noise).squares()
-        for term in gains:
-            (output,) = term.signals
-            tried = [(factor, model.scaled(output, factor)) for factor in _GAINS]
-            marks = [float(_marks(some, fitted(some).values).mean()) for _, some in tried]
-            factor, other = tried[int(np.argmin(marks))]
-            if min(marks) > float(_marks(model, fit.values).mean()) - CLEAR_GAIN:
-                continue
-            after = HeldOut(other, kept, fitted(other).noise).squares()
-            gain = Gain.of(before, after, _FLOOR**2 * model.spread)
-            r2 = tuple(float(1 - e[:, output].sum() / max(model.spread[output], _TINY)) for e in (before, after))
-            verdict = Judged(term.kind, term.words, "", term.usual, gain, (term.place,), ("",), r2[:1], r2[1:])
-            yield _Candidate(verdict, (term,), after, float(np.log(factor)))
+        after = HeldOut(other, kept, fitted(other).noise).squares()
+        names = tuple(self.readings.outputs[output] for output in gains)
+        knob, load = gain(list(gains), names), np.zeros_like(self.states.y)
+        signals = slopes(self.base, self.states, fit.values[: self.base.rank], knob, np.zeros(len(gains)), load)
+        term = Term(Kind.GAIN, "the gains of outputs", ", ".join(names), "", Usual.OFTEN, signals, knob)
+        found, spread = Gain.of(before, after, _FLOOR**2 * model.spread), np.maximum(model.spread, _TINY)
+        old, new = (tuple(1 - squares.sum(axis=0)[k] / spread[k] for k in gains) for squares in (before, after))
+        entries = ("",) * len(names)
+        judged = Judged(Kind.GAIN, term.words, "", term.usual, found, names, entries, old, new)
+        return [_Candidate(judged, (term,), after, np.log(list(gains.values())))]
 
     def _taken(self, chosen: _Candidate) -> Judged:
-        verdict = chosen.verdict
+        judged = chosen.judged
         if chosen.terms[0].knob is None:
             self.terms += chosen.terms
         else:
-            verdict = self._settled(chosen)
+            judged = self._settled(chosen)
         self.evidence = Evidence(self.base, self.states)
-        return verdict
+        return judged
 
     def _settled(self, chosen: _Candidate) -> Judged:
         """A continuous change that is made in earnest, by Gauss–Newton steps until its size stands."""
         (term, *_), start, rank = chosen.terms, self.states, self.base.rank
         knob = term.knob
         assert knob is not None
-        sizes, errors = np.full(knob.count, chosen.start), np.zeros(knob.count)
-        self.states = knob.moved(start, sizes, np.zeros_like(start.y)) if chosen.start else start
+        sizes = np.zeros(knob.count) if chosen.start is None else chosen.start
+        errors, load = np.zeros(knob.count), load_of(self.base, start, self._fit(start)[1].values[:rank])
+        states = knob.moved(start, sizes, load)
         for _ in range(_STEPS):
-            values = self._fit(self.states)[1].values[:rank]
-            (slopes,) = (
-                t for t in turned(self.evidence, self.states, values) if (t.words, t.place) == (term.words, term.place)
-            )
-            products = self.evidence.products(self.states, [t.signals for t in (*self.terms, slopes)])
-            fit = fitted(products)
+            values = self._fit(states)[1].values[:rank]
+            load = load_of(self.base, start, values)
+            signals = slopes(self.base, start, values, knob, sizes, load)
+            fit = fitted(self.evidence.products(states, [*(t.signals for t in self.terms), signals]))
             change = fit.values[-knob.count :]
             covariance = np.linalg.pinv(fit.matrix, hermitian=True)
             errors = np.sqrt(np.maximum(np.diagonal(covariance)[-knob.count :], 0.0))
+            change, states = self._stepped(start, knob, sizes, change, load)
             sizes = sizes + change
-            self.states = knob.moved(start, sizes, load_of(self.base, start, values))
             if (np.abs(change) < _SETTLED * np.maximum(errors, np.abs(sizes))).all():
                 break
+        self.states = states
         words, write = knob.says(sizes, errors)
-        gravity = self.states.gravity if term.kind is Kind.GRAVITY else None
-        return replace(chosen.verdict, words=words, write=write, size=float(np.exp(sizes[0])), gravity=gravity)
+        gravity = states.gravity if term.kind is Kind.GRAVITY else None
+        return replace(chosen.judged, words=words, write=write, size=float(np.exp(sizes[0])), gravity=gravity)
+
+    def _stepped(self, start: States, knob: Knob, sizes: Floats, change: Floats, load: Floats) -> tuple[Floats, States]:
+        """A change of sizes that is halved until the fit is no worse, and the states after it."""
+        now = self._left(knob.moved(start, sizes, load))
+        for _ in range(_HALVINGS):
+            states = knob.moved(start, sizes + change, load)
+            if self._left(states) <= now:
+                return change, states
+            change = change / 2
+        return np.zeros_like(change), knob.moved(start, sizes, load)
+
+    def _left(self, states: States) -> float:
+        products, fit = self._fit(states)
+        return float(_marks(products, fit.values).mean())
 
     def _fit(self, states: States) -> tuple[Products, Fit]:
         products = self.evidence.products(states, [term.signals for term in self.terms])
@@ -219,8 +236,8 @@ class Judge:
         if len(alike) > _ALTERNATIVES:
             return None
         words, shares = ", or ".join(reading.words for reading in alike), (exp(before.mean()), exp(best.mean()))
-        verdict = Judged(Kind.READING, words, "", most, gain, before=shares[:1], after=shares[1:], size=alike[0].rate)
-        return replace(verdict, gravity=alike[0].gravity), alike[0]
+        judged = Judged(Kind.READING, words, "", most, gain, before=shares[:1], after=shares[1:], size=alike[0].rate)
+        return replace(judged, gravity=alike[0].gravity), alike[0]
 
     def _programmes(self, tried: Iterable[Reading], before: float) -> list[tuple[Floats, Reading]]:
         """Readings with the marks of physical parameters, those that could be the best."""
@@ -316,8 +333,8 @@ class _Trial:
         old, new = (tuple(float(1 - e[:, k].sum() / spread[k]) for k in outputs) for e in (before, after))
         entries, names = tuple(t.write for t in terms), tuple(t.place for t in terms)
         gain = Gain.of(before, after, self.floor)
-        verdict = Judged(terms[0].kind, terms[0].words, entries[0], terms[0].usual, gain, names, entries, old, new)
-        return _Candidate(verdict, terms, after)
+        judged = Judged(terms[0].kind, terms[0].words, entries[0], terms[0].usual, gain, names, entries, old, new)
+        return _Candidate(judged, terms, after)
 
     def _is_worth(self, term: Term, before: Floats, after: Floats) -> bool:
         least = WORTH * (_RARER if term.usual is Usual.RARELY else 1.0)
@@ -338,12 +355,12 @@ def _shown(term: Term, squares: Floats) -> Iterable[int]:
 
 def _of_position(chosen: _Candidate, alike: Sequence[_Candidate]) -> _Candidate:
     """Functions of a joint's position that nothing tells apart are some function of it."""
-    places = set(chosen.verdict.places)
-    same = [c for c in alike if c.terms[0].of_position and places <= set(c.verdict.places)]
+    places = set(chosen.judged.places)
+    same = [c for c in alike if c.terms[0].of_position and places <= set(c.judged.places)]
     if not chosen.terms[0].of_position or len(same) < _ALTERNATIVES:
         return chosen
-    words = f"something that depends on the position, such as {chosen.verdict.words}"
-    return replace(chosen, verdict=replace(chosen.verdict, words=words))
+    words = f"something that depends on the position, such as {chosen.judged.words}"
+    return replace(chosen, judged=replace(chosen.judged, words=words))
 
 
 def _marks(products: Products, values: Floats) -> Floats:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,23 +10,30 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.identification.judge.effects import Place, places
-from echelon.identification.judge.evidence import Evidence, States
+from echelon.identification.judge.evidence import States
 from echelon.identification.judge.hypothesis import Kind, Knob, Term, Usual
 
 _TURN = 0.1  # load, by its mean size, that turns a gear from one side of its play to the other
 
 
-def turned(evidence: Evidence, states: States, values: Floats) -> Iterator[Term]:
+def turned(base: BaseModel, states: States, values: Floats) -> Iterator[Term]:
     """Terms of all knobs: derivatives of the prediction with some base parameters."""
-    load = load_of(evidence.base, states, values)
-    for kind, words, place, usual, outputs, knob in _knobs(evidence.base, states):
-        sizes = knob.step * np.eye(knob.count)
-        columns = []
-        for size in sizes:
-            ahead, back = (_expected(evidence.base, knob.moved(states, sign * size, load), values) for sign in (1, -1))
-            columns.append((ahead - back) / (2 * knob.step))
-        slopes = np.stack(columns, axis=2)
-        yield Term(kind, words, place, "", usual, {k: slopes[:, k] for k in outputs}, knob)
+    load = load_of(base, states, values)
+    for kind, words, place, usual, outputs, knob in _knobs(base, states):
+        signals = slopes(base, states, values, knob, np.zeros(knob.count), load)
+        yield Term(kind, words, place, "", usual, {k: signals[k] for k in outputs}, knob)
+
+
+def slopes(
+    base: BaseModel, start: States, values: Floats, knob: Knob, sizes: Floats, load: Floats
+) -> dict[int, Floats]:
+    """What the prediction changes by the sizes of a knob, by central differences; by output, shape (samples, k)."""
+    columns = []
+    for step in knob.step * np.eye(knob.count):
+        ahead, back = (knob.moved(start, sizes + sign * step, load).predicted(base, values) for sign in (1, -1))
+        columns.append((ahead - back) / (2 * knob.step))
+    whole = np.stack(columns, axis=2)
+    return {k: whole[:, k] for k in range(whole.shape[1])}
 
 
 def load_of(base: BaseModel, states: States, values: Floats) -> Floats:
@@ -34,10 +41,6 @@ def load_of(base: BaseModel, states: States, values: Floats) -> Floats:
     columns = base.mechanism.columns
     of_bodies = [columns[pivot].body is not None for pivot in base.matrix.pivots]
     return states.predicted(base, np.where(of_bodies, values, 0.0))
-
-
-def _expected(base: BaseModel, states: States, values: Floats) -> Floats:
-    return states.predicted(base, values)
 
 
 def _knobs(base: BaseModel, states: States) -> Iterator[tuple[Kind, str, str, Usual, list[int], Knob]]:
@@ -48,7 +51,7 @@ def _knobs(base: BaseModel, states: States) -> Iterator[tuple[Kind, str, str, Us
         yield Kind.GRAVITY, "gravity in another direction", "", Usual.OFTEN, every, _tilt(states.gravity)
     for k, name in enumerate(names):
         words = f"the gain of the output of '{name}'"
-        yield Kind.GAIN, words, name, Usual.OFTEN, [k], _gain(k, name)
+        yield Kind.GAIN, words, name, Usual.OFTEN, [k], gain([k], [name])
     yield Kind.RATE, "the rate", "", Usual.OFTEN, every, _rate()
     for place in places(mechanism, states):
         if len(place.ratios) == 1:
@@ -76,18 +79,24 @@ def _tilt(gravity: Floats) -> Knob:
     return Knob(1e-3, 2, moved, says)
 
 
-def _gain(output: int, name: str) -> Knob:
+def gain(outputs: Sequence[int], names: Sequence[str]) -> Knob:
+    """Outputs that are some times what they should be; sizes are logarithms."""
+
     def moved(states: States, sizes: Floats, _: Floats) -> States:
         scale = states.scale.copy()
-        scale[output] *= np.exp(sizes[0])
+        scale[list(outputs)] *= np.exp(sizes)
         return replace(states, scale=scale)
 
     def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
-        factor = np.exp(sizes[0])
-        words = f"the output of '{name}' is {factor:.3g} ± {factor * errors[0]:.1g} times what it should be"
-        return words, f"scale: {1 / factor:.4g}"
+        factors = np.exp(sizes)
+        several = zip(names, factors, factors * errors, strict=True)
+        each = [f"that of '{name}' is {factor:.3g} ± {error:.1g} times" for name, factor, error in several]
+        line = ", ".join(f"{name}: {1 / factor:.4g}" for name, factor in zip(names, factors, strict=True))
+        if len(each) > 1:
+            return f"outputs are in units of their own: {', '.join(each)} what it should be", f"scales of {line}"
+        return f"the output{each[0].removeprefix('that')} what it should be", f"scale: {1 / factors[0]:.4g}"
 
-    return Knob(1e-2, 1, moved, says)
+    return Knob(1e-2, len(outputs), moved, says)
 
 
 def _rate() -> Knob:

@@ -1,4 +1,4 @@
-"""Which single mistake in a set-up explains contradictions: planted ones are named, none is where all is right."""
+"""Other readings of logs that explain contradictions: planted mistakes are named, none is where all is right."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ import pytest
 
 import echelon as ec
 from echelon.base.model import BaseModel
-from echelon.identification.culprit import common_unit, culprit
+from echelon.identification.judge.evidence import States
+from echelon.identification.judge.judge import Judge, Judged
+from echelon.identification.judge.readings import Readings
+from echelon.identification.judge.units import common_unit
 from echelon.identification.rows.rows import ModelRows
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.recording import Samples
@@ -37,6 +40,21 @@ def case(name: str) -> tuple[BaseModel, Samples, Floats]:
     y = motion.y + np.array(system.noise) * rng.standard_normal(motion.y.shape)
     samples = system.samples(replace(motion, y=y).every(EVERY))
     return base, samples, truth
+
+
+def misread(
+    base: BaseModel,
+    samples: list[Samples],
+    columns: ColumnMap | None = None,
+    *,
+    velocities: bool = False,
+    prior: Floats | None = None,
+) -> Judged | None:
+    """The other reading that is named, if one is."""
+    states_ = States.of(samples, np.inf, base, np.zeros(base.rank))
+    readings = Readings(base, states_, columns or ColumnMap(), velocities)
+    found = Judge(base, states_, readings, prior=prior).other_reading()
+    return None if found is None else found[0]
 
 
 def by(values: Floats, place: int, factor: float = -1.0) -> Floats:
@@ -90,10 +108,10 @@ PLANTED: dict[str, tuple[str, Plant, str]] = {
 def test_planted_mistakes_are_named(name: str) -> None:
     system, plant, words = PLANTED[name]
     base, samples, _ = case(system)
-    found = culprit(base, [plant(samples)])
+    found = misread(base, [plant(samples)])
     assert found is not None
-    assert words in found.text
-    assert found.after < 0.75 * found.before
+    assert words in found.words
+    assert found.after[0] < 0.75 * found.before[0]
 
 
 SLOWER = ("floating", "five-bar", "wrist sensor")
@@ -102,7 +120,7 @@ SLOWER = ("floating", "five-bar", "wrist sensor")
 @pytest.mark.parametrize("system", [pytest.param(s, marks=[pytest.mark.slow] * (s in SLOWER)) for s in SYSTEMS])
 def test_nothing_is_named_where_all_is_right(system: str) -> None:
     base, samples, _ = case(system)
-    assert culprit(base, [samples]) is None
+    assert misread(base, [samples]) is None
 
 
 LEG = """<robot name="leg"><link name="base"/>{}</robot>"""
@@ -135,40 +153,40 @@ def simple(text: str) -> tuple[BaseModel, Samples, Floats]:
 def test_the_prior_decides_between_mirrored_robots() -> None:
     base, samples, prior = simple(ROLL_AND_PITCH)
     wrong = outputs(lambda y: by(y, 0))(samples)
-    found = culprit(base, [wrong])
+    found = misread(base, [wrong])
     assert found is not None
-    assert found.text.count(" is wrong (scale: -1)") == 2
-    found = culprit(base, [wrong], prior=prior)
+    assert found.words.count(" is wrong (scale: -1)") == 2
+    found = misread(base, [wrong], prior=prior)
     assert found is not None
-    assert found.text == "the sign of the output of 'roll' is wrong (scale: -1)"
+    assert found.words == "the sign of the output of 'roll' is wrong (scale: -1)"
 
 
 def test_mistakes_of_sliding_joints() -> None:
     base, samples, prior = simple(GANTRY)
-    assert culprit(base, [samples], prior=prior) is None
+    assert misread(base, [samples], prior=prior) is None
     planted = {
         "the sign of the output of 'Z'": outputs(lambda y: by(y, 1)),
         "the sign of the position of 'Z'": states(lambda q: by(q, 1)),
         "the position of 'Z' is in mm": states(lambda q: by(q, 1, 1e3)),
     }
     for words, plant in planted.items():
-        found = culprit(base, [plant(samples)], prior=prior)
+        found = misread(base, [plant(samples)], prior=prior)
         assert found is not None, words
-        assert found.text.startswith(words)
+        assert found.words.startswith(words)
     wrong = outputs(lambda y: by(y, 0, 1e3))(samples)
     told = common_unit(base, ModelRows.of(base, [wrong]).observation(), prior)
     assert told is not None
-    assert told.text.startswith("the output of 'X' is in mN (unit: mN)")
+    assert told.words.startswith("the output of 'X' is in mN (unit: mN)")
 
 
 def test_measured_velocities_have_mistakes_of_their_own() -> None:
     base, samples, _ = case("arm")
-    found = culprit(base, [replace(samples, qd=by(samples.qd, 1), qdd=by(samples.qdd, 1))], velocities=True)
+    found = misread(base, [replace(samples, qd=by(samples.qd, 1), qdd=by(samples.qdd, 1))], velocities=True)
     assert found is not None
-    assert "the sign of the velocity of 'j2' is wrong" in found.text
-    found = culprit(base, [replace(samples, q=by(samples.q, 1))], velocities=True)
+    assert "the sign of the velocity of 'j2' is wrong" in found.words
+    found = misread(base, [replace(samples, q=by(samples.q, 1))], velocities=True)
     assert found is not None
-    assert "the sign of the position of 'j2' is wrong" in found.text
+    assert "the sign of the position of 'j2' is wrong" in found.words
 
 
 def test_columns_are_named_and_their_offsets_stay() -> None:
@@ -177,9 +195,9 @@ def test_columns_are_named_and_their_offsets_stay() -> None:
     q = samples.q.copy()
     q[:, 1] = 0.8 - q[:, 1]  # the sign of the column, before the offset of 0.4 is added
     wrong = replace(samples, q=q, qd=by(samples.qd, 1), qdd=by(samples.qdd, 1))
-    found = culprit(base, [wrong], [ColumnMap(positions=positions)])
+    found = misread(base, [wrong], ColumnMap(positions=positions))
     assert found is not None
-    assert "the position of 'j2' (column 'enc2') is wrong" in found.text
+    assert "the position of 'j2' (column 'enc2') is wrong" in found.words
 
 
 def test_a_unit_that_all_outputs_share_is_told_by_the_prior() -> None:
@@ -190,9 +208,9 @@ def test_a_unit_that_all_outputs_share_is_told_by_the_prior() -> None:
     assert common_unit(base, right, prior) is None
     found = common_unit(base, wrong, prior)
     assert found is not None
-    assert "all outputs are in mN·m (unit: mN·m)" in found.text
+    assert "all outputs are in mN·m (unit: mN·m)" in found.words
     right = ModelRows.of(base, [replace(samples, y=1e-3 * samples.y)]).observation()  # type: ignore[operator]
     found = common_unit(base, right, prior)
     assert found is not None
-    assert "all outputs are in kN·m" in found.text
-    assert found.reduction > 1
+    assert "all outputs are in kN·m" in found.words
+    assert found.gain.mean > 1
