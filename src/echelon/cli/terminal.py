@@ -19,6 +19,7 @@ from echelon.logs.finding import Finding, Severity, counted
 
 if TYPE_CHECKING:
     from echelon.identification.estimators.estimate import Estimate
+    from echelon.identification.judge.judge import Judged
     from echelon.identification.result import Identification
     from echelon.identification.scores import Validation
     from echelon.identification.servos.servo_fit import ServoFit
@@ -66,6 +67,8 @@ def print_identification(result: Identification) -> None:
     console, estimate = Console(), result.estimate
     console.print(Text(_headline(result), style="bold"))
     print_findings(console, result.findings)
+    if result.hypotheses:
+        console.print(_hypotheses(result.hypotheses))
     for validation in result.pooled:
         console.print(_scores(validation))
     console.print(_parameters(result.base, estimate, float(result.settings.get("level", 0.95))))
@@ -73,6 +76,16 @@ def print_identification(result: Identification) -> None:
     if result.feasibility is not None:
         console.print(Text(result.feasibility.evidence))
     console.print(Text(result.verdict, style="bold"))
+
+
+def _hypotheses(hypotheses: Sequence[Judged]) -> Table:
+    """What may be wrong or lacking, with what held-out blocks say of it."""
+    table = plain_table("hypothesis", "residuals", "", "", left=("hypothesis",), title="what may be wrong or lacking")
+    for some in hypotheses:
+        where = f" ({', '.join(some.places)})" if any(some.places) and some.places[0] not in some.words else ""
+        shrinkage = f"−{some.shrinkage:.3g} %", f"± {100 * some.gain.error:.2g}"
+        table.add_row(Text(one_line(some.words + where)), *shrinkage, "explains" if some.taken else "")
+    return table
 
 
 def print_servos(fit: ServoFit) -> None:

@@ -44,7 +44,7 @@ from echelon.identification.result import (
     predicting,
 )
 from echelon.identification.rows.plan import Plan
-from echelon.identification.scores import Grade, Validation, by_role, grade, overall_verdict
+from echelon.identification.scores import UNEXPLAINED, Grade, Validation, by_role, grade, overall_verdict
 from echelon.identification.survey import survey
 from echelon.identification.validation import Models
 from echelon.logs.columns.column_map import ColumnMap
@@ -387,7 +387,7 @@ def _is_doubtful(validations: Sequence[Validation], feasible: Feasibility | None
 def _is_unexplained(validations: Sequence[Validation]) -> bool:
     """Whether more is left of some output than its sensor's noise, or than no model could explain."""
     fitted, judged = validations[0], validations[-1]
-    above = any(s.rms > _CLEARLY * s.noise * np.sqrt(s.rows / max(s.raw.rows, 1)) for s in fitted.scores)
+    above = any(score.by_noise > UNEXPLAINED for score in fitted.scores)
     return above or any(score.r2 < 1 - _EXPLAINED for score in judged.scores)
 
 

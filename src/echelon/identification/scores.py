@@ -165,6 +165,12 @@ class Score:
         return ""
 
     @property
+    def by_noise(self) -> float:
+        """The rms by what the sensor's white noise leaves after the filter of both sides; nan where none is known."""
+        left = self.noise * np.sqrt(self.rows / max(self.raw.rows, 1))
+        return float(self.rms / left) if left > 0 else _NAN
+
+    @property
     def is_computed(self) -> bool:
         """Whether the output is too good to be measured: without noise, and predicted before any filter."""
         # noise of exactly zero is that of steps, which a coarse sensor has
@@ -230,6 +236,9 @@ doubled, beyond what noise and other motions do to a model that holds."""
 BIAS = 0.5
 """Share of the rms from which on a bias is named: a quarter of the squares is a constant, which an offset would
 remove."""
+UNEXPLAINED = 3.0
+"""Ratio of the rms to what noise of the sensor leaves from which on something is not modelled: noise of the positions
+and filters do less."""
 WHITE = 0.01  # probability below which a residual is not taken for white noise
 PRIOR = 1.05
 """Ratio of rms from which on one model beats another: 5 % is more than preparation and noise usually change."""
@@ -292,6 +301,14 @@ def overall_verdict(judged: Validation, facts: Sequence[str] = ()) -> Judgement:
     sentences += [f"Of {outputs} nothing can be said: {reason}." for reason, outputs in silent.items()]
     if all(score.is_computed for score, _ in told):
         sentences.append("The outputs have no noise: they look computed, not measured.")
+    unexplained = [score for score, _ in told if score.by_noise > UNEXPLAINED]
+    if unexplained:
+        most = max(unexplained, key=lambda score: score.by_noise)
+        outputs = "every output" if len(unexplained) == len(told) > 1 else enumerated([s.output for s in unexplained])
+        sentences.append(
+            f"What is left of {outputs} is up to {most.by_noise:.2g} times the noise of the sensor: something is not "
+            "modelled, so parameters may be further off than their intervals say."
+        )
     if judged.role != "validation":
         sentences.append("Without other data it stays open whether it carries over.")
     if judged.prior_scores and _total(judged.prior_scores, judged.scores) * PRIOR < 1:

@@ -25,6 +25,7 @@ from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.columns.column_names import meaning
 from echelon.logs.columns.conversion import LARGEST, needed_columns, recording
 from echelon.logs.faults.examine import examine
+from echelon.logs.faults.lost_rows import with_lost_rows
 from echelon.logs.faults.plausibility import check_plausible, surplus_columns
 from echelon.logs.files.log_file import CHUNK, LogFile, Table, selected
 from echelon.logs.files.open_log import is_joined, open_log, read_table
@@ -69,11 +70,11 @@ def read_log(
     whole = following is None
     while table is not None:
         findings += _left_out(table)
-        recorded = recording(table, chosen, mechanism)
+        recorded, lost = with_lost_rows(recording(table, chosen, mechanism))
         findings += check_plausible(recorded, mechanism, chosen)
         faults, usable = examine(recorded, mechanism, whole=whole, named=named)
         parts, more = segments(recorded, mechanism, usable, rate=rate, whole=whole)
-        yield LogPiece(parts, (*findings, *faults, *more), recorded)
+        yield LogPiece(parts, (*findings, *lost, *faults, *more), recorded)
         findings, table, following = (), following, next(tables, None)
 
 

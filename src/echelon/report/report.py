@@ -29,6 +29,7 @@ from echelon.report.signals import buckets_for, outputs_of, payload
 
 TITLES = {
     "summary": "Fit of each output",
+    "hypotheses": "What may be wrong or lacking",
     "parameters": "Base parameters",
     "traces": "Measured and predicted",
     "residuals": "Residuals",
@@ -85,6 +86,7 @@ def report_html(identification: Identification) -> str:
     contexts = {
         "header": _header(identification),
         "summary": _summary(identification),
+        "hypotheses": {"hypotheses": identification.hypotheses},
         "parameters": parameters(identification),
         "traces": _traces(identification),
         "residuals": {"outputs": _outputs(identification), "open": _OPEN},

@@ -31,6 +31,7 @@ from echelon.logs.preparation.prepare import Preparation
 from echelon.results.saved import from_json, to_dict
 from echelon.results.schema import (
     EstimateRecord,
+    HypothesisRecord,
     IdentifiedRecord,
     ParameterRecord,
     PhysicalRecord,
@@ -124,6 +125,7 @@ def identification_document(result: Identification) -> dict[str, Any]:
         echelon=__version__,
         versions=_versions(),
         findings=[asdict(finding) for finding in result.findings],
+        hypotheses=[record_of(HypothesisRecord, some, error=100 * some.gain.error) for some in result.hypotheses],
         values=dict(zip(result.base.pivots, result.values, strict=True)),
         estimate=_estimate(result.estimate, result),
         essential=None if result.essential is None else _estimate(result.essential, result),

@@ -202,6 +202,18 @@ class EstimateRecord(_Finite):
     diagnostics: dict[str, Any]
 
 
+class HypothesisRecord(_Finite):
+    """What may be wrong or lacking, as it was judged."""
+
+    kind: str = Field(description="What it is about, such as an effect, a gain, gravity or another reading.")
+    words: str
+    places: list[str] = Field(description="Drives, joints, outputs or bodies that it is about.")
+    write: str = Field(description="What states it in a set-up, with {at} for places.")
+    shrinkage: float = Field(description="Per cent by which residuals of held-out blocks shrink, all outputs together.")
+    error: float = Field(description="Standard error of that, from blocks of time.")
+    taken: bool = Field(description="Whether it explains what the model leaves, or was only tried.")
+
+
 class ConditioningRecord(_Finite):
     """What the data show."""
 
@@ -301,6 +313,7 @@ class IdentifiedRecord(_Finite):
     verdict: str
     reasons: list[str] = Field(description="Why the model should not be used; empty if nothing speaks against it.")
     findings: list[dict[str, str]]
+    hypotheses: list[HypothesisRecord] = Field(description="What may be wrong or lacking, best ones first.")
     predict_with: Values
     values: dict[str, Value] = Field(description="Base parameters that predictions use, SI units.")
     ranges: list[RangeRecord] = Field(description="What every output was fitted to.")

@@ -197,10 +197,16 @@ class Fit:
     matrix: Floats  # normal matrix, shape (parameters, parameters)
 
     @property
-    def regular(self) -> Floats:
-        """The normal matrix with a little more on its diagonal, where the data leave parameters open."""
-        diagonal = np.diagonal(self.matrix)
-        return self.matrix + np.diag(_RIDGE * np.where(diagonal > 0, diagonal, 1.0))
+    def covariance(self) -> Floats:
+        """Covariance of the parameters; what the data leave open is kept small."""
+        scale = np.sqrt(np.where(np.diagonal(self.matrix) > 0, np.diagonal(self.matrix), 1.0))
+        scaled = self.matrix / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
+        return np.asarray(np.linalg.inv(scaled) / np.outer(scale, scale))
+
+    @property
+    def errors(self) -> Floats:
+        """Standard errors of the parameters."""
+        return np.asarray(np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0)))
 
 
 def fitted(products: Products) -> Fit:
@@ -274,6 +280,12 @@ class HeldOut:
                 full = np.append(values[chosen], -1.0)
                 found[block, output] = max(full @ gram[block] @ full, 0.0)
         return found
+
+    def sizes(self, columns: Sequence[int]) -> Floats:
+        """Parameters of some columns, the mean over the folds, shape (columns,)."""
+        some = [self._place[column] for column in columns]
+        found = [_ridged(left[np.ix_(some, some)])(rest[some]) for _, _, left, rest, _ in self._folds]
+        return np.asarray(np.mean(found, axis=0))
 
     def new(self, columns: Sequence[int]) -> Floats:
         """Shares of columns' squares that the model cannot say already, at least over the folds, shape (columns,)."""

@@ -43,6 +43,7 @@ class Knob:
     count: int  # of sizes
     moved: Callable[[States, Floats, Floats], States]  # states with sizes (count,), by loads (samples, outputs)
     says: Callable[[Floats, Floats], tuple[str, str]]  # words and lines of a set-up, by sizes and standard errors
+    positive: bool = False  # whether nothing has a negative size, as no joint has a negative compliance
 
 
 @dataclass(frozen=True)

@@ -69,6 +69,11 @@ class Judged:
     taken: bool = True
 
     @property
+    def shrinkage(self) -> float:
+        """Per cent by which it makes residuals of all outputs smaller, as a geometric mean."""
+        return 100 * (1 - exp(-self.gain.mean))
+
+    @property
     def is_rotor(self) -> bool:
         """Whether it is the inertia of rotors."""
         return any("rotor_inertia" in entry for entry in self.entries)
@@ -188,8 +193,7 @@ class Judge:
             signals = slopes(self.base, start, values, knob, sizes, load)
             fit = fitted(self.evidence.products(states, [*(t.signals for t in self.terms), signals]))
             change = fit.values[-knob.count :]
-            covariance = np.linalg.pinv(fit.matrix, hermitian=True)
-            errors = np.sqrt(np.maximum(np.diagonal(covariance)[-knob.count :], 0.0))
+            errors = fit.errors[-knob.count :]
             change, states = self._stepped(start, knob, sizes, change, load)
             sizes = sizes + change
             if (np.abs(change) < _SETTLED * np.maximum(errors, np.abs(sizes))).all():
@@ -288,7 +292,7 @@ class Judge:
             products, fit = self._fit(states)
             values, rank = fit.values.copy(), self.base.rank
             if self.values is None and rank <= _LARGEST:
-                covariance = np.linalg.inv(fit.regular)[:rank, :rank]
+                covariance = fit.covariance[:rank, :rank]
                 standard, _ = nearest_physical(self.base, values[:rank], covariance)
                 values[:rank] = self.base.B_float(states.symbols) @ standard
         except (EchelonError, np.linalg.LinAlgError):
@@ -318,7 +322,7 @@ class _Trial:
     def candidate(self, columns: dict[int, list[int]]) -> _Candidate | None:
         """A hypothesis at the places where it matters, given by columns of its terms; None if there are none."""
         columns = {term: [c for c in some if self.held.new([c])[0] > _NEW] for term, some in columns.items()}
-        columns = {term: some for term, some in columns.items() if some}
+        columns = {term: some for term, some in columns.items() if some and self._can_be(self.tried[term], some)}
         before = after = self.held.squares()
         while columns:
             after = self.held.squares([c for some in columns.values() for c in some])
@@ -335,6 +339,9 @@ class _Trial:
         gain = Gain.of(before, after, self.floor)
         judged = Judged(terms[0].kind, terms[0].words, entries[0], terms[0].usual, gain, names, entries, old, new)
         return _Candidate(judged, terms, after)
+
+    def _can_be(self, term: Term, columns: list[int]) -> bool:
+        return term.knob is None or not term.knob.positive or bool((self.held.sizes(columns) > 0).all())
 
     def _is_worth(self, term: Term, before: Floats, after: Floats) -> bool:
         least = WORTH * (_RARER if term.usual is Usual.RARELY else 1.0)

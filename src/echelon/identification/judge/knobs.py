@@ -122,7 +122,7 @@ def _elastic(place: Place) -> Knob:
         about, error = 1 / sizes[0], errors[0] / sizes[0] ** 2
         return f"'{place.name}' gives way: its stiffness is about {about:.3g} ± {error:.1g} N·m/rad", ""
 
-    return Knob(1e-6, 1, moved, says)
+    return Knob(1e-6, 1, moved, says, positive=True)
 
 
 def _backlash(place: Place) -> Knob:
@@ -137,7 +137,7 @@ def _backlash(place: Place) -> Knob:
     def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
         return f"the gear of '{place.name}' has a play of about {abs(sizes[0]):.2g} ± {errors[0]:.1g} rad", ""
 
-    return Knob(1e-4, 1, moved, says)
+    return Knob(1e-4, 1, moved, says, positive=True)
 
 
 def _shifted(

@@ -1,0 +1,58 @@
+"""Rows that a logger lost without a gap in its time stamps: all positions move twice as far at once.
+
+From one row to the next a robot moves by what it moved before and after, on average.  Where a row is missing between
+two, all joints move by twice that.  Steps are compared with their neighbours for all joints together, each by the noise
+of its own, so that neither noise nor a single joint's jerk looks like a lost row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from echelon.arrays import Flags, Floats
+from echelon.logs.finding import Finding, seconds, warning
+from echelon.logs.recording import Recording
+
+_TWICE = (1.6, 2.4)  # steps by those beside them, where one row is missing
+_ONCE = 1.2  # the same up to which none is
+_CLEAR = 8.0  # a step by its noise, from which on it is told whether it is twice as long
+_FEW = 0.002  # share of clear steps that are twice as long, up to which a jerk may be the reason
+_BETWEEN = 0.25  # steps of other lengths, by those that are twice as long: fewer where rows are lost
+_FEWEST = 100  # rows that are looked at
+
+
+def with_lost_rows(recording: Recording) -> tuple[Recording, list[Finding]]:
+    """A recording whose time stamps are later by a period after every row that is missing, and what is said of it."""
+    q, gaps = recording.signals["q"], np.diff(recording.time)
+    period = float(np.median(gaps)) if len(gaps) > _FEWEST else 0.0
+    even = bool(period) and bool(np.all(np.abs(gaps - period) < 0.5 * period))
+    if not even or not np.isfinite(q).all():
+        return recording, []
+    ratio, clear = _ratios(np.diff(q, axis=0))
+    twice = clear & (ratio > _TWICE[0]) & (ratio < _TWICE[1])
+    other = clear & (ratio > _ONCE) & ~twice
+    if twice.sum() <= _FEW * clear.sum() or other.sum() > _BETWEEN * twice.sum():
+        return recording, []
+    late = np.concatenate([[0, 0], np.cumsum(twice), [twice.sum()]])
+    where = f"{recording.source}, from {seconds(float(recording.time[int(np.argmax(late > 0))]))} s"
+    text = (
+        f"about {twice.sum() / len(q):.1%} of the rows are missing, though time stamps are equidistant: all joints "
+        "move twice as far there from one row to the next.  The clock was set on by a period each time; log the time "
+        "of each sample, not the number of its row"
+    )
+    return replace(recording, time=recording.time + period * late), [warning("lost rows", where, text)]
+
+
+def _ratios(steps: Floats) -> tuple[Floats, Flags]:
+    """Steps by the mean of those beside them, of all joints together, and where that is clear; shape (rows − 3,)."""
+    around, here = (steps[:-2] + steps[2:]) / 2, steps[1:-1]
+    noise = np.median(np.abs(here - around), axis=0) / 0.6745
+    told = noise > 0
+    if not told.any():
+        told, noise = np.ptp(steps, axis=0) > 0, np.ones(steps.shape[1])
+    weights = 1 / np.maximum(noise[told], np.finfo(float).tiny) ** 2
+    size = np.sum(weights * around[:, told] ** 2, axis=1)
+    ratio = np.sum(weights * around[:, told] * here[:, told], axis=1) / np.maximum(size, np.finfo(float).tiny)
+    return ratio, size > _CLEAR**2
