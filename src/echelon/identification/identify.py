@@ -24,6 +24,7 @@ from echelon.identification.estimators.fit import fitted, usable_noise
 from echelon.identification.estimators.least_squares import minimum_norm, noise_estimate
 from echelon.identification.judge.evidence import States
 from echelon.identification.judge.findings import contradiction, finding
+from echelon.identification.judge.hypothesis import Kind
 from echelon.identification.judge.judge import Judge, Judged
 from echelon.identification.judge.mounting import EARTH, free_gravity, is_unknown, with_gravity
 from echelon.identification.judge.readings import Readings
@@ -221,12 +222,16 @@ def _fitted(
         models |= {} if plain is None else {"plain": plain}
         validations = _validations(data, models, unseen_logs)
         step("judging what may be wrong or lacking")
-        whole = None if prior_base is None else common_unit(base, observation, prior_base)
-        judged, judge = [whole] if whole is not None else [], None
+        judged: list[Judged] = []
+        told: list[Judged] = []
         doubtful = bool(unsolved) or _is_doubtful(validations, feasible)
-        if not judged and (doubtful or _is_unexplained(by_role(validations))):
+        unit = None if prior_base is None else common_unit(base, observation, prior_base)
+        if unit is not None or doubtful or _is_unexplained(by_role(validations)):
             judge = _judge(plan, data.fitted(), estimate.values, setup, doubtful=doubtful, prior=prior_base)
             judged = judge.run() if judge.is_told else []
+            told = judge.told
+        if unit is not None and not any(some.kind is Kind.READING for some in judged):
+            judged, told = [unit, *judged], [unit, *told]
         elsewhere = _misread_elsewhere(setup, data, models["model"], validations, unseen_logs)
 
     findings = [note("assumed", setup.source, text) for text in setup.assumed]
@@ -256,7 +261,7 @@ def _fitted(
         _record(setup, plan),
         f"{judgement.text} It was fitted up to {ranges[0].band:.3g} Hz: {speeds}.",
         (*judgement.reasons, *([] if conditions.is_complete else [conditions.verdict])),
-        tuple(judged if judge is None else judge.told),
+        tuple(told),
     )
     return result, judged
 

@@ -114,14 +114,23 @@ class Judge:
         while len(taken) < ROUNDS:
             small, others = self._small()
             large = self.other_reading() if self.doubtful and not taken else None
-            if small is not None and (large is None or small.judged.gain.mean >= large[0].gain.mean):
-                taken.append(self._taken(small))
-            elif large is not None:
-                taken.append(large[0])
-            self.told += [*taken[-1:], *others] if small is not None or large is not None else others
-            if small is None or taken[-1].kind is Kind.READING:  # what is left then is judged when the set-up is mended
+            if large is not None and (small is None or not self._does_as_well(small, large[0])):
+                self.told += [large[0], *others]
+                return [*taken, large[0]]  # what is left then is judged when the set-up is mended
+            if small is None:
                 break
+            taken.append(self._taken(small))
+            self.told += [taken[-1], *others]
         return taken
+
+    def _does_as_well(self, small: _Candidate, large: Judged) -> bool:
+        """Whether columns of the fit explain as much as another reading of the logs, or a robot that can exist does."""
+        if small.judged.gain.mean >= large.gain.mean:
+            return True
+        before, after = self._physical(self.states), None
+        if small.terms[0].knob is not None:
+            after = self._physical(self._settled(small)[1])
+        return before is not None and after is not None and _between(before, after).mean > large.gain.mean - READ_ALIKE
 
     # -- columns -------------------------------------------------------------------------------------------------
 
@@ -175,11 +184,11 @@ class Judge:
         if chosen.terms[0].knob is None:
             self.terms += chosen.terms
         else:
-            judged = self._settled(chosen)
+            judged, self.states = self._settled(chosen)
         self.evidence = Evidence(self.base, self.states)
         return judged
 
-    def _settled(self, chosen: _Candidate) -> Judged:
+    def _settled(self, chosen: _Candidate) -> tuple[Judged, States]:
         """A continuous change that is made in earnest, by Gauss–Newton steps until its size stands."""
         (term, *_), start, rank = chosen.terms, self.states, self.base.rank
         knob = term.knob
@@ -198,10 +207,10 @@ class Judge:
             sizes = sizes + change
             if (np.abs(change) < _SETTLED * np.maximum(errors, np.abs(sizes))).all():
                 break
-        self.states = states
         words, write = knob.says(sizes, errors)
         gravity = states.gravity if term.kind is Kind.GRAVITY else None
-        return replace(chosen.judged, words=words, write=write, size=float(np.exp(sizes[0])), gravity=gravity)
+        size = float(np.exp(sizes[0])) if term.kind in (Kind.GAIN, Kind.RATE) else 1.0
+        return replace(chosen.judged, words=words, write=write, size=size, gravity=gravity), states
 
     def _stepped(self, start: States, knob: Knob, sizes: Floats, change: Floats, load: Floats) -> tuple[Floats, States]:
         """A change of sizes that is halved until the fit is no worse, and the states after it."""

@@ -1,6 +1,6 @@
 """Rows that a logger lost without a gap in its time stamps: all positions move twice as far at once.
 
-From one row to the next a robot moves by what it moved before and after, on average.  Where a row is missing between
+From one row to the next a robot moves by about what it moved before and after.  Where a row is missing between
 two, all joints move by twice that.  Steps are compared with their neighbours for all joints together, each by the noise
 of its own, so that neither noise nor a single joint's jerk looks like a lost row.
 """
@@ -20,6 +20,7 @@ _ONCE = 1.2  # the same up to which none is
 _CLEAR = 8.0  # a step by its noise, from which on it is told whether it is twice as long
 _FEW = 0.002  # share of clear steps that are twice as long, up to which a jerk may be the reason
 _BETWEEN = 0.25  # steps of other lengths, by those that are twice as long: fewer where rows are lost
+_NORMAL = 0.6745  # median of the absolute value of normal noise, by its standard deviation
 _FEWEST = 100  # rows that are looked at
 
 
@@ -30,9 +31,9 @@ def with_lost_rows(recording: Recording) -> tuple[Recording, list[Finding]]:
     even = bool(period) and bool(np.all(np.abs(gaps - period) < 0.5 * period))
     if not even or not np.isfinite(q).all():
         return recording, []
-    ratio, clear = _ratios(np.diff(q, axis=0))
-    twice = clear & (ratio > _TWICE[0]) & (ratio < _TWICE[1])
-    other = clear & (ratio > _ONCE) & ~twice
+    before, after, clear = _ratios(np.diff(q, axis=0))
+    twice = clear & (np.minimum(before, after) > _TWICE[0]) & (np.maximum(before, after) < _TWICE[1])
+    other = clear & (before > _ONCE) & (after > _ONCE) & ~twice
     if twice.sum() <= _FEW * clear.sum() or other.sum() > _BETWEEN * twice.sum():
         return recording, []
     late = np.concatenate([[0, 0], np.cumsum(twice), [twice.sum()]])
@@ -45,14 +46,20 @@ def with_lost_rows(recording: Recording) -> tuple[Recording, list[Finding]]:
     return replace(recording, time=recording.time + period * late), [warning("lost rows", where, text)]
 
 
-def _ratios(steps: Floats) -> tuple[Floats, Flags]:
-    """Steps by the mean of those beside them, of all joints together, and where that is clear; shape (rows − 3,)."""
-    around, here = (steps[:-2] + steps[2:]) / 2, steps[1:-1]
-    noise = np.median(np.abs(here - around), axis=0) / 0.6745
+def _ratios(steps: Floats) -> tuple[Floats, Floats, Flags]:
+    """Steps of all joints together by those before and after them, and where both are clear; shape (rows − 3,).
+
+    A sample that is held makes the steps beside it twice as long as the mean of their neighbours, but not as each.
+    """
+    before, here, after = steps[:-2], steps[1:-1], steps[2:]
+    noise = np.median(np.abs(here - (before + after) / 2), axis=0) / _NORMAL
     told = noise > 0
-    if not told.any():
+    if not told.any():  # exact positions
         told, noise = np.ptp(steps, axis=0) > 0, np.ones(steps.shape[1])
-    weights = 1 / np.maximum(noise[told], np.finfo(float).tiny) ** 2
-    size = np.sum(weights * around[:, told] ** 2, axis=1)
-    ratio = np.sum(weights * around[:, told] * here[:, told], axis=1) / np.maximum(size, np.finfo(float).tiny)
-    return ratio, size > _CLEAR**2
+    before, here, after = (some[:, told] / noise[told] for some in (before, here, after))
+    sizes = [np.sum(some**2, axis=1) for some in (before, after)]
+    ratios = [
+        np.sum(some * here, axis=1) / np.maximum(size, np.finfo(float).tiny)
+        for some, size in zip((before, after), sizes, strict=True)
+    ]
+    return ratios[0], ratios[1], np.minimum(*sizes) > _CLEAR**2
