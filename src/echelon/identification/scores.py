@@ -302,7 +302,7 @@ def overall_verdict(judged: Validation, facts: Sequence[str] = ()) -> Judgement:
     if all(score.is_computed for score, _ in told):
         sentences.append("The outputs have no noise: they look computed, not measured.")
     unexplained = [score for score, _ in told if score.by_noise > UNEXPLAINED]
-    if unexplained:
+    if unexplained and not facts:
         most = max(unexplained, key=lambda score: score.by_noise)
         outputs = "every output" if len(unexplained) == len(told) > 1 else enumerated([s.output for s in unexplained])
         sentences.append(

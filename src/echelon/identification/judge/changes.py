@@ -47,7 +47,7 @@ def warming(base: BaseModel, states: States) -> Iterator[Term]:
         decay: Floats = np.exp(-time / constant)
         words = f"friction that warms up, within about {constant:.2g} s"
         write = "begin when the drives are warm, or map a temperature under 'input' and add temperature_friction"
-        for place in places(base.mechanism, states):
+        for place in places(base.mechanism, states.q.shape[1], states.qd.shape[1]):
             _, qd, _ = place.state(states)
             forces = np.stack([decay * qd, decay * np.sign(qd)], axis=1)
             yield Term(Kind.CHANGE, words, place.name, write, Usual.OFTEN, {place.output: forces})

@@ -36,9 +36,9 @@ class Place:
         return q, qd, qdd
 
 
-def places(mechanism: Mechanism, states: States) -> Iterator[Place]:
-    """Outputs that are forces of one drive or joint."""
-    positions, velocities = (signal_names(mechanism, name, getattr(states, name).shape[1]) for name in ("q", "qd"))
+def places(mechanism: Mechanism, q: int, qd: int) -> Iterator[Place]:
+    """Outputs that are forces of one drive or joint, with states of so many positions and velocities."""
+    positions, velocities = signal_names(mechanism, "q", q), signal_names(mechanism, "qd", qd)
     known, drives = known_values(mechanism), {a.name: a.terms for a in mechanism.transmission.actuators}
     for k, output in enumerate(mechanism.outputs):
         force = output.terms[0][0]
@@ -53,7 +53,7 @@ def places(mechanism: Mechanism, states: States) -> Iterator[Place]:
 
 def effects(mechanism: Mechanism, states: States, load: Floats) -> Iterator[Term]:
     """All effects at all places; ``load`` is what the model predicts, shape (samples, outputs)."""
-    found = tuple(places(mechanism, states))
+    found = tuple(places(mechanism, states.q.shape[1], states.qd.shape[1]))
     for place in found:
         yield from _at(place, states, load[:, place.output])
         yield from _elsewhere(place, [other for other in found if other is not place], states)

@@ -43,7 +43,6 @@ class Knob:
     count: int  # of sizes
     moved: Callable[[States, Floats, Floats], States]  # states with sizes (count,), by loads (samples, outputs)
     says: Callable[[Floats, Floats], tuple[str, str]]  # words and lines of a set-up, by sizes and standard errors
-    positive: bool = False  # whether nothing has a negative size, as no joint has a negative compliance
 
 
 @dataclass(frozen=True)
@@ -58,6 +57,7 @@ class Term:
     signals: Mapping[int, Floats]  # by output, shape (samples, k): its k columns
     knob: Knob | None = None  # what to turn, where the columns are a derivative
     of_position: bool = False  # whether it is a function of the position at its place
+    positive: bool = False  # whether nothing has a negative size, as no joint has a negative compliance
 
     @property
     def width(self) -> int:

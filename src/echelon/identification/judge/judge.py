@@ -350,7 +350,7 @@ class _Trial:
         return _Candidate(judged, terms, after)
 
     def _can_be(self, term: Term, columns: list[int]) -> bool:
-        return term.knob is None or not term.knob.positive or bool((self.held.sizes(columns) > 0).all())
+        return not term.positive or bool((self.held.sizes(columns) > 0).all())
 
     def _is_worth(self, term: Term, before: Floats, after: Floats) -> bool:
         least = WORTH * (_RARER if term.usual is Usual.RARELY else 1.0)
@@ -366,7 +366,9 @@ _TINY = np.finfo(float).tiny
 
 def _shown(term: Term, squares: Floats) -> Iterable[int]:
     """Outputs in which a term may show: what is read otherwise moves parameters that all outputs share."""
-    return term.signals if term.knob is None else range(squares.shape[1])
+    if term.kind is Kind.GAIN:
+        return range(squares.shape[1])
+    return term.signals
 
 
 def _of_position(chosen: _Candidate, alike: Sequence[_Candidate]) -> _Candidate:

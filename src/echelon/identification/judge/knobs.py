@@ -13,15 +13,14 @@ from echelon.identification.judge.effects import Place, places
 from echelon.identification.judge.evidence import States
 from echelon.identification.judge.hypothesis import Kind, Knob, Term, Usual
 
-_TURN = 0.1  # load, by its mean size, that turns a gear from one side of its play to the other
-
 
 def turned(base: BaseModel, states: States, values: Floats) -> Iterator[Term]:
     """Terms of all knobs: derivatives of the prediction with some base parameters."""
     load = load_of(base, states, values)
     for kind, words, place, usual, outputs, knob in _knobs(base, states):
         signals = slopes(base, states, values, knob, np.zeros(knob.count), load)
-        yield Term(kind, words, place, "", usual, {k: signals[k] for k in outputs}, knob)
+        columns, positive = {k: signals[k] for k in outputs}, kind is Kind.JOINT
+        yield Term(kind, words, place, "", usual, columns, knob, positive=positive)
 
 
 def slopes(
@@ -38,9 +37,13 @@ def slopes(
 
 def load_of(base: BaseModel, states: States, values: Floats) -> Floats:
     """What the model predicts without effects, such as friction, whose steps have no rates; (samples, outputs)."""
+    return states.predicted(base, without_effects(base, values))
+
+
+def without_effects(base: BaseModel, values: Floats) -> Floats:
+    """Base parameters of the bodies alone, those of effects zero."""
     columns = base.mechanism.columns
-    of_bodies = [columns[pivot].body is not None for pivot in base.matrix.pivots]
-    return states.predicted(base, np.where(of_bodies, values, 0.0))
+    return np.where([columns[pivot].body is not None for pivot in base.matrix.pivots], values, 0.0)
 
 
 def _knobs(base: BaseModel, states: States) -> Iterator[tuple[Kind, str, str, Usual, list[int], Knob]]:
@@ -53,10 +56,9 @@ def _knobs(base: BaseModel, states: States) -> Iterator[tuple[Kind, str, str, Us
         words = f"the gain of the output of '{name}'"
         yield Kind.GAIN, words, name, Usual.OFTEN, [k], gain([k], [name])
     yield Kind.RATE, "the rate", "", Usual.OFTEN, every, _rate()
-    for place in places(mechanism, states):
+    for place in places(mechanism, states.q.shape[1], states.qd.shape[1]):
         if len(place.ratios) == 1:
             yield Kind.JOINT, f"a joint '{place.name}' that gives way", place.name, Usual.RARELY, every, _elastic(place)
-            yield Kind.JOINT, f"a gear of '{place.name}' with play", place.name, Usual.RARELY, every, _backlash(place)
 
 
 def _tilt(gravity: Floats) -> Knob:
@@ -122,22 +124,7 @@ def _elastic(place: Place) -> Knob:
         about, error = 1 / sizes[0], errors[0] / sizes[0] ** 2
         return f"'{place.name}' gives way: its stiffness is about {about:.3g} ± {error:.1g} N·m/rad", ""
 
-    return Knob(1e-6, 1, moved, says, positive=True)
-
-
-def _backlash(place: Place) -> Knob:
-    ((q, v, _),) = place.ratios
-
-    def moved(states: States, sizes: Floats, load: Floats) -> States:
-        mine = load[:, place.output]
-        side = 0.5 * sizes[0] * np.tanh(mine / (_TURN * np.abs(mine).mean() + 1e-300))
-        rate = states.derivative(side)
-        return _shifted(states, q, v, side, rate, states.derivative(rate))
-
-    def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
-        return f"the gear of '{place.name}' has a play of about {abs(sizes[0]):.2g} ± {errors[0]:.1g} rad", ""
-
-    return Knob(1e-4, 1, moved, says, positive=True)
+    return Knob(1e-6, 1, moved, says)
 
 
 def _shifted(
