@@ -159,7 +159,8 @@ def _completed(
         return setup, [], []
     said = [finding(some, lists_effects=lists, taken=True) for some in rotors]
     said += [note("rotor", "", _ROTOR.format(", ".join(sorted(lifted))))] if lifted else []
-    return replace(setup, mechanism=with_rotors(mechanism, drives | lifted)), rotors, said
+    # a robot has geared drives or not; a rotor that cannot be told from zero does no harm
+    return replace(setup, mechanism=with_rotors(mechanism)), rotors, said
 
 
 def _lifted(result: Identification) -> set[str]:

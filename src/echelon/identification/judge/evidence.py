@@ -131,6 +131,13 @@ class Products:
         of_means: Floats = self.sums.sum(axis=0) ** 2 / np.maximum(self.counts.sum(axis=0), 1)
         return np.asarray(np.maximum(squares - of_means, 0.0))
 
+    @property
+    def together(self) -> Products:
+        """The products of all blocks as of one."""
+        grams = tuple(gram.sum(axis=0, keepdims=True) for gram in self.grams)
+        counts, sums = (some.sum(axis=0, keepdims=True) for some in (self.counts, self.sums))
+        return replace(self, grams=grams, counts=counts, sums=sums)
+
     def scaled(self, output: int, factor: float) -> Products:
         """The products where an output is so many times what the model says."""
         scale = np.append(np.full(len(self.columns[output]), factor), 1.0)
@@ -143,7 +150,7 @@ class Products:
         found = np.empty_like(self.counts)
         for output, (columns, gram) in enumerate(zip(self.columns, self.grams, strict=True)):
             full = np.append(values[columns], -1.0)
-            found[:, output] = np.maximum(np.einsum("i,bij,j->b", full, gram, full), 0.0)
+            found[:, output] = np.maximum((gram @ full) @ full, 0.0)
         return found
 
 
@@ -211,15 +218,15 @@ class Fit:
 
 def fitted(products: Products) -> Fit:
     """All parameters by iteratively reweighted least squares."""
-    counts = np.maximum(products.counts.sum(axis=0), 1)
-    total = np.array([gram[:, -1, -1].sum() for gram in products.grams])
+    whole, counts = products.together, np.maximum(products.counts.sum(axis=0), 1)
+    total = np.array([gram[0, -1, -1] for gram in whole.grams])
     floor = np.maximum(_FLOOR * total / counts, np.finfo(float).tiny)
     noise = np.maximum(total / counts, floor)
     values, matrix = np.zeros(products.size), np.zeros((products.size, products.size))
     for _ in range(_REWEIGHTED):
-        matrix, right = _normal(products, 1 / noise, slice(None))
+        matrix, right = _normal(whole, 1 / noise, slice(None))
         values = _ridged(matrix)(right)
-        noise = np.maximum(products.squares(values).sum(axis=0) / counts, floor)
+        noise = np.maximum(whole.squares(values)[0] / counts, floor)
     return Fit(values, noise, matrix)
 
 

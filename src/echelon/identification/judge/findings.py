@@ -15,7 +15,7 @@ _NAMES = {
     Kind.CHANGE: "changes",
     Kind.GRAVITY: "gravity",
     Kind.GAIN: "gains",
-    Kind.RATE: "rate",
+    Kind.RATE: "culprit",
     Kind.JOINT: "joint",
     Kind.READING: "culprit",
     Kind.UNIT: "culprit",

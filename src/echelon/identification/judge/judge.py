@@ -11,7 +11,7 @@ solved.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import exp, inf, log
 
@@ -85,6 +85,7 @@ class _Candidate:
     terms: tuple[Term, ...]
     left: Floats  # squares by block and output
     start: Floats | None = None  # sizes of a continuous change to start from
+    columns: Mapping[int, list[int]] = field(default_factory=dict)  # of its terms, by their numbers
 
 
 @dataclass
@@ -155,8 +156,8 @@ class Judge:
         best = max(sure, key=lambda c: c.judged.gain.mean)
         alike = [c for c in sure if c is best or Gain.of(c.left, best.left, trial.floor).is_none]
         chosen = min(alike, key=lambda c: (c.judged.usual, sum(t.width for t in c.terms), -c.judged.gain.mean))
-        chosen = _of_position(chosen, alike)
         others = sorted((c for c in sure if c is not chosen), key=lambda c: -c.judged.gain.mean)[:SHOWN]
+        chosen = _of_position(trial.pruned(chosen), alike)
         return chosen, [replace(c.judged, taken=False) for c in others]
 
     def _foreign_gains(self, model: Products, fit: Fit) -> list[_Candidate]:
@@ -347,7 +348,17 @@ class _Trial:
         entries, names = tuple(t.write for t in terms), tuple(t.place for t in terms)
         gain = Gain.of(before, after, self.floor)
         judged = Judged(terms[0].kind, terms[0].words, entries[0], terms[0].usual, gain, names, entries, old, new)
-        return _Candidate(judged, terms, after)
+        return _Candidate(judged, terms, after, columns=columns)
+
+    def pruned(self, chosen: _Candidate) -> _Candidate:
+        """A hypothesis at those of its places that matter beside the others."""
+        columns = dict(chosen.columns)
+        for term in chosen.columns if len(columns) > 1 else ():
+            others = [c for other, some in columns.items() if other != term for c in some]
+            if others and not self._is_worth(self.tried[term], self.held.squares(others), chosen.left):
+                del columns[term]
+        kept = self.candidate(columns) if len(columns) < len(chosen.columns) else None
+        return kept or chosen
 
     def _can_be(self, term: Term, columns: list[int]) -> bool:
         return not term.positive or bool((self.held.sizes(columns) > 0).all())
@@ -375,7 +386,7 @@ def _of_position(chosen: _Candidate, alike: Sequence[_Candidate]) -> _Candidate:
     """Functions of a joint's position that nothing tells apart are some function of it."""
     places = set(chosen.judged.places)
     same = [c for c in alike if c.terms[0].of_position and places <= set(c.judged.places)]
-    if not chosen.terms[0].of_position or len(same) < _ALTERNATIVES:
+    if chosen.judged.usual is not Usual.RARELY or not chosen.terms[0].of_position or len(same) < _ALTERNATIVES:
         return chosen
     words = f"something that depends on the position, such as {chosen.judged.words}"
     return replace(chosen, judged=replace(chosen.judged, words=words))

@@ -107,7 +107,7 @@ def _rate() -> Knob:
         return replace(states, qd=faster * states.qd, qdd=faster**2 * states.qdd)
 
     def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
-        return f"the rate is {np.exp(sizes[0]):.4g} ± {errors[0]:.1g} times what was taken", ""
+        return f"the clock is wrong: the rate is about {np.exp(sizes[0]):.4g} ± {errors[0]:.1g} times that", ""
 
     return Knob(1e-3, 1, moved, says)
 
