@@ -41,7 +41,7 @@ _FINGERS = re.compile("finger|gripper", re.IGNORECASE)
 _SAME = 5e-4  # share of the outputs that a model may leave and still be right, as gravity found to some digits is
 _STATES = 300  # random ones from which true base parameters are computed
 _SMALLEST = 0.01  # of the largest torque: of joints with less the friction is of that size
-_KINDS = ("missing effect", "changes", "gravity", "gains", "rate", "joint", "culprit")  # of findings of hypotheses
+_KINDS = ("missing effect", "changes", "gravity", "gains", "joint", "culprit")  # of findings of hypotheses
 _USUAL = re.compile(r"the acceleration qdd|the velocity qd;|the direction sign\(qd\);|nothing but a constant")
 """What nearly all robots have, and these have too."""
 
@@ -238,7 +238,7 @@ class TrapLog:
 
 def judged(result: Identification) -> list[Finding]:
     """Findings about hypotheses: warnings first."""
-    found = [finding for finding in result.findings if finding.kind in _KINDS and finding.where == ""]
+    found = [f for f in result.findings if (f.kind in _KINDS and f.where == "") or f.kind == "lost rows"]
     return sorted(found, key=lambda finding: finding.severity is not Severity.WARNING)
 
 
@@ -325,7 +325,7 @@ def _payload_mid(arm: Arm) -> TrapLog:
     begin = round(0.45 * len(arm.time))
     tau = arm.forces(arm.q, arm.qd, arm.qdd)
     tau[begin:] = arm.with_load(0.07).forces(arm.q, arm.qd, arm.qdd)[begin:]
-    return _log(arm, tau, "changes: another load on")
+    return _log(arm, tau, "changes: .* carries another load")
 
 
 def _gravcomp(arm: Arm) -> TrapLog:
@@ -361,7 +361,7 @@ def _temp(arm: Arm) -> TrapLog:
     decay = np.exp(-arm.time / 20)[:, None]
     viscous, dry = arm.viscous * arm.qd, arm.dry * np.sign(arm.qd)
     tau = arm.forces(arm.q, arm.qd, arm.qdd) + decay * viscous + 0.4 * decay * dry
-    return _log(arm, tau, "changes: friction that warms up")
+    return _log(arm, tau, "changes: friction falls as drives warm up")
 
 
 def _coupled(arm: Arm) -> TrapLog:
