@@ -129,7 +129,7 @@ class Judge:
         if small.judged.gain.mean >= large.gain.mean:
             return True
         before, after = self._physical(self.states), None
-        if small.terms[0].knob is not None:
+        if small.judged.kind is Kind.GAIN:  # whose slope says little of a gain that is far from one
             after = self._physical(self._settled(small)[1])
         return before is not None and after is not None and _between(before, after).mean > large.gain.mean - READ_ALIKE
 
