@@ -14,7 +14,9 @@ import pytest
 import echelon as ec
 from echelon.base.model import BaseModel
 from echelon.identification.judge.evidence import States
+from echelon.identification.judge.hypothesis import Kind
 from echelon.identification.judge.judge import Judge, Judged
+from echelon.identification.judge.knobs import turned
 from echelon.identification.judge.readings import Readings
 from echelon.identification.judge.units import common_unit
 from echelon.identification.rows.rows import ModelRows
@@ -159,6 +161,29 @@ def test_the_prior_decides_between_mirrored_robots() -> None:
     found = misread(base, [wrong], prior=prior)
     assert found is not None
     assert found.words == "the sign of the output of 'roll' is wrong (scale: -1)"
+
+
+def test_the_values_of_a_robot_file_decide_between_mirrored_robots() -> None:
+    """They count where hypotheses are judged with gravity of any direction, too."""
+    _, samples, _ = simple(ROLL_AND_PITCH)
+    wrong = outputs(lambda y: by(y, 0))(samples)
+    assert wrong.y is not None
+    log = {"t": np.arange(len(wrong)) / RATE, "q": wrong.q, "qd": wrong.qd, "tau": wrong.y}
+    found = [f.text for f in ec.identify(ROLL_AND_PITCH, log).findings if f.kind == "culprit"]
+    assert len(found) == 1
+    assert found[0].startswith("the sign of the output of 'roll'")
+    assert ", or " not in found[0]
+
+
+def test_stiffness_of_slides_is_in_newtons_per_metre() -> None:
+    base, samples, prior = simple(GANTRY)
+    states = States.of([samples], np.inf, base, prior)
+    knobs = {term.place: term.knob for term in turned(base, states, prior) if term.kind is Kind.JOINT}
+    for place, unit in {"X": "N/m", "Z": "N/m", "A": "N·m/rad"}.items():
+        knob = knobs[place]
+        assert knob is not None
+        words, _ = knob.says(np.array([1e-4]), np.array([1e-5]))
+        assert words.endswith(f"1e+04 ± 1e+03 {unit}")
 
 
 def test_mistakes_of_sliding_joints() -> None:

@@ -18,9 +18,12 @@ ARM = """<robot name="arm"><link name="base"/>
 <axis xyz="0 1 0"/></joint></robot>"""
 
 
-def swinging() -> Motion:
-    """Time, positions, velocities and torques of the arm with its own inertias and some friction: 10 s at 300 Hz."""
-    mechanism = ec.load_setup(ARM).mechanism
+def swinging(gravity: str = "file") -> Motion:
+    """Time, positions, velocities and torques of the arm with its own inertias and some friction: 10 s at 300 Hz.
+
+    Gravity may be another one than the file's, m/s² in the base frame.
+    """
+    mechanism = ec.load_setup(ARM, gravity=gravity).mechanism
     base = ec.base_parameters(mechanism)
     t = np.arange(3000) / 300
     size, rate = np.array([[0.9, 0.4], [0.5, 0.7]]), np.array([[2.1, 5.3], [3.4, 7.9]])

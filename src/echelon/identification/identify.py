@@ -26,7 +26,7 @@ from echelon.identification.judge.evidence import States
 from echelon.identification.judge.findings import contradiction, finding
 from echelon.identification.judge.hypothesis import Kind
 from echelon.identification.judge.judge import Judge, Judged
-from echelon.identification.judge.mounting import EARTH, free_gravity, is_unknown, with_gravity
+from echelon.identification.judge.mounting import free_gravity, is_unknown, standing, with_gravity
 from echelon.identification.judge.readings import Readings
 from echelon.identification.judge.units import common_unit
 from echelon.identification.passes_over_data import MEMORY, PassesOverData, Task
@@ -69,7 +69,8 @@ _PIECES = 5  # stretches of the data that are predicted from one another to weig
 _BIASED = ("ols", "wls", "irls", "huber")  # estimators that noise of the positions biases as it biases least squares
 _CLEARLY = 5.0  # times a sensor's noise in the band, or an estimate's standard deviation, that is more than noise
 _ROTOR = "a rotor inertia was taken in at {}: it weighs nothing, which else a constant force would have to explain"
-_PASSES = 4  # fits at most, of which all but the first take in what the one before it found
+_COMPLETIONS = 3  # of a set-up with what a fit says: gravity, rotors, and what a rotor explains
+_ASSUMED_GRAVITY = "the direction of gravity was left open: -z of the base was taken"
 _EXPLAINED = 1e-3  # share of an output's spread that is left at most where nothing is lacking
 
 
@@ -124,45 +125,51 @@ def identify(
     lists = setup.states_effects
     mounted = not is_unknown(setup.mechanism)
     if not mounted:
-        setup = replace(setup, mechanism=with_gravity(setup.mechanism, np.array([0.0, 0.0, -EARTH])))
+        setup = replace(setup, mechanism=standing(setup.mechanism))
+
+    def fit(setup: Setup) -> tuple[Identification, list[Judged]]:
+        return _fitted(setup, given, others, client, step, memory, gravity_is_open=not mounted)
+
     remarks: list[Finding] = []
-    for _ in range(_PASSES):
-        result, judged = _fitted(setup, given, others, client, step, memory)
-        changed, taken, said = _completed(setup, result, judged, mounted=mounted and lists)
-        remarks += said
-        if changed is setup:
+    result, judged = fit(setup)
+    for _ in range(_COMPLETIONS):
+        completed, said = _completed(setup, result, judged, mounted=mounted and lists)
+        if completed is setup:
             break
         step("taking in what the logs say")
-        setup = changed
-    remarks += [finding(some, lists_effects=lists) for some in judged if some not in taken]
+        setup = completed
+        remarks += said
+        result, judged = fit(setup)
+    if not mounted and not any(some.kind == "gravity" for some in remarks):
+        against = any(some.gravity is not None for some in judged)
+        remarks.append(
+            note("gravity", setup.source, _ASSUMED_GRAVITY + ", and nothing speaks against it" * (not against))
+        )
+    remarks += [finding(some, lists_effects=lists) for some in judged]
     return replace(result, findings=limited([*remarks, *result.findings]))
 
 
 def _completed(
     setup: Setup, result: Identification, judged: Sequence[Judged], *, mounted: bool
-) -> tuple[Setup, list[Judged], list[Finding]]:
-    """The set-up with what nobody has stated and the logs say: rotors, and the direction of gravity if not ``mounted``.
+) -> tuple[Setup, list[Finding]]:
+    """The set-up with what nobody has stated and the logs say, and what is said of it.
 
-    With the hypotheses that it takes in, and what is said of them.
+    That is the inertia of rotors, and the direction of gravity if the robot is not ``mounted``.
     """
     lists, mechanism = setup.states_effects, setup.mechanism
-    turned = (
-        [some for some in judged if some.gravity is not None and any(some.gravity)] if not mounted else []
-    )  # None is none, too
-    if turned:
-        gravity = turned[0].gravity
-        assert gravity is not None
-        said = [finding(turned[0], lists_effects=lists, taken=True)]
-        return replace(setup, mechanism=with_gravity(mechanism, np.array(gravity))), turned[:1], said
-    rotors = [some for some in judged if some.is_rotor]
+    for some in judged:
+        if not mounted and some.gravity is not None and any(some.gravity):
+            turned = with_gravity(mechanism, np.array(some.gravity))
+            return replace(setup, mechanism=turned), [finding(some, lists_effects=lists, taken=True)]
+    rotors = [some for some in judged if some.kind is Kind.ROTOR]
     drives = {place for some in rotors for place in some.places}
     lifted = _lifted(result) - drives
     if not (drives or lifted) or not setup.usual:
-        return setup, [], []
+        return setup, []
     said = [finding(some, lists_effects=lists, taken=True) for some in rotors]
     said += [note("rotor", "", _ROTOR.format(", ".join(sorted(lifted))))] if lifted else []
     # a robot has geared drives or not; a rotor that cannot be told from zero does no harm
-    return replace(setup, mechanism=with_rotors(mechanism)), rotors, said
+    return replace(setup, mechanism=with_rotors(mechanism)), said
 
 
 def _lifted(result: Identification) -> set[str]:
@@ -180,7 +187,14 @@ def _lifted(result: Identification) -> set[str]:
 
 
 def _fitted(
-    setup: Setup, given: Logs, others: Logs, client: Client | None, step: OnStep, memory: int
+    setup: Setup,
+    given: Logs,
+    others: Logs,
+    client: Client | None,
+    step: OnStep,
+    memory: int,
+    *,
+    gravity_is_open: bool = False,
 ) -> tuple[Identification, list[Judged]]:
     """The model with the effects of a set-up, and hypotheses that explain what it leaves."""
     settings = setup.settings
@@ -230,7 +244,8 @@ def _fitted(
         doubtful = bool(unsolved) or _is_doubtful(validations, feasible)
         unit = None if prior_base is None else common_unit(base, observation, prior_base)
         if unit is not None or doubtful or _is_unexplained(by_role(validations)):
-            judge = _judge(plan, data.fitted(), estimate.values, setup, doubtful=doubtful, prior=prior_base)
+            judge = _judge(plan, data.fitted(), estimate.values, setup, prior)
+            judge = replace(judge, doubtful=doubtful, gravity_is_open=gravity_is_open)
             judged = judge.run() if judge.is_told else []
             told = judge.told
         if unit is not None and not any(some.kind is Kind.READING for some in judged):
@@ -399,23 +414,14 @@ def _is_unexplained(validations: Sequence[Validation]) -> bool:
     return above or any(score.r2 < 1 - _EXPLAINED for score in judged.scores)
 
 
-def _judge(
-    plan: Plan,
-    samples: Iterable[Samples],
-    values: Floats,
-    setup: Setup,
-    *,
-    doubtful: bool,
-    prior: Floats | None = None,
-) -> Judge:
+def _judge(plan: Plan, samples: Iterable[Samples], values: Floats, setup: Setup, prior: Prior | None) -> Judge:
     """A judge of what may be wrong with some logs, or lacking in a model with some base parameters."""
     base, preparation = plan.base, plan.preparation
     free, gravity = free_gravity(base, setup.seed)
     states = States.of(samples, preparation.band or np.inf, base, values, gravity)
     columns = setup.columns[0] if setup.columns else ColumnMap()
     readings = Readings(free, states, columns, "qd" in (preparation.measured or ()))
-    # a prior of the model without gravity's directions says nothing of the one with them
-    return Judge(free, states, readings, doubtful, prior if free is base else None)
+    return Judge(free, states, readings, prior=None if prior is None else prior.base_values(free))
 
 
 def _validations(data: PassesOverData, models: Models, unseen_logs: Sequence[Path]) -> tuple[Validation, ...]:

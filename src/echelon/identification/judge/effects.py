@@ -63,15 +63,17 @@ def _at(place: Place, states: States, load: Floats) -> Iterator[Term]:
     q, qd, qdd = place.state(states)
     sign, one = np.sign(qd), np.ones(len(q))
 
-    def term(words: str, entry: str, usual: Usual, *forces: Floats, of_position: bool = False) -> Term:
+    def term(
+        words: str, entry: str, usual: Usual, *forces: Floats, kind: Kind = Kind.EFFECT, of_position: bool = False
+    ) -> Term:
         signals = {place.output: np.stack(forces, axis=1)}
-        return Term(Kind.EFFECT, words, place.name, entry, usual, signals, of_position=of_position)
+        return Term(kind, words, place.name, entry, usual, signals, of_position=of_position)
 
     every, often, rarely = Usual.EVERYWHERE, Usual.OFTEN, Usual.RARELY
     yield term("nothing but a constant", "{type: offset, at: {at}}", every, one)
     yield term("the velocity qd", "{type: viscous, at: {at}}", every, qd)
     yield term("the direction sign(qd)", "{type: coulomb, at: {at}}", every, sign)
-    yield term("the acceleration qdd", "{type: rotor_inertia, at: {at}}", every, qdd)
+    yield term("the acceleration qdd", "{type: rotor_inertia, at: {at}}", every, qdd, kind=Kind.ROTOR)
     yield term("the speed |qd|", "{type: asymmetric_viscous, at: {at}}", often, np.abs(qd))
     yield term("the load |tau|·sign(qd)", "{type: load_friction, at: {at}}", often, sign * np.abs(load))
     speed = float(np.percentile(np.abs(qd), 90))

@@ -8,10 +8,12 @@ from echelon.logs.finding import Finding, note, warning
 
 _SERIOUS = 0.01  # R² that is worth a warning, for effects that few robots have
 _USUALLY = 1e-3  # the same for those that most have
-CONTRADICTS = 0.1  # gain from which on what is wrong with the readings speaks against the model
+_EFFECTS = (Kind.EFFECT, Kind.ROTOR)
+_CONTRADICTS = 0.1  # gain from which on what is wrong with the readings speaks against the model
 
 _NAMES = {
     Kind.EFFECT: "missing effect",
+    Kind.ROTOR: "missing effect",
     Kind.CHANGE: "changes",
     Kind.GRAVITY: "gravity",
     Kind.GAIN: "gains",
@@ -28,7 +30,7 @@ def finding(judged: Judged, *, lists_effects: bool, taken: bool = False) -> Find
     What was ``taken`` into the model at once is said with how to state it.
     """
     name = _NAMES[judged.kind]
-    if judged.kind is Kind.EFFECT:
+    if judged.kind in _EFFECTS:
         return _of_effect(judged, lists_effects=lists_effects, taken=taken)
     if judged.kind in (Kind.READING, Kind.UNIT):
         (before,), (after,) = judged.before, judged.after
@@ -65,11 +67,11 @@ def _of_effect(judged: Judged, *, lists_effects: bool, taken: bool) -> Finding:
     text = f"residuals follow {judged.words}; with an effect for it R² on held-out rows rises ({gains}): {line}"
     least = _USUALLY if judged.usual is Usual.EVERYWHERE else _SERIOUS
     serious = any(after - before > least for _, before, after in rises)
-    return (warning if serious else note)(_NAMES[Kind.EFFECT], "", text)
+    return (warning if serious else note)(_NAMES[judged.kind], "", text)
 
 
 def contradiction(judged: Judged) -> str:
     """Why a model should not be used whatever it predicts; empty where a hypothesis does not say so."""
-    if judged.kind is Kind.EFFECT or (judged.kind is not Kind.UNIT and judged.gain.mean < CONTRADICTS):
+    if judged.kind in _EFFECTS or (judged.kind is not Kind.UNIT and judged.gain.mean < _CONTRADICTS):
         return ""
     return f"it would be explained if {judged.words}"

@@ -26,6 +26,7 @@ class Kind(StrEnum):
     """What a hypothesis is about."""
 
     EFFECT = "effect"  # a force that the model lacks
+    ROTOR = "rotor"  # such a force: the inertia of rotors
     CHANGE = "change"  # parameters that change along the logs
     GRAVITY = "gravity"
     GAIN = "gain"  # of an output

@@ -29,15 +29,16 @@ from echelon.identification.judge.knobs import gain, load_of, slopes, turned
 from echelon.identification.judge.readings import Readings
 from echelon.identification.physics.feasibility import nearest_physical
 
-ROUNDS = 8  # hypotheses that are taken at most
-SHOWN = 4  # of each round, hypotheses that are told beside the one that was taken
-SURE = 4.0  # standard errors of a gain from which on it is more than chance among some hundred hypotheses
-WORTH = 1.6e-3
+_ROUNDS = 8  # hypotheses that are taken at most
+_SHOWN = 4  # of each round, hypotheses that are told beside the one that was taken
+_SURE = 4.0  # standard errors of a gain from which on it is more than chance among some hundred hypotheses
+_WORTH = 1.6e-3
 """Share of an output's squares that a hypothesis removes at least, times the root of the R² that it adds: a twentieth
 of the squares where that adds a thousandth to R², half of them where it adds a hundred-thousandth."""
-READ = 0.3  # gain of another reading of the logs from which on it is taken: it leaves three quarters of residuals
-READ_ELSEWHERE = 0.7  # the same of a log that was not fitted, which may be of another day
-_RARER = 3.0  # times WORTH, for hypotheses that are rarely true
+_READ = 0.3  # gain of another reading of the logs from which on it is taken: it leaves three quarters of residuals
+_READ_ELSEWHERE = 0.7  # the same of a log that was not fitted, which may be of another day
+_READ_ALIKE = 0.07  # differences of marks of readings up to which they do alike: 7 % of what is left
+_RARER = 3.0  # times _WORTH, for hypotheses that are rarely true
 _NEW = 1e-4  # least share of a column that the model cannot say already
 _SETTLED, _STEPS = 1e-3, 6  # change of a size, by its standard error or itself, and most Gauss–Newton steps
 _PROGRAMMES = 16  # physical programmes that are solved at most
@@ -73,11 +74,6 @@ class Judged:
         """Per cent by which it makes residuals of all outputs smaller, as a geometric mean."""
         return 100 * (1 - exp(-self.gain.mean))
 
-    @property
-    def is_rotor(self) -> bool:
-        """Whether it is the inertia of rotors."""
-        return any("rotor_inertia" in entry for entry in self.entries)
-
 
 @dataclass(frozen=True)
 class _Candidate:
@@ -98,6 +94,7 @@ class Judge:
     doubtful: bool = True  # whether other readings are tried, each of which may take a physical programme
     prior: Floats | None = None  # base parameters that decide between readings that do alike
     values: Floats | None = None  # base parameters that are known, as of a log that was not fitted
+    gravity_is_open: bool = False  # whether nobody stated its direction, so that it is doubted before all else
     told: list[Judged] = field(default_factory=list, init=False)  # those that were taken, and the next best
     terms: list[Term] = field(default_factory=list, init=False)  # columns that were taken
 
@@ -112,7 +109,7 @@ class Judge:
     def run(self) -> list[Judged]:
         """Hypotheses that are taken, in their order; :attr:`told` has others beside them."""
         taken: list[Judged] = []
-        while len(taken) < ROUNDS:
+        while len(taken) < _ROUNDS:
             small, others = self._small()
             large = self.other_reading() if self.doubtful and not taken else None
             if large is not None and (small is None or not self._does_as_well(small, large[0])):
@@ -131,7 +128,7 @@ class Judge:
         before, after = self._physical(self.states), None
         if small.judged.kind is Kind.GAIN:  # whose slope says little of a gain that is far from one
             after = self._physical(self._settled(small)[1])
-        return before is not None and after is not None and _between(before, after).mean > large.gain.mean - READ_ALIKE
+        return before is not None and after is not None and _between(before, after).mean > large.gain.mean - _READ_ALIKE
 
     # -- columns -------------------------------------------------------------------------------------------------
 
@@ -150,15 +147,20 @@ class Judge:
         trial = _Trial(products, HeldOut(products, np.arange(kept), first.noise), tried)
         found = [c for columns in _grouped(tried, kept) if (c := trial.candidate(columns)) is not None]
         found += self._foreign_gains(model, first)
-        sure = [c for c in found if c.judged.gain.ratio > SURE]
+        sure = [c for c in found if c.judged.gain.ratio > _SURE]
         if not sure:
             return None, []
         best = max(sure, key=lambda c: c.judged.gain.mean)
         alike = [c for c in sure if c is best or Gain.of(c.left, best.left, trial.floor).is_none]
-        chosen = min(alike, key=lambda c: (c.judged.usual, sum(t.width for t in c.terms), -c.judged.gain.mean))
-        others = sorted((c for c in sure if c is not chosen), key=lambda c: -c.judged.gain.mean)[:SHOWN]
+        chosen = min(alike, key=self._simple)
+        others = sorted((c for c in sure if c is not chosen), key=lambda c: -c.judged.gain.mean)[:_SHOWN]
         chosen = _of_position(trial.pruned(chosen), alike)
         return chosen, [replace(c.judged, taken=False) for c in others]
+
+    def _simple(self, some: _Candidate) -> tuple[bool, Usual, int, float]:
+        """Order of hypotheses that predict alike, the simplest one first."""
+        stated = not (self.gravity_is_open and some.judged.kind is Kind.GRAVITY)
+        return stated, some.judged.usual, sum(term.width for term in some.terms), -some.judged.gain.mean
 
     def _foreign_gains(self, model: Products, fit: Fit) -> list[_Candidate]:
         """Outputs in other units, such as currents, whose gains are too far from one for derivatives."""
@@ -242,25 +244,28 @@ class Judge:
             return None
         best = min((marks for marks, _ in found), key=lambda marks: float(marks.mean()))
         gain = _between(before, best)
-        if gain.mean < (READ if self.values is None else READ_ELSEWHERE) or gain.ratio < SURE:
+        if gain.mean < (_READ if self.values is None else _READ_ELSEWHERE) or gain.ratio < _SURE:
             return None
         alike = [reading for marks, reading in found if marks is best or _between(marks, best).is_none]
         most = min(reading.usual for reading in alike)
-        alike = self._likely([reading for reading in alike if reading.usual == most])
+        turned = [reading for reading in alike if self.gravity_is_open and reading.gravity is not None]
+        alike = turned or self._likely([reading for reading in alike if reading.usual == most])
         if len(alike) > _ALTERNATIVES:
             return None
         words, shares = ", or ".join(reading.words for reading in alike), (exp(before.mean()), exp(best.mean()))
         judged = Judged(Kind.READING, words, "", most, gain, before=shares[:1], after=shares[1:], size=alike[0].rate)
-        gravity = None if alike[0].gravity is None else tuple(alike[0].gravity.tolist())
-        return replace(judged, gravity=gravity), alike[0]
+        reading = alike[0]
+        if len(alike) > 1 or reading.gravity is None:
+            return judged, reading
+        return replace(judged, gravity=tuple(reading.gravity.tolist())), reading
 
     def _programmes(self, tried: Iterable[Reading], before: float) -> list[tuple[Floats, Reading]]:
         """Readings with the marks of physical parameters, those that could be the best."""
         free = [(marks.mean(), reading) for reading in tried if (marks := self._free(reading)) is not None]
         free.sort(key=lambda entry: round(float(entry[0]), 2))  # of equal ones those that happen more often come first
-        best, found = before - READ, []
+        best, found = before - _READ, []
         for mark, reading in free[:_PROGRAMMES]:
-            if mark > best + READ_ALIKE:
+            if mark > best + _READ_ALIKE:
                 break
             marks = self._physical(reading.read(self.states))
             if marks is not None:
@@ -274,7 +279,7 @@ class Judge:
             return alike
         products = [self.evidence.products(reading.read(self.states)) for reading in alike]
         marks = [float(_marks(some, self.prior).mean()) for some in products]
-        return [reading for mark, reading in zip(marks, alike, strict=True) if mark <= min(marks) + READ_ALIKE]
+        return [reading for mark, reading in zip(marks, alike, strict=True) if mark <= min(marks) + _READ_ALIKE]
 
     def _clocks(self) -> Iterator[Reading]:
         """The rate that explains most, if it is not the one that was taken."""
@@ -312,9 +317,6 @@ class Judge:
 
     def _known(self, values: Floats) -> Floats:
         return values if self.values is None else np.append(self.values, values[self.base.rank :])
-
-
-READ_ALIKE = 0.07  # differences of marks of readings up to which they do alike: 7 % of what is left
 
 
 @dataclass(frozen=True)
@@ -365,7 +367,7 @@ class _Trial:
         return not term.positive or bool((self.held.sizes(columns) > 0).all())
 
     def _is_worth(self, term: Term, before: Floats, after: Floats) -> bool:
-        least = WORTH * (_RARER if term.usual is Usual.RARELY else 1.0)
+        least = _WORTH * (_RARER if term.usual is Usual.RARELY else 1.0)
         for output in _shown(term, before):
             old, new, spread = before[:, output].sum(), after[:, output].sum(), self.products.spread[output]
             if new < old and new < spread and (old - new) / old * np.sqrt((old - new) / spread) > least:

@@ -9,6 +9,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.base.model import BaseModel
+from echelon.formats.usual_effects import slides
 from echelon.identification.judge.effects import Place, places
 from echelon.identification.judge.evidence import States
 from echelon.identification.judge.hypothesis import Kind, Knob, Term, Usual
@@ -58,7 +59,14 @@ def _knobs(base: BaseModel, states: States) -> Iterator[tuple[Kind, str, str, Us
     yield Kind.RATE, "the rate", "", Usual.OFTEN, every, _rate()
     for place in places(mechanism, states.q.shape[1], states.qd.shape[1]):
         if len(place.ratios) == 1:
-            yield Kind.JOINT, f"a joint '{place.name}' that gives way", place.name, Usual.RARELY, every, _elastic(place)
+            yield (
+                Kind.JOINT,
+                f"a joint '{place.name}' that gives way",
+                place.name,
+                Usual.RARELY,
+                every,
+                _elastic(place, slides(mechanism, place.name)),
+            )
 
 
 def _tilt(gravity: Floats) -> Knob:
@@ -112,7 +120,7 @@ def _rate() -> Knob:
     return Knob(1e-3, 1, moved, says)
 
 
-def _elastic(place: Place) -> Knob:
+def _elastic(place: Place, sliding: bool) -> Knob:
     ((q, v, ratio),) = place.ratios
 
     def moved(states: States, sizes: Floats, load: Floats) -> States:
@@ -122,7 +130,8 @@ def _elastic(place: Place) -> Knob:
 
     def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
         about, error = 1 / sizes[0], errors[0] / sizes[0] ** 2
-        return f"'{place.name}' gives way: its stiffness is about {about:.3g} ± {error:.1g} N·m/rad", ""
+        unit = "N/m" if sliding else "N·m/rad"
+        return f"'{place.name}' gives way: its stiffness is about {about:.3g} ± {error:.1g} {unit}", ""
 
     return Knob(1e-6, 1, moved, says)
 

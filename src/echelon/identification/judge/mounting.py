@@ -9,13 +9,14 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
+from echelon.errors import InputError
 from echelon.formats.snapping import gravity_vector
 from echelon.formats.usual_effects import floating_velocities
 from echelon.identification.judge.evidence import GRAVITY
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
 
-EARTH = 9.81  # m/s²
+_EARTH = 9.81  # m/s²
 _DIGITS = 4  # of gravity's components, in which an estimate is stated
 
 
@@ -27,7 +28,7 @@ def free_gravity(base: BaseModel, seed: int) -> tuple[BaseModel, Floats | None]:
     mechanism = base.mechanism
     stated = stated_gravity(mechanism)
     taken = set(mechanism.symbols) & set(GRAVITY)
-    if stated is None or taken or mechanism.dependent_velocities or floating_velocities(mechanism):
+    if stated is None or taken or not _is_fixed(mechanism):
         return base, None
     return base_parameters(replace(mechanism, gravity=gravity_vector("generic")), seed=seed), stated
 
@@ -47,6 +48,28 @@ def is_unknown(mechanism: Mechanism) -> bool:
     """Whether gravity has symbols without values, so that its direction is to be found."""
     known = known_values(mechanism)
     return any(not known.keys() >= set(component.symbols()) for component in mechanism.gravity or ())
+
+
+def standing(mechanism: Mechanism) -> Mechanism:
+    """The mechanism with gravity along -z of its base, from where its direction can be found.
+
+    Raises
+    ------
+    InputError
+        If the base moves or loops are closed: no other direction is looked for then.
+    """
+    if not _is_fixed(mechanism):
+        what = "a base that moves" if floating_velocities(mechanism) else "closed loops"
+        raise InputError(
+            f"the direction of gravity is not estimated for robots with {what}: state it, as in "
+            f"--gravity 0,0,-{_EARTH} or gravity: [0, 0, -{_EARTH}]",
+            source=mechanism.name,
+        )
+    return with_gravity(mechanism, np.array([0.0, 0.0, -_EARTH]))
+
+
+def _is_fixed(mechanism: Mechanism) -> bool:
+    return not (mechanism.dependent_velocities or floating_velocities(mechanism))
 
 
 def with_gravity(mechanism: Mechanism, gravity: Floats) -> Mechanism:

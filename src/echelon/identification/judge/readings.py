@@ -19,7 +19,7 @@ from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.identification.judge.evidence import States
 from echelon.identification.judge.hypothesis import Reading, Usual
-from echelon.logs.columns.column_map import Channel, ColumnMap, motion_of
+from echelon.logs.columns.column_map import Channel, ColumnMap, motion_of, signal_names
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.motor_side import transmission_matrix
 
@@ -170,9 +170,8 @@ class Readings:
     @cached_property
     def _coordinates(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Names of the columns of positions and of velocities."""
-        of, few = self.base.mechanism, self.base.mechanism.independent_velocities
-        whole = self.rows.q.shape[1] == len(of.positions)
-        return (of.positions if whole else few), (of.velocities if self.rows.qd.shape[1] == len(of.velocities) else few)
+        mechanism, rows = self.base.mechanism, self.rows
+        return signal_names(mechanism, "q", rows.q.shape[1]), signal_names(mechanism, "qd", rows.qd.shape[1])
 
     @cached_property
     def _position_labels(self) -> list[str]:

@@ -54,8 +54,6 @@ def _ratios(steps: Floats) -> tuple[Floats, Floats, Flags]:
     before, here, after = steps[:-2], steps[1:-1], steps[2:]
     noise = np.median(np.abs(here - (before + after) / 2), axis=0) / _NORMAL
     told = noise > 0
-    if not told.any():  # exact positions
-        told, noise = np.ptp(steps, axis=0) > 0, np.ones(steps.shape[1])
     before, here, after = (some[:, told] / noise[told] for some in (before, here, after))
     sizes = [np.sum(some**2, axis=1) for some in (before, after)]
     ratios = [
