@@ -18,7 +18,9 @@ from echelon.arrays import Flags, Floats, Integers
 from echelon.base.model import BaseModel
 from echelon.identification.rows.plan import spread_out
 from echelon.identification.rows.rows import rows_taken
+from echelon.logs.preparation.prepare import ORDER, ROOM
 from echelon.logs.recording import Samples
+from echelon.signals.filters import WORTH, lowpass
 
 SAMPLES = 8000  # samples that are judged, over all logs, of which filters leave a third or a quarter
 BLOCKS = 10  # blocks of time: few enough to hold all motions, enough to tell a standard error
@@ -42,6 +44,7 @@ class States:
     pieces: tuple[Samples, ...]  # stretches that the samples are, with the filter of both sides
     scale: Floats  # shape (outputs,); outputs by what the model predicts
     gravity: Floats | None = None  # shape (3,), m/s² in the base frame; None where the model has it built in
+    band: float = np.inf  # that the fit keeps, Hz
 
     @staticmethod
     def of(
@@ -62,7 +65,7 @@ class States:
         q, qd, qdd, rest = (np.concatenate([getattr(p, name) for p in pieces]) for name in ("q", "qd", "qdd", "y"))
         y = rest + np.concatenate([_predicted(base, piece, values) for piece in pieces])
         inputs = {name: np.concatenate([piece.inputs[name] for piece in pieces]) for name in pieces[0].inputs}
-        return States(q, qd, qdd, y, inputs, pieces, np.ones(y.shape[1]), gravity)
+        return States(q, qd, qdd, y, inputs, pieces, np.ones(y.shape[1]), gravity, band)
 
     @property
     def time(self) -> Floats:
@@ -82,6 +85,20 @@ class States:
         parts = zip(self.pieces, np.split(values, ends[:-1]), strict=True)
         rates: Floats = np.concatenate([np.gradient(part, axis=0) * piece.rate for piece, part in parts])
         return rates
+
+    @property
+    def rate(self) -> Floats:
+        """Samples per second at each sample."""
+        return np.concatenate([np.full(len(piece), piece.rate) for piece in self.pieces])
+
+    def smoothed(self, values: Floats) -> Floats:
+        """Signals (samples,) after the low-pass that measured positions have passed."""
+        ends = np.cumsum([len(piece) for piece in self.pieces])
+        parts = zip(self.pieces, np.split(values, ends[:-1]), strict=True)
+        cutoff = ROOM * self.band
+        return np.concatenate(
+            [part if cutoff > WORTH * piece.rate else lowpass(part, cutoff, piece.rate, ORDER) for piece, part in parts]
+        )
 
     def rows(self, values: Floats) -> Floats:
         """Signals (samples, …) after the filter of both sides, shape (rows, …)."""

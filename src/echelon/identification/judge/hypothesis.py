@@ -36,6 +36,10 @@ class Kind(StrEnum):
     UNIT = "unit"  # of all outputs, by a prior
 
 
+CONTINUOUS = (Kind.GRAVITY, Kind.GAIN, Kind.RATE, Kind.JOINT)
+"""Kinds of hypotheses that are knobs, with sizes that a fit finds."""
+
+
 @dataclass(frozen=True)
 class Knob:
     """A continuous change of what is read, whose sizes a fit finds."""

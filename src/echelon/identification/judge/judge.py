@@ -24,9 +24,10 @@ from echelon.identification.judge.changes import payloads, warming
 from echelon.identification.judge.effects import effects
 from echelon.identification.judge.evidence import Evidence, Fit, Gain, HeldOut, Products, States, fitted
 from echelon.identification.judge.gains import own_gains
-from echelon.identification.judge.hypothesis import Kind, Knob, Reading, Term, Usual
+from echelon.identification.judge.hypothesis import CONTINUOUS, Kind, Reading, Term, Usual
 from echelon.identification.judge.knobs import gain, load_of, slopes, turned
 from echelon.identification.judge.readings import Readings
+from echelon.identification.judge.settled import Turned, read_with, settled, settled_with_loads
 from echelon.identification.physics.feasibility import nearest_physical
 
 _ROUNDS = 8  # hypotheses that are taken at most
@@ -40,12 +41,10 @@ _READ_ELSEWHERE = 0.7  # the same of a log that was not fitted, which may be of 
 _READ_ALIKE = 0.07  # differences of marks of readings up to which they do alike: 7 % of what is left
 _RARER = 3.0  # times _WORTH, for hypotheses that are rarely true
 _NEW = 1e-4  # least share of a column that the model cannot say already
-_SETTLED, _STEPS = 1e-3, 6  # change of a size, by its standard error or itself, and most Gauss–Newton steps
 _PROGRAMMES = 16  # physical programmes that are solved at most
 _LARGEST = 120  # base parameters beyond which physics is not asked: programmes of that size take seconds
 _ALTERNATIVES = 2  # readings that are named together, because nothing tells them apart
 _FLOOR = 1e-4  # of an output's spread: smaller residuals count as equal
-_HALVINGS = 5  # of a Gauss–Newton step at most
 _UNITS = (1e-3, 1e3)  # rates by that taken, where ms and s were confused
 _RATES = (*np.geomspace(0.1, 10, 31), *_UNITS)  # that are tried first
 _FINER_RATES = ((1.17, 9), (1.03, 9))  # then, how far from the best one, and how many
@@ -97,9 +96,12 @@ class Judge:
     gravity_is_open: bool = False  # whether nobody stated its direction, so that it is doubted before all else
     told: list[Judged] = field(default_factory=list, init=False)  # those that were taken, and the next best
     terms: list[Term] = field(default_factory=list, init=False)  # columns that were taken
+    knobs: tuple[Turned, ...] = field(default=(), init=False)  # continuous ones that were taken
+    turned: list[str] = field(default_factory=list, init=False)  # words of knobs that were tried in earnest
 
     def __post_init__(self) -> None:
         self.evidence = Evidence(self.base, self.states)
+        self.start = self.states
 
     @property
     def is_told(self) -> bool:
@@ -109,16 +111,24 @@ class Judge:
     def run(self) -> list[Judged]:
         """Hypotheses that are taken, in their order; :attr:`told` has others beside them."""
         taken: list[Judged] = []
+        others: list[list[Judged]] = []
         while len(taken) < _ROUNDS:
-            small, others = self._small()
+            small, beside = self._small()
             large = self.other_reading() if self.doubtful and not taken else None
             if large is not None and (small is None or not self._does_as_well(small, large[0])):
-                self.told += [large[0], *others]
-                return [*taken, large[0]]  # what is left then is judged when the set-up is mended
+                self.told = [large[0], *beside]
+                return [large[0]]  # what is left then is judged when the set-up is mended
             if small is None:
                 break
-            taken.append(self._taken(small))
-            self.told += [taken[-1], *others]
+            joined = self._taken(small)
+            if small.terms[0].knob is not None:
+                self.turned.append(small.terms[0].words)
+            if joined is None:
+                continue
+            taken.append(joined)
+            others.append(beside)
+        taken = self._said(taken)
+        self.told = [some for one, beside in zip(taken, others, strict=True) for some in (one, *beside)]
         return taken
 
     def _does_as_well(self, small: _Candidate, large: Judged) -> bool:
@@ -142,6 +152,7 @@ class Judge:
             *warming(self.base, self.states),
             *turned(self.base, self.states, values),
         ]
+        tried = [term for term in tried if term.words not in self.turned]
         products = self.evidence.products(self.states, [t.signals for t in (*self.terms, *tried)])
         kept = products.size - sum(term.width for term in tried)
         trial = _Trial(products, HeldOut(products, np.arange(kept), first.noise), tried)
@@ -182,52 +193,50 @@ class Judge:
         judged = Judged(Kind.GAIN, term.words, "", term.usual, found, names, entries, old, new)
         return [_Candidate(judged, (term,), after, np.log(list(gains.values())))]
 
-    def _taken(self, chosen: _Candidate) -> Judged:
-        judged = chosen.judged
+    def _taken(self, chosen: _Candidate) -> Judged | None:
+        """A hypothesis that joins the model; None if it gains nothing where it is not a derivative any more."""
         if chosen.terms[0].knob is None:
             self.terms += chosen.terms
-        else:
-            judged, self.states = self._settled(chosen)
-        self.evidence = Evidence(self.base, self.states)
-        return judged
+            return chosen.judged
+        knobs, states = self._settled(chosen)
+        (before, old), (after, new) = self._fit(self.states), self._fit(states)
+        gain = _between(_marks(before, old.values), _marks(after, new.values))
+        if gain.is_none or gain.ratio < _SURE:
+            return None
+        self.knobs, self.states = knobs, states
+        return chosen.judged
 
-    def _settled(self, chosen: _Candidate) -> tuple[Judged, States]:
-        """A continuous change that is made in earnest, by Gauss–Newton steps until its size stands."""
-        (term, *_), start, rank = chosen.terms, self.states, self.base.rank
-        knob = term.knob
+    def _said(self, taken: Sequence[Judged]) -> list[Judged]:
+        """Hypotheses that were taken, those that are continuous with the sizes that were found in the end."""
+        if self.knobs:
+            self.knobs = settled_with_loads(self.base, self.start, self.knobs, self._left)
+            self.states = read_with(self.start, self.knobs)
+        knobs = iter(self.knobs)
+        return [self._sized(some, next(knobs)) if some.kind in CONTINUOUS else some for some in taken]
+
+    def _sized(self, judged: Judged, turned: Turned) -> Judged:
+        words, write = turned.words
+        gravity = None
+        if judged.kind is Kind.GRAVITY and self.states.gravity is not None:
+            gravity = tuple(self.states.gravity.tolist())
+        size = float(np.exp(turned.sizes[0])) if judged.kind in (Kind.GAIN, Kind.RATE) else 1.0
+        return replace(judged, words=words, write=write, size=size, gravity=gravity)
+
+    def _settled(self, chosen: _Candidate) -> tuple[tuple[Turned, ...], States]:
+        """All knobs that were taken and another one, with the sizes that leave least, and the states read with them."""
+        knob = chosen.terms[0].knob
         assert knob is not None
         sizes = np.zeros(knob.count) if chosen.start is None else chosen.start
-        errors, load = np.zeros(knob.count), load_of(self.base, start, self._fit(start)[1].values[:rank])
-        states = knob.moved(start, sizes, load)
-        for _ in range(_STEPS):
-            values = self._fit(states)[1].values[:rank]
-            load = load_of(self.base, start, values)
-            signals = slopes(self.base, start, values, knob, sizes, load)
-            fit = fitted(self.evidence.products(states, [*(t.signals for t in self.terms), signals]))
-            change = fit.values[-knob.count :]
-            errors = fit.errors[-knob.count :]
-            change, states = self._stepped(start, knob, sizes, change, load)
-            sizes = sizes + change
-            if (np.abs(change) < _SETTLED * np.maximum(errors, np.abs(sizes))).all():
-                break
-        words, write = knob.says(sizes, errors)
-        gravity = None if term.kind is not Kind.GRAVITY or states.gravity is None else tuple(states.gravity.tolist())
-        size = float(np.exp(sizes[0])) if term.kind in (Kind.GAIN, Kind.RATE) else 1.0
-        return replace(chosen.judged, words=words, write=write, size=size, gravity=gravity), states
+        load = load_of(self.base, self.states, self._fit(self.states)[1].values[: self.base.rank], knob)
+        another = Turned(knob, sizes, np.zeros(knob.count), load)
+        turned, _ = settled(self.base, self.start, [*self.knobs, another], self._left)
+        return turned, read_with(self.start, turned)
 
-    def _stepped(self, start: States, knob: Knob, sizes: Floats, change: Floats, load: Floats) -> tuple[Floats, States]:
-        """A change of sizes that is halved until the fit is no worse, and the states after it."""
-        now = self._left(knob.moved(start, sizes, load))
-        for _ in range(_HALVINGS):
-            states = knob.moved(start, sizes + change, load)
-            if self._left(states) <= now:
-                return change, states
-            change = change / 2
-        return np.zeros_like(change), knob.moved(start, sizes, load)
-
-    def _left(self, states: States) -> float:
-        products, fit = self._fit(states)
-        return float(_marks(products, fit.values).mean())
+    def _left(self, states: States, columns: Sequence[Mapping[int, Floats]]) -> tuple[float, Fit]:
+        """What the model with the columns that were taken and some others leaves, and its fit."""
+        products = self.evidence.products(states, [*(term.signals for term in self.terms), *columns])
+        found = fitted(products)
+        return float(_marks(products, found.values).mean()), found
 
     def _fit(self, states: States) -> tuple[Products, Fit]:
         products = self.evidence.products(states, [term.signals for term in self.terms])

@@ -17,8 +17,8 @@ from echelon.identification.judge.hypothesis import Kind, Knob, Term, Usual
 
 def turned(base: BaseModel, states: States, values: Floats) -> Iterator[Term]:
     """Terms of all knobs: derivatives of the prediction with some base parameters."""
-    load = load_of(base, states, values)
     for kind, words, place, usual, outputs, knob in _knobs(base, states):
+        load = load_of(base, states, values, knob)
         signals = slopes(base, states, values, knob, np.zeros(knob.count), load)
         columns, positive = {k: signals[k] for k in outputs}, kind is Kind.JOINT
         yield Term(kind, words, place, "", usual, columns, knob, positive=positive)
@@ -36,9 +36,13 @@ def slopes(
     return {k: whole[:, k] for k in range(whole.shape[1])}
 
 
-def load_of(base: BaseModel, states: States, values: Floats) -> Floats:
-    """What the model predicts without effects, such as friction, whose steps have no rates; (samples, outputs)."""
-    return states.predicted(base, without_effects(base, values))
+def load_of(base: BaseModel, states: States, values: Floats, knob: Knob) -> Floats:
+    """Loads of gears that turn a knob, without effects such as friction, whose steps have no rates; (samples, outputs).
+
+    They are what the model predicts, which is smooth, or what was measured, whose sign is right whatever is lacking.
+    """
+    load = states.predicted(base, without_effects(base, values))
+    return load + states.y - states.predicted(base, values)
 
 
 def without_effects(base: BaseModel, values: Floats) -> Floats:
@@ -59,6 +63,9 @@ def _knobs(base: BaseModel, states: States) -> Iterator[tuple[Kind, str, str, Us
     yield Kind.RATE, "the rate", "", Usual.OFTEN, every, _rate()
     for place in places(mechanism, states.q.shape[1], states.qd.shape[1]):
         if len(place.ratios) == 1:
+            words = f"a gear of '{place.name}' that has play"
+            play = _play(place, slides(mechanism, place.name))
+            yield Kind.JOINT, words, place.name, Usual.RARELY, every, play
             yield (
                 Kind.JOINT,
                 f"a joint '{place.name}' that gives way",
@@ -124,7 +131,7 @@ def _elastic(place: Place, sliding: bool) -> Knob:
     ((q, v, ratio),) = place.ratios
 
     def moved(states: States, sizes: Floats, load: Floats) -> States:
-        bent = load[:, place.output] * sizes[0] / ratio
+        bent = states.smoothed(load[:, place.output]) * sizes[0] / ratio
         rate = states.derivative(bent)
         return _shifted(states, q, v, bent, rate, states.derivative(rate))
 
@@ -134,6 +141,28 @@ def _elastic(place: Place, sliding: bool) -> Knob:
         return f"'{place.name}' gives way: its stiffness is about {about:.3g} ± {error:.1g} {unit}", ""
 
     return Knob(1e-6, 1, moved, says)
+
+
+def _play(place: Place, sliding: bool) -> Knob:
+    """An encoder that is ahead of its joint by half the play of the gear, on the side that the load presses to."""
+    ((q, v, ratio),) = place.ratios
+
+    def moved(states: States, sizes: Floats, load: Floats) -> States:
+        ahead = states.smoothed(_side(states, load[:, place.output])) * sizes[0] / ratio
+        rate = states.derivative(ahead)
+        return _shifted(states, q, v, ahead, rate, states.derivative(rate))
+
+    def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
+        unit = "m" if sliding else "rad"
+        return f"the gear of '{place.name}' has a play of {2 * sizes[0]:.2g} ± {2 * errors[0]:.1g} {unit}", ""
+
+    return Knob(1e-4, 1, moved, says)
+
+
+def _side(states: States, load: Floats) -> Floats:
+    """Signs of a load, with steps that are a straight line from one sample to the next; shape (samples,)."""
+    change = np.abs(states.derivative(load)) / states.rate
+    return np.clip(load / np.maximum(change, np.finfo(float).tiny), -1.0, 1.0)
 
 
 def _shifted(
