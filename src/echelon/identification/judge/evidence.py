@@ -77,6 +77,14 @@ class States:
             begin += ahead
         return np.concatenate(parts)
 
+    def place(self, sample: int) -> tuple[Samples, float]:
+        """The stretch that a sample is from, and the sample's time by the stamps of its log, s."""
+        for piece in self.pieces:
+            if sample < len(piece):
+                break
+            sample -= len(piece)
+        return piece, piece.start + sample / piece.rate
+
     def derivative(self, values: Floats) -> Floats:
         """Rates of signals (samples, …), by central differences within stretches."""
         ends = np.cumsum([len(piece) for piece in self.pieces])
