@@ -43,8 +43,9 @@ class Problem:
         """Rows of each output that are fitted."""
         found = []
         for columns, table, some in zip(COLUMNS, self.tables, self.fitted.T, strict=True):
-            cuts = np.array([np.sum(some & (blocks() < block)) for block in range(1, BLOCKS)])
-            found.append(OutputRows(columns, table[some], some, cuts))
+            ends = [int(np.sum(some & (blocks() <= block))) for block in range(BLOCKS)]
+            parts = tuple(slice(begin, end) for begin, end in zip([0, *ends], ends, strict=False))
+            found.append(OutputRows(columns, table[some], some, parts))
         return found
 
     @property

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -135,12 +136,14 @@ class OutputRows:
     columns: Integers  # shape (n,): the parameters that it can depend on
     table: Floats  # shape (rows, n + 1)
     fitted: Flags  # of all rows of the states
-    cuts: Integers  # shape (blocks - 1,): rows of the table at which blocks begin, but for the first
+    blocks: tuple[slice, ...]  # of the rows of the table
 
     def products(self, columns: Floats, others: Floats) -> Floats:
         """Products columnsᵀ others in each block, both of shape (rows, …); shape (blocks, …, …)."""
-        pairs = zip(np.split(columns, self.cuts), np.split(others, self.cuts), strict=True)
-        return np.stack([one.T @ two for one, two in pairs])
+        found = np.empty((len(self.blocks), columns.shape[1], others.shape[1]))
+        for block, some in enumerate(self.blocks):
+            found[block] = columns[some].T @ others[some]
+        return found
 
 
 @dataclass(frozen=True)
@@ -158,11 +161,10 @@ class Products:
         """Products of the rows of all outputs, with so many parameters."""
         columns, grams, counts, sums = [], [], [], []
         for rows in outputs:
-            blocks = np.split(rows.table[:, -1], rows.cuts)
             columns.append(rows.columns)
             grams.append(rows.products(rows.table, rows.table))
-            counts.append([float(len(y)) for y in blocks])
-            sums.append([float(y.sum()) for y in blocks])
+            counts.append([float(some.stop - some.start) for some in rows.blocks])
+            sums.append([float(rows.table[some, -1].sum()) for some in rows.blocks])
         return Products(size, tuple(columns), tuple(grams), np.array(counts).T, np.array(sums).T)
 
     @property
@@ -228,12 +230,14 @@ class Evidence:
         entries, measured = self._filtered_entries(states), states.rows(states.y)
         for output, chosen in enumerate(self._entries):
             added, signals = _of_terms(self.base.rank, terms, output)
-            parts = [states.scale[output] * entries[:, chosen], measured[:, [output]]]
-            if signals:
-                parts.insert(1, states.rows(np.hstack(signals)))
-            fitted = states.fitted[:, output]
             columns = np.append(self._columns[output], added)
-            yield OutputRows(columns, np.hstack(parts)[fitted], fitted, _cuts(fitted))
+            fitted = states.fitted[:, output]
+            table = np.empty((np.count_nonzero(fitted), len(columns) + 1))
+            table[:, : len(chosen)] = states.scale[output] * entries[:, chosen][fitted]
+            if signals:
+                table[:, len(chosen) : -1] = states.rows(np.hstack(signals))[fitted]
+            table[:, -1] = measured[fitted, output]
+            yield OutputRows(columns, table, fitted, _blocks(fitted))
 
     def _filtered_entries(self, states: States) -> Floats:
         """Entries of the regressor after the filter, shape (rows, entries)."""
@@ -260,10 +264,11 @@ def _of_terms(first: int, terms: Sequence[Mapping[int, Floats]], output: int) ->
     return np.concatenate([*numbers, np.empty(0, dtype=np.intp)]), signals
 
 
-def _cuts(fitted: Flags) -> Integers:
-    """Where blocks begin among rows that are fitted, but for the first; blocks divide all rows evenly."""
+def _blocks(fitted: Flags) -> tuple[slice, ...]:
+    """Blocks of rows that are fitted; they divide all rows evenly."""
     before = np.append(0, np.cumsum(fitted))
-    return before[[-(-len(fitted) * block // BLOCKS) for block in range(1, BLOCKS)]]
+    bounds = [int(before[-(-len(fitted) * block // BLOCKS)]) for block in range(BLOCKS + 1)]
+    return tuple(slice(begin, end) for begin, end in pairwise(bounds))
 
 
 @dataclass(frozen=True)
