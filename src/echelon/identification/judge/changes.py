@@ -55,7 +55,7 @@ class _Later(Mapping[int, Floats]):
         return iter(range(self.forces.shape[1]))
 
     def __len__(self) -> int:
-        return self.forces.shape[1]
+        return int(self.forces.shape[1])
 
 
 @dataclass(frozen=True)

@@ -167,7 +167,7 @@ class Products:
             sums.append([float(rows.table[some, -1].sum()) for some in rows.blocks])
         return Products(size, tuple(columns), tuple(grams), np.array(counts).T, np.array(sums).T)
 
-    @property
+    @cached_property
     def spread(self) -> Floats:
         """Squares of measured values about their means, shape (outputs,)."""
         squares = np.array([gram[:, -1, -1].sum() for gram in self.grams])

@@ -338,8 +338,11 @@ class _Trial:
     @property
     def columns(self) -> dict[int, list[int]]:
         """Numbers of the columns of each term."""
-        ends = np.cumsum([term.width for term in self.terms])
-        return {k: list(range(end - term.width, end)) for k, (term, end) in enumerate(zip(self.terms, ends, strict=True))}
+        found, first = {}, 0
+        for number, term in enumerate(self.terms):
+            found[number] = list(range(first, first + term.width))
+            first += term.width
+        return found
 
     @property
     def spread(self) -> Floats:
