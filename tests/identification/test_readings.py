@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -239,3 +240,11 @@ def test_a_unit_that_all_outputs_share_is_told_by_the_prior() -> None:
     assert found is not None
     assert "all outputs are in kN·m" in found.words
     assert found.gain.mean > 1
+
+
+def test_drives_couple_joints_that_are_near() -> None:
+    base, samples, _ = case("arm")
+    readings = Readings(base, States.of([samples], np.inf, base, np.zeros(base.rank)), ColumnMap(), velocities=False)
+    found = [re.search(r"drive of 'j(\d)' turns by j\d [+-] j(\d)", reading.words) for reading in readings.all()]
+    apart = [abs(int(some[1]) - int(some[2])) for some in found if some is not None]
+    assert [apart.count(k) for k in range(1, 5)] == [16, 12, 8, 0]  # both ways, with both signs

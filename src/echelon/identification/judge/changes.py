@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from math import floor, log10
 
 import numpy as np
 
@@ -14,29 +17,97 @@ from echelon.identification.judge.evidence import BLOCKS, States
 from echelon.identification.judge.hypothesis import Kind, Term, Usual
 
 _WARM = (0.1, 0.3, 1.0)  # times in which friction decays to a part of 1/e, by that of the logs
+_ROUNDING = 1e-9  # relative size of directions of a body's parameters that are in the base parameters by rounding alone
 
 
 def payloads(base: BaseModel, states: States) -> Iterator[Term]:
     """Another load from some time on, at each body that carries none."""
-    mechanism, time = base.mechanism, states.time
+    mechanism = base.mechanism
     carriers = {body.parent for body in mechanism.bodies}
-    X = base.regressor(states.q, states.qd, states.qdd, states.symbols, dict(states.inputs), threads=1)
-    B = base.B_float()
+    B = base.B_float(states.symbols)
     for index, body in enumerate(mechanism.bodies):
         mine = [k for k, column in enumerate(mechanism.columns) if column.body == index]
         if index in carriers or len(mine) < PER_BODY:
             continue
         left, sizes, _ = np.linalg.svd(B[:, mine], full_matrices=False)
-        told = sizes > 1e-9 * sizes.max(initial=1e-300)
-        forces = states.scale[:, None] * (X @ (left[:, told] * sizes[told]))
-        for block in range(1, BLOCKS):
-            begin = time[len(time) * block // BLOCKS]
-            later = (time >= begin)[:, None, None] * forces
-            words = f"'{body.name}' carries another load from {begin:.3g} s on"
-            write = f"cut the log at {begin:.3g} s, and identify both parts"
-            yield Term(
-                Kind.CHANGE, words, body.name, write, Usual.OFTEN, {k: later[:, k] for k in range(later.shape[1])}
-            )
+        told = sizes > _ROUNDING * sizes.max(initial=1e-300)
+        directions = (left[:, told] * sizes[told]).T
+        forces = np.stack([states.predicted(base, direction) for direction in directions], axis=2)
+        for change in _changes(states):
+            words = f"'{body.name}' carries another load {change.words}"
+            later = _Later(forces, change.first)
+            yield Term(Kind.CHANGE, words, body.name, change.write, Usual.OFTEN, later)
+
+
+@dataclass(frozen=True, eq=False)
+class _Later(Mapping[int, Floats]):
+    """Forces (samples, k) by output that begin at some sample; they are made when they are asked for."""
+
+    forces: Floats  # shape (samples, outputs, k)
+    first: int
+
+    def __getitem__(self, output: int) -> Floats:
+        found = self.forces[:, output].copy()
+        found[: self.first] = 0.0
+        return found
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(range(self.forces.shape[1]))
+
+    def __len__(self) -> int:
+        return int(self.forces.shape[1])
+
+
+@dataclass(frozen=True)
+class _Change:
+    """Where something may change."""
+
+    first: int  # sample after it
+    words: str  # from when on, by the stamps of the logs
+    write: str  # what to do about it
+
+
+def _changes(states: States) -> Iterator[_Change]:
+    """Borders of logs and of blocks; a block's border that is near one of logs is left out."""
+    count, least = len(states.q), len(states.q) / (2 * BLOCKS)
+    borders: list[int] = []
+    for first in _log_borders(states):
+        if first >= max([0, *borders[-1:]]) + least and first <= count - least:
+            borders.append(first)
+    inner = [count * block // BLOCKS for block in range(1, BLOCKS)]
+    inner = [first for first in inner if all(abs(first - border) >= least for border in borders)]
+    for first in sorted([*borders, *inner]):
+        yield _at_log(states, first) if first in borders else _within_log(states, first)
+
+
+def _log_borders(states: States) -> list[int]:
+    """Samples with which another log begins."""
+    ends = np.cumsum([len(piece) for piece in states.pieces]).tolist()
+    pairs = zip(pairwise(states.pieces), ends, strict=False)
+    return [end for (before, after), end in pairs if before.source != after.source]
+
+
+def _at_log(states: States, first: int) -> _Change:
+    sources = list(dict.fromkeys(piece.source for piece in states.pieces))
+    piece, _ = states.place(first)
+    words = f"in '{piece.source}'" if piece.source == sources[-1] else f"from '{piece.source}' on"
+    before, _ = states.place(first - 1)
+    write = f"identify the logs up to '{before.source}' and those from '{piece.source}' on separately"
+    return _Change(first, words, write)
+
+
+def _within_log(states: States, first: int) -> _Change:
+    piece, time = states.place(first)
+    said = f"{time:.{_decimals(float(states.time[-1]))}f} s"
+    several = any(other.source != piece.source for other in states.pieces)
+    where = f" of '{piece.source}'" if several else ""
+    log = f"'{piece.source}'" if several else "the log"
+    return _Change(first, f"from about {said}{where} on", f"cut {log} at {said}, and identify both parts")
+
+
+def _decimals(length: float) -> int:
+    """Decimals of times, s, that tell a thousandth to a hundredth of the length of the logs."""
+    return max(0, 2 - floor(log10(max(length, 1e-9))))
 
 
 def warming(base: BaseModel, states: States) -> Iterator[Term]:

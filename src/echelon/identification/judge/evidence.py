@@ -1,35 +1,39 @@
-"""The rows that hypotheses are judged by: a log on a slow clock, in blocks of time that are predicted from one another.
+"""The rows that hypotheses are judged by: a log on a slow clock, in blocks of time, and fits to their products.
 
-A model with the columns W of the base parameters and columns X of a hypothesis is fitted by least squares, outputs
-weighted by their noise, to all blocks but one, and the one left out is predicted.  What it leaves of each output in
-each block says how good the hypothesis is, and how sure that is: blocks err independently where samples do not.
-W is projected away once for each block, so that a hypothesis costs no more than its own few columns.
+All that fits need of the rows are the products [W y]ᵀ[W y] of each output in each block, with the columns W of the
+base parameters and of terms that were taken.  A robot of many joints has thousands of entries in W, nearly all of the
+work; so readings of the logs that change outputs alone share the filtered entries.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
 from echelon.arrays import Flags, Floats, Integers
 from echelon.base.model import BaseModel
 from echelon.identification.rows.plan import spread_out
-from echelon.identification.rows.rows import rows_taken
+from echelon.identification.rows.rows import rows_filtered, rows_taken
 from echelon.logs.preparation.prepare import ORDER, ROOM
 from echelon.logs.recording import Samples
 from echelon.signals.filters import WORTH, lowpass
 
-SAMPLES = 8000  # samples that are judged, over all logs, of which filters leave a third or a quarter
+_SAMPLES = 8000  # samples that are judged, over all logs, of which filters leave a third or a quarter
 BLOCKS = 10  # blocks of time: few enough to hold all motions, enough to tell a standard error
 _RIDGE = 1e-9  # of squares of columns: what the data leave open stays small
 _FLOOR = 1e-9  # of an output's squares: rounding of exact data is no noise
 _LITTLE = 0.005  # gain, in logarithms, that is none however sure it is
 _REWEIGHTED = 5  # iterations in which outputs get the weights of their residuals
 
+_OF_MOTION = ("q", "qd", "qdd", "inputs", "pieces", "gravity", "drives")  # what the regressor of states depends on
+
 GRAVITY = ("gx", "gy", "gz")
+Motion = tuple[Floats, Floats, Floats]
+"""Positions, velocities and accelerations, shape (samples, …)."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,7 @@ class States:
     scale: Floats  # shape (outputs,); outputs by what the model predicts
     gravity: Floats | None = None  # shape (3,), m/s² in the base frame; None where the model has it built in
     band: float = np.inf  # that the fit keeps, Hz
+    drives: Motion | None = None  # positions, velocities and accelerations of drives, where gears are not stiff
 
     @staticmethod
     def of(
@@ -61,7 +66,7 @@ class States:
             return replace(some, y=some.y - _predicted(base, some, values))
 
         measured = (piece for piece in samples if piece.y is not None)
-        pieces = tuple(spread_out(measured, band, SAMPLES, BLOCKS, left))
+        pieces = tuple(spread_out(measured, band, _SAMPLES, BLOCKS, left))
         q, qd, qdd, rest = (np.concatenate([getattr(p, name) for p in pieces]) for name in ("q", "qd", "qdd", "y"))
         y = rest + np.concatenate([_predicted(base, piece, values) for piece in pieces])
         inputs = {name: np.concatenate([piece.inputs[name] for piece in pieces]) for name in pieces[0].inputs}
@@ -78,6 +83,14 @@ class States:
                 ahead = following.start - piece.start
             begin += ahead
         return np.concatenate(parts)
+
+    def place(self, sample: int) -> tuple[Samples, float]:
+        """The stretch that a sample is from, and the sample's time by the stamps of its log, s."""
+        for piece in self.pieces:
+            if sample < len(piece):
+                break
+            sample -= len(piece)
+        return piece, piece.start + sample / piece.rate
 
     def derivative(self, values: Floats) -> Floats:
         """Rates of signals (samples, …), by central differences within stretches."""
@@ -104,7 +117,7 @@ class States:
         """Signals (samples, …) after the filter of both sides, shape (rows, …)."""
         ends = np.cumsum([len(piece) for piece in self.pieces])
         parts = zip(self.pieces, np.split(values, ends[:-1]), strict=True)
-        return np.concatenate([rows_taken(piece, part)[1] for piece, part in parts])
+        return np.concatenate([rows_filtered(piece, part) for piece, part in parts])
 
     @cached_property
     def fitted(self) -> Flags:
@@ -113,11 +126,21 @@ class States:
         every = (np.ones((len(rows), self.y.shape[1]), dtype=bool) for _, rows, _ in found)
         return np.concatenate([a if flags is None else flags for a, (_, _, flags) in zip(every, found, strict=True)])
 
+    def moves_like(self, other: States) -> bool:
+        """Whether the regressor is that of other states, as far as this can be told without looking at samples."""
+        pairs = ((getattr(self, name), getattr(other, name)) for name in _OF_MOTION)
+        return all(one is two for one, two in pairs)
+
     def predicted(self, base: BaseModel, values: Floats) -> Floats:
         """The outputs of a model, shape (samples, outputs)."""
-        inputs = dict(self.inputs)
-        found: Floats = self.scale * base.predict(self.q, self.qd, self.qdd, values, self.symbols, inputs)
-        return found
+        if self.drives is None:
+            return self.scale * base.predict(self.q, self.qd, self.qdd, values, self.symbols, dict(self.inputs))
+        ahead = replace(self, q=self.drives[0], qd=self.drives[1], qdd=self.drives[2], drives=None)
+        bodies = of_bodies(base)
+        joints = replace(self, drives=None)
+        return joints.predicted(base, np.where(bodies, values, 0.0)) + ahead.predicted(
+            base, np.where(bodies, 0.0, values)
+        )
 
     @property
     def symbols(self) -> dict[str, float]:
@@ -127,32 +150,65 @@ class States:
         return {name: float(value) for name, value in zip(GRAVITY, self.gravity, strict=True)}
 
 
+def of_bodies(base: BaseModel) -> Flags:
+    """Whether base parameters are those of bodies, not of effects such as friction and rotors; shape (r,)."""
+    columns = base.mechanism.columns
+    return np.array([columns[pivot].body is not None for pivot in base.matrix.pivots], dtype=bool)
+
+
 def _predicted(base: BaseModel, samples: Samples, values: Floats) -> Floats:
     return base.predict(samples.q, samples.qd, samples.qdd, values, None, dict(samples.inputs))
 
 
 @dataclass(frozen=True)
-class Products:
-    """[W X y]ᵀ[W X y] of each output's rows in each block, with the columns X of hypotheses."""
+class OutputRows:
+    """The rows [W y] of one output that are fitted, block after block."""
 
-    size: int  # of all parameters: base parameters, then those of hypotheses
+    columns: Integers  # shape (n,): the parameters that it can depend on
+    table: Floats  # shape (rows, n + 1)
+    fitted: Flags  # of all rows of the states
+    blocks: tuple[slice, ...]  # of the rows of the table
+
+    def products(self, columns: Floats, others: Floats) -> Floats:
+        """Products columnsᵀ others in each block, both of shape (rows, …); shape (blocks, …, …)."""
+        found = np.empty((len(self.blocks), columns.shape[1], others.shape[1]))
+        for block, some in enumerate(self.blocks):
+            found[block] = columns[some].T @ others[some]
+        return found
+
+
+@dataclass(frozen=True)
+class Products:
+    """[W y]ᵀ[W y] of each output's rows in each block."""
+
+    size: int  # of all parameters: base parameters, then those of terms
     columns: tuple[Integers, ...]  # shape (n_i,) for each output: the parameters it can depend on
     grams: tuple[Floats, ...]  # shape (blocks, n_i + 1, n_i + 1)
     counts: Floats  # shape (blocks, outputs); rows
     sums: Floats  # shape (blocks, outputs); of the measured values
 
-    @property
+    @staticmethod
+    def of(size: int, outputs: Iterable[OutputRows]) -> Products:
+        """Products of the rows of all outputs, with so many parameters."""
+        columns, grams, counts, sums = [], [], [], []
+        for rows in outputs:
+            columns.append(rows.columns)
+            grams.append(rows.products(rows.table, rows.table))
+            counts.append([float(some.stop - some.start) for some in rows.blocks])
+            sums.append([float(rows.table[some, -1].sum()) for some in rows.blocks])
+        return Products(size, tuple(columns), tuple(grams), np.array(counts).T, np.array(sums).T)
+
+    @cached_property
     def spread(self) -> Floats:
         """Squares of measured values about their means, shape (outputs,)."""
         squares = np.array([gram[:, -1, -1].sum() for gram in self.grams])
         of_means: Floats = self.sums.sum(axis=0) ** 2 / np.maximum(self.counts.sum(axis=0), 1)
         return np.asarray(np.maximum(squares - of_means, 0.0))
 
-    @property
-    def together(self) -> Products:
-        """The products of all blocks as of one."""
-        grams = tuple(gram.sum(axis=0, keepdims=True) for gram in self.grams)
-        counts, sums = (some.sum(axis=0, keepdims=True) for some in (self.counts, self.sums))
+    def together(self, blocks: Sequence[int] | slice = slice(None)) -> Products:
+        """The products of some blocks as of one."""
+        grams = tuple(gram[blocks].sum(axis=0, keepdims=True) for gram in self.grams)
+        counts, sums = (some[blocks].sum(axis=0, keepdims=True) for some in (self.counts, self.sums))
         return replace(self, grams=grams, counts=counts, sums=sums)
 
     def scaled(self, output: int, factor: float) -> Products:
@@ -170,50 +226,89 @@ class Products:
             found[:, output] = np.maximum((gram @ full) @ full, 0.0)
         return found
 
+    def normal_equations(self, weights: Floats) -> tuple[Floats, Floats]:
+        """Normal matrix and right side of the first block, outputs weighted."""
+        weighted = [weight * gram[0, :-1] for weight, gram in zip(weights, self.grams, strict=True)]
+        products = np.concatenate([part[:, :-1].ravel() for part in weighted])
+        right = np.concatenate([part[:, -1] for part in weighted])
+        matrix = np.bincount(self._places, products, self.size**2).reshape(self.size, self.size)
+        sides = np.bincount(np.concatenate(self.columns), right, self.size)
+        return np.asarray(matrix, dtype=np.float64), np.asarray(sides, dtype=np.float64)
+
+    @cached_property
+    def _places(self) -> Integers:
+        """Places in the normal matrix, row by row, of the products of all outputs."""
+        return np.concatenate([np.add.outer(self.size * columns, columns).ravel() for columns in self.columns])
+
 
 class Evidence:
-    """A base model beside the rows of some logs."""
+    """The rows of a base model in some states."""
 
-    def __init__(self, base: BaseModel, states: States) -> None:
-        self.base, self.states = base, states
+    def __init__(self, base: BaseModel) -> None:
+        self.base = base
         places, parameters = base.sparsity
-        self._entries: list[Integers] = [np.flatnonzero(places == i) for i in range(states.y.shape[1])]
+        self._entries: list[Integers] = [np.flatnonzero(places == k) for k in range(len(base.mechanism.outputs))]
         self._columns = [parameters[entries] for entries in self._entries]
+        self._of_effects = ~of_bodies(base)[parameters]
+        self._last: tuple[States, Floats] | None = None
 
     def products(self, states: States, terms: Sequence[Mapping[int, Floats]] = ()) -> Products:
-        """Products of the rows as some states have them, with columns of terms: signals (samples, k) by output."""
-        size, placed = self.base.rank, []
-        for term in terms:
-            width = next(iter(term.values())).shape[1]
-            placed.append((size, term))
-            size += width
-        entries = self.base.regressor_entries(
-            states.q, states.qd, states.qdd, states.symbols, dict(states.inputs), threads=1
-        )
-        model, fitted = states.rows(np.column_stack([entries, states.y])), states.fitted
-        blocks = np.minimum(np.arange(len(model)) * BLOCKS // max(len(model), 1), BLOCKS - 1)
-        columns, grams, counts, sums = (
-            [],
-            [],
-            np.zeros((BLOCKS, states.y.shape[1])),
-            np.zeros((BLOCKS, states.y.shape[1])),
-        )
+        """Products of the rows of some states, with columns of terms: signals (samples, k) by output."""
+        size = self.base.rank + sum(map(width, terms))
+        return Products.of(size, self.rows(states, terms))
+
+    def rows(self, states: States, terms: Sequence[Mapping[int, Floats]] = ()) -> Iterator[OutputRows]:
+        """The rows of all outputs."""
+        entries, measured = self._filtered_entries(states), states.rows(states.y)
         for output, chosen in enumerate(self._entries):
-            mine = [(first, term[output]) for first, term in placed if output in term]
-            more = states.rows(np.hstack([signals for _, signals in mine])) if mine else np.zeros((len(model), 0))
-            y = model[:, [entries.shape[1] + output]]
-            table = np.hstack([states.scale[output] * model[:, chosen], more, y])
-            added = [first + k for first, signals in mine for k in range(signals.shape[1])]
-            columns.append(np.append(self._columns[output], np.array(added, dtype=np.intp)))
-            parts = [table[(blocks == block) & fitted[:, output]] for block in range(BLOCKS)]
-            grams.append(np.stack([part.T @ part for part in parts]))
-            counts[:, output] = [len(part) for part in parts]
-            sums[:, output] = [part[:, -1].sum() for part in parts]
-        return Products(size, tuple(columns), tuple(grams), counts, sums)
+            added, signals = _of_terms(self.base.rank, terms, output)
+            columns = np.append(self._columns[output], added)
+            fitted = states.fitted[:, output]
+            table = np.empty((np.count_nonzero(fitted), len(columns) + 1))
+            table[:, : len(chosen)] = states.scale[output] * entries[:, chosen][fitted]
+            if signals:
+                table[:, len(chosen) : -1] = states.rows(np.hstack(signals))[fitted]
+            table[:, -1] = measured[fitted, output]
+            yield OutputRows(columns, table, fitted, _blocks(fitted))
+
+    def _filtered_entries(self, states: States) -> Floats:
+        """Entries of the regressor after the filter, shape (rows, entries)."""
+        if self._last is None or not states.moves_like(self._last[0]):
+            entries = self._entries_at(states, (states.q, states.qd, states.qdd))
+            if states.drives is not None:
+                entries[:, self._of_effects] = self._entries_at(states, states.drives)[:, self._of_effects]
+            self._last = states, states.rows(entries)
+        return self._last[1]
+
+    def _entries_at(self, states: States, motion: Motion) -> Floats:
+        return self.base.regressor_entries(*motion, states.symbols, dict(states.inputs), threads=1)
+
+
+def width(term: Mapping[int, Floats]) -> int:
+    """Number of columns of a term, given by its signals (samples, k) by output."""
+    return int(next(iter(term.values())).shape[1])
+
+
+def _of_terms(first: int, terms: Sequence[Mapping[int, Floats]], output: int) -> tuple[Integers, list[Floats]]:
+    """Parameters of terms that act on an output, numbered from the first one on, and their signals."""
+    numbers, signals = [], []
+    for term in terms:
+        if output in term:
+            numbers.append(np.arange(first, first + width(term)))
+            signals.append(term[output])
+        first += width(term)
+    return np.concatenate([*numbers, np.empty(0, dtype=np.intp)]), signals
+
+
+def _blocks(fitted: Flags) -> tuple[slice, ...]:
+    """Blocks of rows that are fitted; they divide all rows evenly."""
+    before = np.append(0, np.cumsum(fitted))
+    bounds = [int(before[-(-len(fitted) * block // BLOCKS)]) for block in range(BLOCKS + 1)]
+    return tuple(slice(begin, end) for begin, end in pairwise(bounds))
 
 
 @dataclass(frozen=True)
-class Fit:
+class WeightedFit:
     """Weighted least squares on all rows."""
 
     values: Floats  # shape (parameters,)
@@ -223,9 +318,7 @@ class Fit:
     @property
     def covariance(self) -> Floats:
         """Covariance of the parameters; what the data leave open is kept small."""
-        scale = np.sqrt(np.where(np.diagonal(self.matrix) > 0, np.diagonal(self.matrix), 1.0))
-        scaled = self.matrix / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
-        return np.asarray(np.linalg.inv(scaled) / np.outer(scale, scale))
+        return ridged_inverse(self.matrix)
 
     @property
     def errors(self) -> Floats:
@@ -233,92 +326,37 @@ class Fit:
         return np.asarray(np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0)))
 
 
-def fitted(products: Products) -> Fit:
+def fitted(products: Products) -> WeightedFit:
     """All parameters by iteratively reweighted least squares."""
-    whole, counts = products.together, np.maximum(products.counts.sum(axis=0), 1)
+    whole, counts = products.together(), np.maximum(products.counts.sum(axis=0), 1)
     total = np.array([gram[0, -1, -1] for gram in whole.grams])
     floor = np.maximum(_FLOOR * total / counts, np.finfo(float).tiny)
     noise = np.maximum(total / counts, floor)
     values, matrix = np.zeros(products.size), np.zeros((products.size, products.size))
     for _ in range(_REWEIGHTED):
-        matrix, right = _normal(whole, 1 / noise, slice(None))
-        values = _ridged(matrix)(right)
+        matrix, right = whole.normal_equations(1 / noise)
+        values = ridged_solution(matrix, right)
         noise = np.maximum(whole.squares(values)[0] / counts, floor)
-    return Fit(values, noise, matrix)
+    return WeightedFit(values, noise, matrix)
 
 
-def _normal(products: Products, weights: Floats, blocks: slice | Integers) -> tuple[Floats, Floats]:
-    """Normal matrix and right side over some blocks."""
-    matrix, right = np.zeros((products.size, products.size)), np.zeros(products.size)
-    for columns, gram, weight in zip(products.columns, products.grams, weights, strict=True):
-        part = weight * gram[blocks].sum(axis=0)
-        matrix[np.ix_(columns, columns)] += part[:-1, :-1]
-        right[columns] += part[:-1, -1]
-    return matrix, right
+def ridged_solution(matrix: Floats, right: Floats) -> Floats:
+    """Solution (n,) with a normal matrix (n, n), what it leaves open kept small."""
+    scaled, scale = _ridged(matrix)
+    return np.asarray(np.linalg.solve(scaled, right / scale) / scale)
 
 
-def _ridged(matrix: Floats) -> Callable[[Floats], Floats]:
-    """Solves with a normal matrix, what it leaves open kept small."""
-    scale = np.sqrt(np.where(np.diagonal(matrix) > 0, np.diagonal(matrix), 1.0))
-    scaled = matrix / np.outer(scale, scale) + _RIDGE * np.eye(len(matrix))
-
-    def solve(right: Floats) -> Floats:
-        divisor = scale if right.ndim == 1 else scale[:, None]
-        found: Floats = np.linalg.solve(scaled, right / divisor) / divisor
-        return found
-
-    return solve
+def ridged_inverse(matrix: Floats) -> Floats:
+    """Inverse of a normal matrix (n, n), what it leaves open kept small."""
+    scaled, scale = _ridged(matrix)
+    return np.asarray(np.linalg.inv(scaled) / np.outer(scale, scale))
 
 
-class HeldOut:
-    """Predictions of each block from all others, without columns of hypotheses and with some."""
-
-    def __init__(self, products: Products, kept: Integers, noise: Floats) -> None:
-        self._products, self._kept = products, kept
-        everything = np.arange(BLOCKS)
-        self._folds = []
-        others = np.setdiff1d(np.arange(products.size), kept)
-        for block in range(BLOCKS):
-            matrix, right = _normal(products, 1 / noise, everything[everything != block])
-            solve = _ridged(matrix[np.ix_(kept, kept)])
-            cross = matrix[np.ix_(kept, others)]
-            beside, alone = solve(cross), solve(right[kept])
-            left = matrix[np.ix_(others, others)] - cross.T @ beside
-            rest = right[others] - cross.T @ alone
-            self._folds.append((alone, beside, left, rest, np.diagonal(matrix)[others]))
-        self._place = {int(column): k for k, column in enumerate(others)}
-
-    def squares(self, columns: Sequence[int] = ()) -> Floats:
-        """Squares of what is left of each block, with some columns of hypotheses, shape (blocks, outputs)."""
-        products = self._products
-        found = np.empty_like(products.counts)
-        some = [self._place[column] for column in columns]
-        for block, (alone, beside, left, rest, _) in enumerate(self._folds):
-            values = np.zeros(products.size)
-            values[self._kept] = alone
-            if some:
-                own = _ridged(left[np.ix_(some, some)])(rest[some])
-                values[self._kept] -= beside[:, some] @ own
-                values[list(columns)] = own
-            for output, (chosen, gram) in enumerate(zip(products.columns, products.grams, strict=True)):
-                full = np.append(values[chosen], -1.0)
-                found[block, output] = max(full @ gram[block] @ full, 0.0)
-        return found
-
-    def sizes(self, columns: Sequence[int]) -> Floats:
-        """Parameters of some columns, the mean over the folds, shape (columns,)."""
-        some = [self._place[column] for column in columns]
-        found = [_ridged(left[np.ix_(some, some)])(rest[some]) for _, _, left, rest, _ in self._folds]
-        return np.asarray(np.mean(found, axis=0))
-
-    def new(self, columns: Sequence[int]) -> Floats:
-        """Shares of columns' squares that the model cannot say already, at least over the folds, shape (columns,)."""
-        some = [self._place[column] for column in columns]
-        shares = [
-            np.diagonal(left)[some] / np.maximum(whole[some], np.finfo(float).tiny)
-            for _, _, left, _, whole in self._folds
-        ]
-        return np.asarray(np.min(shares, axis=0))
+def _ridged(matrix: Floats) -> tuple[Floats, Floats]:
+    """A normal matrix of columns of unit length with a ridge, and their lengths."""
+    squares = np.diagonal(matrix)
+    scale = np.sqrt(np.where(squares > 0, squares, 1.0))
+    return matrix / np.outer(scale, scale) + _RIDGE * np.eye(len(scale)), scale
 
 
 @dataclass(frozen=True)

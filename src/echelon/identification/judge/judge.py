@@ -22,8 +22,9 @@ from echelon.base.model import BaseModel
 from echelon.errors import EchelonError
 from echelon.identification.judge.changes import payloads, warming
 from echelon.identification.judge.effects import effects
-from echelon.identification.judge.evidence import Evidence, Fit, Gain, HeldOut, Products, States, fitted
+from echelon.identification.judge.evidence import Evidence, Gain, Products, States, WeightedFit, fitted
 from echelon.identification.judge.gains import own_gains
+from echelon.identification.judge.held_out import Beside, HeldOut
 from echelon.identification.judge.hypothesis import CONTINUOUS, Kind, Reading, Term, Usual
 from echelon.identification.judge.knobs import gain, load_of, slopes, turned
 from echelon.identification.judge.readings import Readings
@@ -39,6 +40,7 @@ of the squares where that adds a thousandth to R², half of them where it adds a
 _READ = 0.3  # gain of another reading of the logs from which on it is taken: it leaves three quarters of residuals
 _READ_ELSEWHERE = 0.7  # the same of a log that was not fitted, which may be of another day
 _READ_ALIKE = 0.07  # differences of marks of readings up to which they do alike: 7 % of what is left
+_RIVAL = 0.5  # of the best gain, from which on joints that are not stiff are compared in earnest
 _RARER = 3.0  # times _WORTH, for hypotheses that are rarely true
 _NEW = 1e-4  # least share of a column that the model cannot say already
 _PROGRAMMES = 16  # physical programmes that are solved at most
@@ -80,7 +82,8 @@ class _Candidate:
     terms: tuple[Term, ...]
     left: Floats  # squares by block and output
     start: Floats | None = None  # sizes of a continuous change to start from
-    columns: Mapping[int, list[int]] = field(default_factory=dict)  # of its terms, by their numbers
+    columns: Mapping[int, list[int]] = field(default_factory=dict)  # of its terms, by their numbers in the trial
+    trial: _Trial | None = None  # which it is from, if it is columns of the fit
 
 
 @dataclass
@@ -100,7 +103,7 @@ class Judge:
     turned: list[str] = field(default_factory=list, init=False)  # words of knobs that were tried in earnest
 
     def __post_init__(self) -> None:
-        self.evidence = Evidence(self.base, self.states)
+        self.evidence = Evidence(self.base)
         self.start = self.states
 
     @property
@@ -113,20 +116,21 @@ class Judge:
         taken: list[Judged] = []
         others: list[list[Judged]] = []
         while len(taken) < _ROUNDS:
-            small, beside = self._small()
+            small, sure = self._small()
+            beside = _beside(small, sure)
             large = self.other_reading() if self.doubtful and not taken else None
             if large is not None and (small is None or not self._does_as_well(small, large[0])):
                 self.told = [large[0], *beside]
                 return [large[0]]  # what is left then is judged when the set-up is mended
             if small is None:
                 break
+            if small.judged.kind is Kind.JOINT:
+                small = self._rival(small, sure)
+                beside = _beside(small, sure)
             joined = self._taken(small)
-            if small.terms[0].knob is not None:
-                self.turned.append(small.terms[0].words)
-            if joined is None:
-                continue
-            taken.append(joined)
-            others.append(beside)
+            if joined is not None:
+                taken.append(joined)
+                others.append(beside)
         taken = self._said(taken)
         self.told = [some for one, beside in zip(taken, others, strict=True) for some in (one, *beside)]
         return taken
@@ -142,8 +146,8 @@ class Judge:
 
     # -- columns -------------------------------------------------------------------------------------------------
 
-    def _small(self) -> tuple[_Candidate | None, list[Judged]]:
-        """The best hypothesis that is columns of the fit, and others that do well."""
+    def _small(self) -> tuple[_Candidate | None, list[_Candidate]]:
+        """The best hypothesis that is columns of the fit, and all that gain surely."""
         model, first = self._fit(self.states)
         values = first.values[: self.base.rank]
         tried = [
@@ -153,41 +157,47 @@ class Judge:
             *turned(self.base, self.states, values),
         ]
         tried = [term for term in tried if term.words not in self.turned]
-        products = self.evidence.products(self.states, [t.signals for t in (*self.terms, *tried)])
-        kept = products.size - sum(term.width for term in tried)
-        trial = _Trial(products, HeldOut(products, np.arange(kept), first.noise), tried)
-        found = [c for columns in _grouped(tried, kept) if (c := trial.candidate(columns)) is not None]
-        found += self._foreign_gains(model, first)
+        held, rows = HeldOut(model, first.noise), list(self.evidence.rows(self.states, self._signals))
+        found = []
+        for terms in _grouped(tried):
+            trial = _Trial(terms, held, Beside(held, rows, self.states, [term.signals for term in terms]))
+            candidate = trial.candidate(trial.columns)
+            if candidate is not None:
+                found.append(candidate)
+        found += self._foreign_gains(model, first, held)
         sure = [c for c in found if c.judged.gain.ratio > _SURE]
         if not sure:
             return None, []
         best = max(sure, key=lambda c: c.judged.gain.mean)
-        alike = [c for c in sure if c is best or Gain.of(c.left, best.left, trial.floor).is_none]
+        alike = [c for c in sure if c is best or Gain.of(c.left, best.left, _floor(model)).is_none]
         chosen = min(alike, key=self._simple)
-        others = sorted((c for c in sure if c is not chosen), key=lambda c: -c.judged.gain.mean)[:_SHOWN]
-        chosen = _of_position(trial.pruned(chosen), alike)
-        return chosen, [replace(c.judged, taken=False) for c in others]
+        return _of_position(_pruned(chosen), alike), sure
+
+    def _rival(self, chosen: _Candidate, sure: Sequence[_Candidate]) -> _Candidate:
+        """The joint that leaves least if it gives way or has play in earnest: derivatives do not tell these apart."""
+        joints = [c for c in sure if c.judged.kind is Kind.JOINT]
+        rivals = [c for c in joints if c.judged.gain.mean > _RIVAL * chosen.judged.gain.mean]
+        return min(rivals, key=lambda c: self._left(self._settled(c)[1], ())[0])
 
     def _simple(self, some: _Candidate) -> tuple[bool, Usual, int, float]:
         """Order of hypotheses that predict alike, the simplest one first."""
         stated = not (self.gravity_is_open and some.judged.kind is Kind.GRAVITY)
         return stated, some.judged.usual, sum(term.width for term in some.terms), -some.judged.gain.mean
 
-    def _foreign_gains(self, model: Products, fit: Fit) -> list[_Candidate]:
+    def _foreign_gains(self, model: Products, fit: WeightedFit, held: HeldOut) -> list[_Candidate]:
         """Outputs in other units, such as currents, whose gains are too far from one for derivatives."""
         gains = own_gains(self.base, model)
         if not gains:
             return []
-        kept, other = np.arange(model.size), model
+        other = model
         for output, factor in gains.items():
             other = other.scaled(output, factor)
-        before = HeldOut(model, kept, fit.noise).squares()
-        after = HeldOut(other, kept, fitted(other).noise).squares()
+        before, after = held.squares, HeldOut(other, fitted(other).noise).squares
         names = tuple(self.readings.outputs[output] for output in gains)
         knob, load = gain(list(gains), names), np.zeros_like(self.states.y)
         signals = slopes(self.base, self.states, fit.values[: self.base.rank], knob, np.zeros(len(gains)), load)
         term = Term(Kind.GAIN, "the gains of outputs", ", ".join(names), "", Usual.OFTEN, signals, knob)
-        found, spread = Gain.of(before, after, _FLOOR**2 * model.spread), np.maximum(model.spread, _TINY)
+        found, spread = Gain.of(before, after, _floor(model)), np.maximum(model.spread, _TINY)
         old, new = (tuple(1 - squares.sum(axis=0)[k] / spread[k] for k in gains) for squares in (before, after))
         entries = ("",) * len(names)
         judged = Judged(Kind.GAIN, term.words, "", term.usual, found, names, entries, old, new)
@@ -198,6 +208,7 @@ class Judge:
         if chosen.terms[0].knob is None:
             self.terms += chosen.terms
             return chosen.judged
+        self.turned.append(chosen.terms[0].words)
         knobs, states = self._settled(chosen)
         (before, old), (after, new) = self._fit(self.states), self._fit(states)
         gain = _between(_marks(before, old.values), _marks(after, new.values))
@@ -227,20 +238,25 @@ class Judge:
         knob = chosen.terms[0].knob
         assert knob is not None
         sizes = np.zeros(knob.count) if chosen.start is None else chosen.start
-        load = load_of(self.base, self.states, self._fit(self.states)[1].values[: self.base.rank], knob)
+        load = load_of(self.base, self.states, self._fit(self.states)[1].values[: self.base.rank])
         another = Turned(knob, sizes, np.zeros(knob.count), load)
         turned, _ = settled(self.base, self.start, [*self.knobs, another], self._left)
         return turned, read_with(self.start, turned)
 
-    def _left(self, states: States, columns: Sequence[Mapping[int, Floats]]) -> tuple[float, Fit]:
+    def _left(self, states: States, columns: Sequence[Mapping[int, Floats]]) -> tuple[float, WeightedFit]:
         """What the model with the columns that were taken and some others leaves, and its fit."""
-        products = self.evidence.products(states, [*(term.signals for term in self.terms), *columns])
+        products = self.evidence.products(states, [*self._signals, *columns])
         found = fitted(products)
         return float(_marks(products, found.values).mean()), found
 
-    def _fit(self, states: States) -> tuple[Products, Fit]:
-        products = self.evidence.products(states, [term.signals for term in self.terms])
+    def _fit(self, states: States) -> tuple[Products, WeightedFit]:
+        products = self.evidence.products(states, self._signals)
         return products, fitted(products)
+
+    @property
+    def _signals(self) -> list[Mapping[int, Floats]]:
+        """Columns that were taken."""
+        return [term.signals for term in self.terms]
 
     # -- readings ------------------------------------------------------------------------------------------------
 
@@ -330,61 +346,79 @@ class Judge:
 
 @dataclass(frozen=True)
 class _Trial:
-    """Columns of all hypotheses beside a model."""
+    """Terms of the same words beside a model."""
 
-    products: Products
+    terms: Sequence[Term]
     held: HeldOut
-    tried: Sequence[Term]
+    beside: Beside
 
     @property
-    def floor(self) -> Floats:
-        """Squares that count as none, shape (outputs,)."""
-        return _FLOOR**2 * self.products.spread
+    def columns(self) -> dict[int, list[int]]:
+        """Numbers of the columns of each term."""
+        found, first = {}, 0
+        for number, term in enumerate(self.terms):
+            found[number] = list(range(first, first + term.width))
+            first += term.width
+        return found
+
+    @property
+    def spread(self) -> Floats:
+        """Squares of measured values about their means, shape (outputs,)."""
+        return self.held.products.spread
 
     def candidate(self, columns: dict[int, list[int]]) -> _Candidate | None:
         """A hypothesis at the places where it matters, given by columns of its terms; None if there are none."""
-        columns = {term: [c for c in some if self.held.new([c])[0] > _NEW] for term, some in columns.items()}
-        columns = {term: some for term, some in columns.items() if some and self._can_be(self.tried[term], some)}
-        before = after = self.held.squares()
+        columns = {term: [c for c in some if self.beside.new[c] > _NEW] for term, some in columns.items()}
+        columns = {term: some for term, some in columns.items() if some and self._can_be(self.terms[term], some)}
+        before = after = self.held.squares
         while columns:
-            after = self.held.squares([c for some in columns.values() for c in some])
-            worth = {term: some for term, some in columns.items() if self._is_worth(self.tried[term], before, after)}
+            after = self.beside.squares([c for some in columns.values() for c in some])
+            worth = {term: some for term, some in columns.items() if self._is_worth(self.terms[term], before, after)}
             if len(worth) == len(columns):
                 break
             columns = worth
         if not columns:
             return None
-        terms, spread = tuple(self.tried[term] for term in columns), np.maximum(self.products.spread, _TINY)
+        terms, spread = tuple(self.terms[term] for term in columns), np.maximum(self.spread, _TINY)
         outputs = [max(_shown(t, before), key=lambda k: float((before - after)[:, k].sum() / spread[k])) for t in terms]
         old, new = (tuple(float(1 - e[:, k].sum() / spread[k]) for k in outputs) for e in (before, after))
         entries, names = tuple(t.write for t in terms), tuple(t.place for t in terms)
-        gain = Gain.of(before, after, self.floor)
+        gain = Gain.of(before, after, _floor(self.held.products))
         judged = Judged(terms[0].kind, terms[0].words, entries[0], terms[0].usual, gain, names, entries, old, new)
-        return _Candidate(judged, terms, after, columns=columns)
+        return _Candidate(judged, terms, after, columns=columns, trial=self)
 
     def pruned(self, chosen: _Candidate) -> _Candidate:
         """A hypothesis at those of its places that matter beside the others."""
         columns = dict(chosen.columns)
         for term in chosen.columns if len(columns) > 1 else ():
             others = [c for other, some in columns.items() if other != term for c in some]
-            if others and not self._is_worth(self.tried[term], self.held.squares(others), chosen.left):
+            if others and not self._is_worth(self.terms[term], self.beside.squares(others), chosen.left):
                 del columns[term]
         kept = self.candidate(columns) if len(columns) < len(chosen.columns) else None
         return kept or chosen
 
     def _can_be(self, term: Term, columns: list[int]) -> bool:
-        return not term.positive or bool((self.held.sizes(columns) > 0).all())
+        return not term.positive or bool((self.beside.sizes(columns) > 0).all())
 
     def _is_worth(self, term: Term, before: Floats, after: Floats) -> bool:
         least = _WORTH * (_RARER if term.usual is Usual.RARELY else 1.0)
         for output in _shown(term, before):
-            old, new, spread = before[:, output].sum(), after[:, output].sum(), self.products.spread[output]
+            old, new, spread = before[:, output].sum(), after[:, output].sum(), self.spread[output]
             if new < old and new < spread and (old - new) / old * np.sqrt((old - new) / spread) > least:
                 return True
         return False
 
 
 _TINY = np.finfo(float).tiny
+
+
+def _floor(products: Products) -> Floats:
+    """Squares that count as none, shape (outputs,)."""
+    return _FLOOR**2 * products.spread
+
+
+def _pruned(chosen: _Candidate) -> _Candidate:
+    return chosen if chosen.trial is None else chosen.trial.pruned(chosen)
 
 
 def _shown(term: Term, squares: Floats) -> Iterable[int]:
@@ -404,6 +438,12 @@ def _of_position(chosen: _Candidate, alike: Sequence[_Candidate]) -> _Candidate:
     return replace(chosen, judged=replace(chosen.judged, words=words))
 
 
+def _beside(chosen: _Candidate | None, sure: Iterable[_Candidate]) -> list[Judged]:
+    """Hypotheses that do well beside the one that is taken, the best ones first."""
+    others = [c.judged for c in sure if chosen is None or c.terms[0].words != chosen.terms[0].words]
+    return [replace(some, taken=False) for some in sorted(others, key=lambda some: -some.gain.mean)[:_SHOWN]]
+
+
 def _marks(products: Products, values: Floats) -> Floats:
     """Logarithms of residuals over spread, by block, means of the outputs; shape (blocks,)."""
     told = products.spread > 0
@@ -416,10 +456,9 @@ def _between(before: Floats, after: Floats) -> Gain:
     return Gain(float(differences.mean()), float(differences.std(ddof=1) / np.sqrt(len(differences))))
 
 
-def _grouped(tried: Sequence[Term], first: int) -> list[dict[int, list[int]]]:
-    """Columns of terms, those of the same words together."""
-    found: dict[str, dict[int, list[int]]] = {}
-    for number, term in enumerate(tried):
-        found.setdefault(term.words, {})[number] = list(range(first, first + term.width))
-        first += term.width
+def _grouped(tried: Sequence[Term]) -> list[list[Term]]:
+    """Terms of the same words together."""
+    found: dict[str, list[Term]] = {}
+    for term in tried:
+        found.setdefault(term.words, []).append(term)
     return list(found.values())

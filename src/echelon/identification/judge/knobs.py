@@ -11,14 +11,14 @@ from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.formats.usual_effects import slides
 from echelon.identification.judge.effects import Place, places
-from echelon.identification.judge.evidence import States
+from echelon.identification.judge.evidence import States, of_bodies
 from echelon.identification.judge.hypothesis import Kind, Knob, Term, Usual
 
 
 def turned(base: BaseModel, states: States, values: Floats) -> Iterator[Term]:
     """Terms of all knobs: derivatives of the prediction with some base parameters."""
     for kind, words, place, usual, outputs, knob in _knobs(base, states):
-        load = load_of(base, states, values, knob)
+        load = load_of(base, states, values)
         signals = slopes(base, states, values, knob, np.zeros(knob.count), load)
         columns, positive = {k: signals[k] for k in outputs}, kind is Kind.JOINT
         yield Term(kind, words, place, "", usual, columns, knob, positive=positive)
@@ -36,19 +36,9 @@ def slopes(
     return {k: whole[:, k] for k in range(whole.shape[1])}
 
 
-def load_of(base: BaseModel, states: States, values: Floats, knob: Knob) -> Floats:
-    """Loads of gears that turn a knob, without effects such as friction, whose steps have no rates; (samples, outputs).
-
-    They are what the model predicts, which is smooth, or what was measured, whose sign is right whatever is lacking.
-    """
-    load = states.predicted(base, without_effects(base, values))
-    return load + states.y - states.predicted(base, values)
-
-
-def without_effects(base: BaseModel, values: Floats) -> Floats:
-    """Base parameters of the bodies alone, those of effects zero."""
-    columns = base.mechanism.columns
-    return np.where([columns[pivot].body is not None for pivot in base.matrix.pivots], values, 0.0)
+def load_of(base: BaseModel, states: States, values: Floats) -> Floats:
+    """Loads of gears: what was measured, less the effects of drives, such as friction; shape (samples, outputs)."""
+    return states.y - states.predicted(base, np.where(of_bodies(base), 0.0, values))
 
 
 def _knobs(base: BaseModel, states: States) -> Iterator[tuple[Kind, str, str, Usual, list[int], Knob]]:
@@ -62,18 +52,16 @@ def _knobs(base: BaseModel, states: States) -> Iterator[tuple[Kind, str, str, Us
         yield Kind.GAIN, words, name, Usual.OFTEN, [k], gain([k], [name])
     yield Kind.RATE, "the rate", "", Usual.OFTEN, every, _rate()
     for place in places(mechanism, states.q.shape[1], states.qd.shape[1]):
-        if len(place.ratios) == 1:
-            words = f"a gear of '{place.name}' that has play"
-            play = _play(place, slides(mechanism, place.name))
-            yield Kind.JOINT, words, place.name, Usual.RARELY, every, play
-            yield (
-                Kind.JOINT,
-                f"a joint '{place.name}' that gives way",
-                place.name,
-                Usual.RARELY,
-                every,
-                _elastic(place, slides(mechanism, place.name)),
-            )
+        for words, knob in gears(base, place):
+            yield Kind.JOINT, words, place.name, Usual.RARELY, every, knob
+
+
+def gears(base: BaseModel, place: Place) -> Iterator[tuple[str, Knob]]:
+    """What may be between an encoder and its joint, with words for it."""
+    if len(place.ratios) == 1:
+        sliding = slides(base.mechanism, place.name)
+        yield f"a joint '{place.name}' that gives way", _elastic(place, sliding)
+        yield f"a gear of '{place.name}' that has play", _play(place, sliding)
 
 
 def _tilt(gravity: Floats) -> Knob:
@@ -118,8 +106,11 @@ def gain(outputs: Sequence[int], names: Sequence[str]) -> Knob:
 
 def _rate() -> Knob:
     def moved(states: States, sizes: Floats, _: Floats) -> States:
-        faster = np.exp(sizes[0])
-        return replace(states, qd=faster * states.qd, qdd=faster**2 * states.qdd)
+        faster = float(np.exp(sizes[0]))
+        drives = states.drives
+        if drives is not None:
+            drives = drives[0], faster * drives[1], faster**2 * drives[2]
+        return replace(states, qd=faster * states.qd, qdd=faster**2 * states.qdd, drives=drives)
 
     def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
         return f"the clock is wrong: the rate is about {np.exp(sizes[0]):.4g} ± {errors[0]:.1g} times that", ""
@@ -173,4 +164,5 @@ def _shifted(
     positions[:, q] -= position
     velocities[:, v] -= rate
     accelerations[:, v] -= acceleration
-    return replace(states, q=positions, qd=velocities, qdd=accelerations)
+    drives = states.drives or (states.q, states.qd, states.qdd)
+    return replace(states, q=positions, qd=velocities, qdd=accelerations, drives=drives)

@@ -23,6 +23,7 @@ from echelon.logs.columns.column_map import Channel, ColumnMap, motion_of, signa
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.motor_side import transmission_matrix
 
+_COUPLED = 4  # joints in a row among which a drive moves two: belts and shafts through arms lead no farther
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -75,7 +76,8 @@ class Readings:
         if self.base.mechanism.actuators or set(names) != set(self.outputs) or len(names) != len(self.outputs):
             return
         turns = [name for name, slides in zip(names, self._slides, strict=True) if not slides]
-        for one, other in permutations(turns, 2):
+        near = self._near()
+        for one, other in (pair for pair in permutations(turns, 2) if frozenset(pair) in near):
             for sign, word in ((1.0, "+"), (-1.0, "-")):
                 matrix = np.eye(len(names))  # of drives by joints
                 matrix[names.index(one), names.index(other)] = sign
@@ -84,6 +86,16 @@ class Readings:
                 text = f"the drive of '{one}' turns by {one} {word} {other}: state its drives under 'actuators'"
                 change = _Change(text, positions=np.asarray(np.linalg.inv(matrix)), outputs=forces)
                 yield Reading(text, partial(self._changed, change), Usual.OFTEN)
+
+    def _near(self) -> set[frozenset[str]]:
+        """Pairs of coordinates of one branch that a transmission may couple."""
+        chains: dict[int, tuple[str, ...]] = {}
+        found: set[frozenset[str]] = set()
+        for index, body in enumerate(self.base.mechanism.bodies):
+            own = (name for motion in body.joint.motions for name in motion.velocities)
+            chains[index] = (*chains.get(body.parent, ()), *own)[-_COUPLED:]
+            found.update(map(frozenset, combinations(chains[index], 2)))
+        return found
 
     def _changes(self) -> Iterator[_Change]:
         """Changes of columns."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.base.model import BaseModel
-from echelon.identification.judge.evidence import Fit, States
+from echelon.identification.judge.evidence import States, WeightedFit
 from echelon.identification.judge.hypothesis import Knob
 from echelon.identification.judge.knobs import load_of, slopes
 
@@ -18,7 +18,7 @@ _STEPS = 6  # at most
 _LOADS = 12  # times that loads follow the fit at most
 _HALVINGS = 5  # of a step at most
 
-FitWith = Callable[[States, Sequence[dict[int, Floats]]], tuple[float, Fit]]
+FitWith = Callable[[States, Sequence[dict[int, Floats]]], tuple[float, WeightedFit]]
 """Fits states with further columns; gives how much is left, as a logarithm, and the fit."""
 
 
@@ -73,7 +73,7 @@ def settled_with_loads(base: BaseModel, start: States, turned: Sequence[Turned],
         states = read_with(start, tried)
         _, found = fit(states, ())
         values = found.values[: base.rank]
-        newer = [replace(some, load=load_of(base, states, values, some.knob)) for some in tried]
+        newer = [replace(some, load=load_of(base, states, values)) for some in tried]
         tried, left = settled(base, start, newer, fit)
         stands = abs(left - least) < _STANDS
         if left < least:
@@ -95,7 +95,7 @@ def _slopes(base: BaseModel, start: States, values: Floats, turned: Sequence[Tur
 
 def _stepped(
     start: States, turned: tuple[Turned, ...], changes: Floats, errors: Floats, left: float, fit: FitWith
-) -> tuple[tuple[Turned, ...], float, Fit]:
+) -> tuple[tuple[Turned, ...], float, WeightedFit]:
     """Knobs after a step that is halved until no more is left than before it, what is left then, and the fit."""
     ends = np.cumsum([some.knob.count for some in turned])[:-1]
     own = list(zip(turned, np.split(changes, ends), np.split(errors, ends), strict=True))

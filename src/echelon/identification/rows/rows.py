@@ -20,7 +20,7 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Flags, Floats
+from echelon.arrays import Flags, Floats, Integers
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.logs.recording import Samples
@@ -226,12 +226,22 @@ class Numbering:
 
 def rows_taken(samples: Samples, values: Floats) -> tuple[Floats, Floats, Flags | None]:
     """Times of rows, signals (rows, …) filtered like both sides, and which of them are fitted (rows, outputs)."""
-    reduction = samples.reduction
-    kept = np.arange(len(samples)) if reduction is None else reduction.kept(len(samples))
-    reduced = values if reduction is None else reduction.apply(values)
-    inside = (kept >= samples.first) & (kept < samples.end)
+    kept, inside = _kept(samples)
     moving = _moving(samples, slice(None))
-    return samples.start + kept[inside] / samples.rate, reduced[inside], None if moving is None else moving[inside]
+    times = samples.start + kept[inside] / samples.rate
+    return times, rows_filtered(samples, values), None if moving is None else moving[inside]
+
+
+def rows_filtered(samples: Samples, values: Floats) -> Floats:
+    """Signals (samples, …) filtered like both sides, shape (rows, …)."""
+    reduced = values if samples.reduction is None else samples.reduction.apply(values)
+    return reduced[_kept(samples)[1]]
+
+
+def _kept(samples: Samples) -> tuple[Integers, Flags]:
+    """Samples that the filter of both sides leaves, and which of them are rows."""
+    kept = np.arange(len(samples)) if samples.reduction is None else samples.reduction.kept(len(samples))
+    return kept, (kept >= samples.first) & (kept < samples.end)
 
 
 def _moving(samples: Samples, some: slice) -> Flags | None:

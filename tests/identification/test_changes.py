@@ -1,0 +1,81 @@
+"""A payload that is attached on the way is named with its time by the log's own stamps, or with its log."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+import echelon as ec
+from support.simulated_motions import RATE, fourier
+
+Floats = npt.NDArray[np.float64]
+
+ARM = """{echelon: 1, name: arm, gravity: [0, 0, -9.81], effects: usual, modified_dh: [{joint: revolute},
+  {joint: revolute, alpha: pi/2, a: 0.1}, {joint: revolute, a: 0.5}],
+  log: {time: t, position: "q{n}", output: "tau{n}"}}"""
+BODIES = [
+    *(4, 0, 0, 3, 0, 2, 1, 0.5, 0.2, 9),
+    *(0.4, 0, 0, 1.2, 0, 1.1, 1.5, 0.1, 0.3, 5),
+    *(0.1, 0, 0, 0.3, 0, 0.3, 0.5, 0, 0.1, 2),
+]
+LOAD = [0.02, 0, 0, 0.08, 0, 0.08, 0.2, 0, 0.05, 0.6]
+"""Parameters that the payload adds to those of the last body."""
+
+
+def write_run(path: Path, seed: int, begin: float, loaded: slice) -> float:
+    """Write a log whose stamps begin at some time, with a payload in some of its samples; its length, s."""
+    base = ec.base_parameters(ec.load_setup(ARM).mechanism)
+    friction = [{"Fv": 2.0, "Fc": 1.5, "Fo": 0.3}[name[:2]] for name in base.parameters[30:]]
+    q, qd, qdd = fourier(np.random.default_rng(seed), 3, 0.9, harmonics=8)
+    tau = base.predict(q, qd, qdd, base.values([*BODIES, *friction]))
+    heavier = np.array(BODIES, dtype=float)
+    heavier[20:] += LOAD
+    tau[loaded] = base.predict(q, qd, qdd, base.values([*heavier, *friction]))[loaded]
+    tau += 0.05 * np.random.default_rng(seed + 1).normal(size=q.shape)
+    time = begin + np.arange(len(q)) / RATE
+    table = np.column_stack([time, q, tau])
+    np.savetxt(path, table, delimiter=",", header="t,q1,q2,q3,tau1,tau2,tau3", comments="", fmt="%.12g")
+    return len(q) / RATE
+
+
+def changes(logs: list[Path]) -> list[str]:
+    """What is said of changes in logs that are all fitted."""
+    setup = ec.load_setup(ARM).with_settings(physical=False)
+    return [finding.text for finding in ec.identify(setup, logs, logs[-1:]).findings if finding.kind == "changes"]
+
+
+def test_time_is_that_of_the_stamps(tmp_path: Path) -> None:
+    log = tmp_path / "run.csv"
+    length = write_run(log, 1, 1000.0, slice(1500, None))
+    first, *others = changes([log])
+    assert not others
+    said = re.search(r"'[^']*3' carries another load from about ([\d.]+) s on", first)
+    assert said is not None, first
+    assert float(said[1]) == pytest.approx(1000 + 1500 / RATE, abs=length / 10)
+    assert f"cut the log at {said[1]} s" in first
+
+
+def test_log_in_which_the_payload_is_is_named(tmp_path: Path) -> None:
+    bare, loaded = tmp_path / "bare.csv", tmp_path / "loaded.csv"
+    write_run(bare, 1, 0.0, slice(0, 0))
+    write_run(loaded, 3, 0.0, slice(None))
+    first, *others = changes([bare, loaded])
+    assert not others
+    assert re.search(r"3' carries another load in '.*loaded\.csv'", first)
+    assert re.search(r"identify the logs up to '.*bare\.csv' and those from '.*loaded\.csv' on separately", first)
+
+
+def test_log_in_which_the_payload_is_attached_is_named(tmp_path: Path) -> None:
+    bare, attached = tmp_path / "bare.csv", tmp_path / "attached.csv"
+    write_run(bare, 1, 0.0, slice(0, 0))
+    length = write_run(attached, 3, 1000.0, slice(1500, None))
+    first, *others = changes([bare, attached])
+    assert not others
+    said = re.search(r"another load from about ([\d.]+) s of '.*attached\.csv' on", first)
+    assert said is not None, first
+    assert float(said[1]) == pytest.approx(1000 + 1500 / RATE, abs=length / 5)
+    assert re.search(rf"cut '.*attached\.csv' at {said[1]} s", first)
