@@ -176,15 +176,17 @@ def test_the_values_of_a_robot_file_decide_between_mirrored_robots() -> None:
     assert ", or " not in found[0]
 
 
-def test_stiffness_of_slides_is_in_newtons_per_metre() -> None:
+def test_stiffness_and_play_of_slides_are_in_metres() -> None:
     base, samples, prior = simple(GANTRY)
     states = States.of([samples], np.inf, base, prior)
-    knobs = {term.place: term.knob for term in turned(base, states, prior) if term.kind is Kind.JOINT}
-    for place, unit in {"X": "N/m", "Z": "N/m", "A": "N·m/rad"}.items():
-        knob = knobs[place]
-        assert knob is not None
-        words, _ = knob.says(np.array([1e-4]), np.array([1e-5]))
-        assert words.endswith(f"1e+04 ± 1e+03 {unit}")
+    said: dict[str, list[str]] = {}
+    for term in turned(base, states, prior):
+        if term.kind is Kind.JOINT and term.knob is not None:
+            words, _ = term.knob.says(np.array([1e-4]), np.array([1e-5]))
+            said.setdefault(term.place, []).append(words)
+    for place, stiffness, play in (("X", "N/m", "m"), ("Z", "N/m", "m"), ("A", "N·m/rad", "rad")):
+        assert [words for words in said[place] if words.endswith(f"1e+04 ± 1e+03 {stiffness}")]
+        assert [words for words in said[place] if words.endswith(f"0.0002 ± 2e-05 {play}")]
 
 
 def test_mistakes_of_sliding_joints() -> None:

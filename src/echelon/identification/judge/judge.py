@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import compress
 from math import exp, inf, log
 
 import numpy as np
@@ -113,7 +114,7 @@ class Judge:
 
     def run(self) -> list[Judged]:
         """Hypotheses that are taken, in their order; :attr:`told` has others beside them."""
-        taken: list[Judged] = []
+        taken: list[_Candidate] = []
         others: list[list[Judged]] = []
         while len(taken) < _ROUNDS:
             small, sure = self._small()
@@ -127,13 +128,13 @@ class Judge:
             if small.judged.kind is Kind.JOINT:
                 small = self._rival(small, sure)
                 beside = _beside(small, sure)
-            joined = self._taken(small)
-            if joined is not None:
-                taken.append(joined)
+            if self._takes(small):
+                taken.append(small)
                 others.append(beside)
-        taken = self._said(taken)
-        self.told = [some for one, beside in zip(taken, others, strict=True) for some in (one, *beside)]
-        return taken
+        kept = [self._is_still_worth(some) for some in taken]
+        said = list(compress(self._said(taken), kept))
+        self.told = [some for one, beside in zip(said, compress(others, kept), strict=True) for some in (one, *beside)]
+        return said
 
     def _does_as_well(self, small: _Candidate, large: Judged) -> bool:
         """Whether columns of the fit explain as much as another reading of the logs, or a robot that can exist does."""
@@ -203,27 +204,49 @@ class Judge:
         judged = Judged(Kind.GAIN, term.words, "", term.usual, found, names, entries, old, new)
         return [_Candidate(judged, (term,), after, np.log(list(gains.values())))]
 
-    def _taken(self, chosen: _Candidate) -> Judged | None:
-        """A hypothesis that joins the model; None if it gains nothing where it is not a derivative any more."""
+    def _takes(self, chosen: _Candidate) -> bool:
+        """Takes a hypothesis into the model, unless it gains nothing where it is not a derivative any more."""
         if chosen.terms[0].knob is None:
             self.terms += chosen.terms
-            return chosen.judged
+            return True
         self.turned.append(chosen.terms[0].words)
         knobs, states = self._settled(chosen)
         (before, old), (after, new) = self._fit(self.states), self._fit(states)
         gain = _between(_marks(before, old.values), _marks(after, new.values))
         if gain.is_none or gain.ratio < _SURE:
-            return None
+            return False
         self.knobs, self.states = knobs, states
-        return chosen.judged
+        return True
 
-    def _said(self, taken: Sequence[Judged]) -> list[Judged]:
+    def _is_still_worth(self, some: _Candidate) -> bool:
+        """Whether a hypothesis explains what those that were taken after it leave; if not, its columns are given up."""
+        if some.terms[0].knob is not None:
+            return True
+        others = [term for term in self.terms if all(term is not mine for mine in some.terms)]
+        products = self.evidence.products(self.states, [term.signals for term in others])
+        held = HeldOut(products, fitted(products).noise)
+        again = self._candidate(some.terms, held, [term.signals for term in others])
+        if again is not None and again.judged.gain.ratio > _SURE:
+            return True
+        self.terms = others
+        return False
+
+    def _candidate(
+        self, terms: Sequence[Term], held: HeldOut, signals: Sequence[Mapping[int, Floats]]
+    ) -> _Candidate | None:
+        """A hypothesis beside a model with some columns, at the places where it matters; None if there are none."""
+        rows = list(self.evidence.rows(self.states, signals))
+        trial = _Trial(terms, held, Beside(held, rows, self.states, [term.signals for term in terms]))
+        return trial.candidate(trial.columns)
+
+    def _said(self, taken: Sequence[_Candidate]) -> list[Judged]:
         """Hypotheses that were taken, those that are continuous with the sizes that were found in the end."""
         if self.knobs:
             self.knobs = settled_with_loads(self.base, self.start, self.knobs, self._left)
             self.states = read_with(self.start, self.knobs)
         knobs = iter(self.knobs)
-        return [self._sized(some, next(knobs)) if some.kind in CONTINUOUS else some for some in taken]
+        judged = (some.judged for some in taken)
+        return [self._sized(some, next(knobs)) if some.kind in CONTINUOUS else some for some in judged]
 
     def _sized(self, judged: Judged, turned: Turned) -> Judged:
         words, write = turned.words
@@ -238,7 +261,7 @@ class Judge:
         knob = chosen.terms[0].knob
         assert knob is not None
         sizes = np.zeros(knob.count) if chosen.start is None else chosen.start
-        load = load_of(self.base, self.states, self._fit(self.states)[1].values[: self.base.rank])
+        load = load_of(self.base, self.states, self._fit(self.states)[1].values[: self.base.rank], knob)
         another = Turned(knob, sizes, np.zeros(knob.count), load)
         turned, _ = settled(self.base, self.start, [*self.knobs, another], self._left)
         return turned, read_with(self.start, turned)

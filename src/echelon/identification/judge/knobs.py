@@ -18,7 +18,7 @@ from echelon.identification.judge.hypothesis import Kind, Knob, Term, Usual
 def turned(base: BaseModel, states: States, values: Floats) -> Iterator[Term]:
     """Terms of all knobs: derivatives of the prediction with some base parameters."""
     for kind, words, place, usual, outputs, knob in _knobs(base, states):
-        load = load_of(base, states, values)
+        load = load_of(base, states, values, knob)
         signals = slopes(base, states, values, knob, np.zeros(knob.count), load)
         columns, positive = {k: signals[k] for k in outputs}, kind is Kind.JOINT
         yield Term(kind, words, place, "", usual, columns, knob, positive=positive)
@@ -36,8 +36,10 @@ def slopes(
     return {k: whole[:, k] for k in range(whole.shape[1])}
 
 
-def load_of(base: BaseModel, states: States, values: Floats) -> Floats:
+def load_of(base: BaseModel, states: States, values: Floats, knob: Knob) -> Floats:
     """Loads of gears: what was measured, less the effects of drives, such as friction; shape (samples, outputs)."""
+    if not knob.by_measured_load:
+        return states.predicted(base, np.where(of_bodies(base), values, 0.0))
     return states.y - states.predicted(base, np.where(of_bodies(base), 0.0, values))
 
 
@@ -147,7 +149,7 @@ def _play(place: Place, sliding: bool) -> Knob:
         unit = "m" if sliding else "rad"
         return f"the gear of '{place.name}' has a play of {2 * sizes[0]:.2g} ± {2 * errors[0]:.1g} {unit}", ""
 
-    return Knob(1e-4, 1, moved, says)
+    return Knob(1e-4, 1, moved, says, by_measured_load=True)
 
 
 def _side(states: States, load: Floats) -> Floats:

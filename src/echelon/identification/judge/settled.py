@@ -73,7 +73,7 @@ def settled_with_loads(base: BaseModel, start: States, turned: Sequence[Turned],
         states = read_with(start, tried)
         _, found = fit(states, ())
         values = found.values[: base.rank]
-        newer = [replace(some, load=load_of(base, states, values)) for some in tried]
+        newer = [replace(some, load=load_of(base, states, values, some.knob)) for some in tried]
         tried, left = settled(base, start, newer, fit)
         stands = abs(left - least) < _STANDS
         if left < least:
