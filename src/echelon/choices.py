@@ -17,6 +17,8 @@ Criterion = Literal["bic", "f-test", "relative_std"]
 """Criteria of the elimination of base parameters that the data do not need."""
 Values = Literal["estimate", "essential", "physical"]
 """Values that predictions use."""
+ValuesToUse = Literal["auto", Values]
+"""The same as a set-up states them; ``"auto"`` are those that predict best."""
 Optimality = Literal["d_optimal", "a_optimal", "condition"]
 """Criteria of exciting trajectories."""
 Family = Literal["fourier", "bspline", "sum"]

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from echelon.choices import Estimator, Values
+from echelon.choices import Estimator, ValuesToUse
 from echelon.cli.app import AsJson, Budget, Force, Ordering, Output, Prefer, Robot, Seed, app, reads_robot
 from echelon.cli.screen import json_text, show
 from echelon.errors import InputError, one_line
@@ -157,7 +157,7 @@ def identify(
     ] = None,
     estimator: Annotated[Estimator | None, typer.Option(help="Instead of the one of the set-up.")] = None,
     predict_with: Annotated[
-        Values | None, typer.Option(help="Values that predictions use, instead of the set-up's.")
+        ValuesToUse | None, typer.Option(help="Values that predictions use, instead of the set-up's.")
     ] = None,
     holdout: Annotated[
         float | None,

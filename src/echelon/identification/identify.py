@@ -16,6 +16,7 @@ from echelon.base.model import BaseModel
 from echelon.doors import public
 from echelon.errors import EchelonError, InputError, MissingExtraError
 from echelon.formats.usual_effects import slides, with_rotors
+from echelon.identification.chosen_values import LEAST_SQUARES, chosen_values
 from echelon.identification.conditioning import Conditioning, conditioning, without_rounding
 from echelon.identification.current_fit import gain_names
 from echelon.identification.estimators.essential import essential
@@ -66,7 +67,6 @@ OnStep = Callable[[str], None]
 Solved = TypeVar("Solved")
 
 _PIECES = 5  # stretches of the data that are predicted from one another to weigh the prior
-_BIASED = ("ols", "wls", "irls", "huber")  # estimators that noise of the positions biases as it biases least squares
 _CLEARLY = 5.0  # times a sensor's noise in the band, or an estimate's standard deviation, that is more than noise
 _ROTOR = "a rotor inertia was taken in at {}: it weighs nothing, which else a constant force would have to explain"
 _COMPLETIONS = 3  # of a set-up with what a fit says: gravity, rotors, and what a rotor explains
@@ -215,7 +215,7 @@ def _fitted(
         step("estimating")
         conditions = conditioning(observation, 1 / noise_estimate(observation), base)
         estimate = _estimate(settings, data, observation, conditions, prior_base)
-        if surveyed.noisy is not None and estimate.method in _BIASED and not settings.known:
+        if surveyed.noisy is not None and estimate.method in LEAST_SQUARES and not settings.known:
             biased, estimate = estimate, surveyed.noisy.corrected(estimate)
             observation = observation.moved(estimate.values - biased.values)
         noise = usable_noise(observation, estimate)
@@ -233,7 +233,8 @@ def _fitted(
             feasible = _tried(lambda: _feasibility(base, observation, estimate, noise), unsolved)
 
         step("validating")
-        models = {"model": predicting(settings.predict, estimate, reduced, physical)}
+        used, choice = chosen_values(settings, data, unseen_logs, estimate, noise, physical)
+        models = {"model": predicting(used, estimate, reduced, physical)}
         models |= {} if prior_base is None else {"prior": prior_base}
         plain = _without_friction(base, observation, noise)
         models |= {} if plain is None else {"plain": plain}
@@ -255,7 +256,7 @@ def _fitted(
     findings = [note("assumed", setup.source, text) for text in setup.assumed]
     findings += [*surveyed.findings, *(() if prior is None else prior.findings), *unsolved]
     comparable = conditions.is_complete and not gain_names(base)
-    findings += elsewhere
+    findings += [*elsewhere, *choice]
     if physical is not None and prior is not None:
         findings += departures(base.mechanism, physical.standard, prior.values, physical.prior_weight)
     findings += mass_findings(base, estimate.values) if comparable else []
@@ -275,7 +276,7 @@ def _fitted(
         physical,
         validations,
         limited(findings),
-        settings.predict,
+        used,
         _record(setup, plan),
         f"{judgement.text} It was fitted up to {ranges[0].band:.3g} Hz: {speeds}.",
         (*judgement.reasons, *([] if conditions.is_complete else [conditions.verdict])),

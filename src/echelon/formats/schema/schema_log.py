@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, Tag, WithJsonSchema, model_validator
 
-from echelon.choices import Criterion, Estimator, Values
+from echelon.choices import Criterion, Estimator, ValuesToUse
 from echelon.formats.schema.schema_types import (
     AS_LIST,
     Expression,
@@ -178,7 +178,12 @@ class IdentificationEntry(Model):
         0.3, "Share of each log kept for validation where no other log is.", 0.3
     )
     physical: Flag = optional(True, "Fit a physically consistent robot as well.", False)
-    predict: Values = optional("estimate", "Which values predictions use.", "physical")
+    predict: ValuesToUse = optional(
+        "auto",
+        "Which values predictions use; auto: the estimate, or physical values where unseen motions need "
+        "combinations that the data hardly show.",
+        "physical",
+    )
     essential: Literal[Criterion, "none"] = optional("bic", "Criterion that eliminates parameters.", "bic")
     prior: PriorEntry = optional(PriorEntry.model_construct(), "Prior values.")
     bodies: dict[str, BodyBoundsEntry] = optional({}, "Bounds on bodies.", {"link1": {"mass": [1, 5]}})

@@ -30,7 +30,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import reduce
+from functools import partial, reduce
 from typing import Any
 
 import numpy as np
@@ -50,6 +50,22 @@ from echelon.observe.observation import Observation
 from echelon.observe.triangle import Triangle
 
 
+@dataclass(frozen=True)
+class Advantage:
+    """How much better stretches of the data are predicted from the others with physical values than by least squares.
+
+    In logarithms of residuals, the mean over stretches and outputs.
+    """
+
+    mean: float
+    error: float  # standard error, from stretches
+
+    @property
+    def is_loss(self) -> bool:
+        """Whether least squares predict better by more than the standard error."""
+        return self.mean < -self.error
+
+
 @dataclass(frozen=True, repr=False)
 class PhysicalFit:
     """Standard parameters of a robot that can exist, fitted to data."""
@@ -65,6 +81,7 @@ class PhysicalFit:
     prior: str  # what it was drawn to: name of the prior, or empty
     prior_weight: float
     status: str  # of the solver
+    advantage: Advantage | None = None  # over least squares; None where data are in one piece
     diagnostics: Mapping[str, Any] = field(default_factory=dict)  # JSON-able: solver, iterations, active bounds, …
 
     def __repr__(self) -> str:
@@ -91,18 +108,8 @@ class WeightChoice:
 
 def by_stretches(solve: Solve, pieces: Sequence[Observation], weights: Floats | None) -> WeightChoice:
     """The weight with which stretches are best predicted from the others."""
-    if any(piece.rows == 0 for piece in pieces):
-        raise InputError("a piece of the data holds no rows; leave it out")
-    factors = np.ones(len(pieces[0].layout.outputs)) if weights is None else weights
-    errors = np.zeros((len(pieces), len(CANDIDATES)))
-    for left, piece in enumerate(pieces):
-        others = [other for k, other in enumerate(pieces) if k != left]
-        triangle = reduce(Observation.__add__, others).combined(factors)
-        for column, weight in enumerate(CANDIDATES):
-            values = solve(triangle.R, triangle.qty, weight)
-            rms = factors * piece.misfits(values) / np.sqrt(np.maximum(piece.counts, 1))
-            # each output counts by how well its stretch is predicted, in units of its noise
-            errors[left, column] = float(np.mean(np.log(np.maximum(rms, 1e-12))))
+    solves = [partial(_with_weight, solve, weight) for weight in CANDIDATES]
+    errors = _stretch_errors(solves, pieces, weights)
     mean = errors.mean(axis=0)
     best = int(np.argmin(mean))
     spread = (errors - errors[:, [best]]).std(axis=0, ddof=1) / np.sqrt(len(pieces))
@@ -111,6 +118,47 @@ def by_stretches(solve: Solve, pieces: Sequence[Observation], weights: Floats | 
     reason += "with any, within one standard error"
     scores = tuple((weight, float(np.exp(m))) for weight, m in zip(CANDIDATES, mean, strict=True))
     return WeightChoice(CANDIDATES[chosen], reason, scores)
+
+
+def _with_weight(solve: Solve, weight: float, triangle: Triangle) -> Floats:
+    return solve(triangle.R, triangle.qty, weight)
+
+
+def _stretch_errors(
+    solves: Sequence[Callable[[Triangle], Floats]], pieces: Sequence[Observation], weights: Floats | None
+) -> Floats:
+    """Logarithms of the errors of stretches predicted from the others in several ways, shape (stretches, ways).
+
+    Each output counts by how well its stretch is predicted, in units of its noise.
+    """
+    if any(piece.rows == 0 for piece in pieces):
+        raise InputError("a piece of the data holds no rows; leave it out")
+    factors = np.ones(len(pieces[0].layout.outputs)) if weights is None else weights
+    errors = np.zeros((len(pieces), len(solves)))
+    for left, piece in enumerate(pieces):
+        others = [other for k, other in enumerate(pieces) if k != left]
+        triangle = reduce(Observation.__add__, others).combined(factors)
+        for column, solve in enumerate(solves):
+            rms = factors * piece.misfits(solve(triangle)) / np.sqrt(np.maximum(piece.counts, 1))
+            errors[left, column] = float(np.mean(np.log(np.maximum(rms, 1e-12))))
+    return errors
+
+
+def _advantage(
+    problem: _Problem, weight: float, pieces: Sequence[Observation], weights: npt.ArrayLike | None
+) -> Advantage | None:
+    """How much better stretches are predicted with physical values than by least squares; None for one piece."""
+    if len(pieces) < 2:
+        return None
+    factors = None if weights is None else np.asarray(weights, dtype=float)
+    ways = (_least_squares, partial(_with_weight, problem.base_values, weight))
+    plain, physical = _stretch_errors(ways, pieces, factors).T
+    gains = plain - physical
+    return Advantage(float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains))))
+
+
+def _least_squares(triangle: Triangle) -> Floats:
+    return np.asarray(np.linalg.lstsq(triangle.scaled, triangle.qty, rcond=None)[0] / triangle.safe_scales)
 
 
 def by_discrepancy(solve: Solve, triangle: Triangle) -> WeightChoice:
@@ -179,6 +227,7 @@ def physical_fit(
         margins=dict(zip(names, map(float, reached), strict=True)),
         prior="" if prior is None else prior_name,
         prior_weight=choice.weight if prior is not None else 0.0,
+        advantage=_advantage(problem, choice.weight, pieces, weights),
         status=found.message,
         diagnostics={
             "iterations": found.iterations,
@@ -220,6 +269,10 @@ class _Problem:
             raise EchelonError(f"the solver found no physically consistent fit: {found.message}")
         return standard, found
 
+    def base_values(self, R: Floats, qty: Floats, weight: float) -> Floats:
+        """Base parameters of the physical fit, shape (r,)."""
+        return self.B @ self.solve(self.matrix(R), qty, weight)[0]
+
 
 def _plain_weight(problem: _Problem, triangle: Triangle) -> float:
     """The largest weight of the plain shape that raises the misfit no more than the true parameters do on average."""
@@ -248,10 +301,9 @@ def _weight(
         return WeightChoice(float(given), "given", ())
     if not known:
         return WeightChoice(0.0, "there is no prior", ())
-    solve: Solve = lambda R, qty, weight: problem.B @ problem.solve(R @ problem.B, qty, weight)[0]  # noqa: E731
     if len(pieces) > 1:
-        return by_stretches(solve, pieces, None if weights is None else np.asarray(weights, dtype=float))
-    return by_discrepancy(solve, triangle)
+        return by_stretches(problem.base_values, pieces, None if weights is None else np.asarray(weights, dtype=float))
+    return by_discrepancy(problem.base_values, triangle)
 
 
 def _told(base: BaseModel, triangle: Triangle) -> dict[int, float]:
