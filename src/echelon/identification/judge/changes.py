@@ -32,7 +32,7 @@ def payloads(base: BaseModel, states: States) -> Iterator[Term]:
         for block in range(1, BLOCKS):
             begin = time[len(time) * block // BLOCKS]
             later = (time >= begin)[:, None, None] * forces
-            words = f"another load on '{body.name}' from {begin:.3g} s on"
+            words = f"'{body.name}' carries another load from {begin:.3g} s on"
             write = f"cut the log at {begin:.3g} s, and identify both parts"
             yield Term(
                 Kind.CHANGE, words, body.name, write, Usual.OFTEN, {k: later[:, k] for k in range(later.shape[1])}
@@ -45,7 +45,7 @@ def warming(base: BaseModel, states: States) -> Iterator[Term]:
     for share in _WARM:
         constant = share * float(time[-1])
         decay: Floats = np.exp(-time / constant)
-        words = f"friction that warms up, within about {constant:.2g} s"
+        words = f"friction falls as drives warm up, within about {constant:.2g} s"
         write = "begin when the drives are warm, or map a temperature under 'input' and add temperature_friction"
         for place in places(base.mechanism, states.q.shape[1], states.qd.shape[1]):
             _, qd, _ = place.state(states)
