@@ -366,15 +366,15 @@ def chosen_pose(mechanism: Mechanism, poses: Mapping[str, Mapping[str, float]]) 
 
     known = [{n: v for n, v in pose.items() if n in mechanism.positions} for pose in poses.values()]
     motion = ClosedMotion(mechanism)
-    values, _ = motion.closures.at(normalised(mechanism, np.array([_positions(mechanism, pose) for pose in known])))
-    open_by = largest(values)
+    q = normalised(mechanism, np.array([_positions(mechanism, pose) for pose in known]))
+    open_by = largest(motion.closures.at(q)[0])
     best = 0 if open_by[0] < _NEAR else int(open_by.argmin())
     names = list(poses)
     if best:
-        at_first = f"at {names[0]} {motion.opening(values[0])}"
+        at_first = f"at {names[0]} {motion.opening(q[0])}"
         return known[best], f"the loops are assembled near {names[best]}, because {at_first}"
     if open_by[0] > _CLOSED:
-        return known[0], f"at {names[0]} {motion.opening(values[0])}: the loops are assembled near it"
+        return known[0], f"at {names[0]} {motion.opening(q[0])}: the loops are assembled near it"
     return known[0], ""
 
 

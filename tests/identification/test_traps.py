@@ -1,0 +1,45 @@
+"""What is wrong with logs of real arms, or lacking in their models, is named; `benchmarks/traps.py` has all cases."""
+
+from __future__ import annotations
+
+import pytest
+
+import echelon as ec
+from support.robot_files import robot_file
+from support.selection import slow_unless
+from support.trap_logs import ROBOTS, TRAPS, TrapLog, trap_log
+
+NAMED = ("tilt", "payload_mid", "gravcomp", "temp", "gain", "sign", "exchanged", "stribeck")
+UNHARMED = ("clean", "tool", "quant")
+ARMS = ("ur10", "xarm7")
+QUICK = {("ur10", "clean"), ("ur10", "gain"), ("ur10", "stribeck")}
+
+
+def found(arm: str, trap: str) -> tuple[TrapLog, ec.Identification]:
+    log = trap_log(trap, arm, 1)
+    return log, ec.identify(robot_file(ROBOTS[arm]), log.columns)
+
+
+@pytest.mark.parametrize(("arm", "trap"), slow_unless(QUICK, [(arm, trap) for arm in ARMS for trap in NAMED]))
+def test_what_is_wrong_is_named_before_all_else(arm: str, trap: str) -> None:
+    log, result = found(arm, trap)
+    assert log.named(result), result.findings
+    assert log.named_first(result), result.findings
+    assert not log.wrong(result)
+
+
+@pytest.mark.parametrize(("arm", "trap"), slow_unless(QUICK, [(arm, trap) for arm in ARMS for trap in UNHARMED]))
+def test_where_nothing_is_wrong_nothing_is_named(arm: str, trap: str) -> None:
+    log, result = found(arm, trap)
+    assert not log.wrong(result)
+    assert result.reasons == ()
+    covered, parameters = log.coverage(result) or (0, 0)
+    assert covered > 0.8 * parameters > 0
+
+
+def test_truth_is_of_the_model_alone() -> None:
+    """Base parameters are those of the robot where the model can have its forces, and there are none elsewhere."""
+    log = trap_log("tool", "ur3", 1)
+    base = ec.base_parameters(ec.load(robot_file(ROBOTS["ur3"])))
+    assert log.truth(base) is None  # of a model without friction
+    assert TRAPS.keys() > {*NAMED, *UNHARMED}
