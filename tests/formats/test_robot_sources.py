@@ -191,6 +191,6 @@ def test_a_mechanism_has_a_short_repr() -> None:
 
 @pytest.mark.parametrize("name", ["double_pendulum.yaml", "so101.urdf"])
 def test_robots_without_loops_load_without_the_room_of_loops(name: str) -> None:
-    script = "import sys, echelon; echelon.load(sys.argv[1]); print([m for m in sys.modules if 'loops' in m])"
+    script = "import sys, echelon; echelon.load(sys.argv[1]); print([m for m in sys.modules if 'echelon.loops' in m])"
     done = subprocess.run([sys.executable, "-c", script, EXAMPLES / name], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

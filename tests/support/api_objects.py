@@ -19,6 +19,9 @@ import numpy as np
 import echelon as ec
 from echelon.formats.robot_file import RobotFile
 from echelon.identification.conditioning import conditioning
+from echelon.identification.judge.evidence import Gain
+from echelon.identification.judge.hypothesis import Kind, Usual
+from echelon.identification.judge.judge import Judged
 from echelon.identification.servos.servo_fit import ServoLimit, ServoScore
 from echelon.regressor.linear_forms import virtual_power_form
 from support.paths import EXAMPLES
@@ -105,6 +108,12 @@ def setup() -> ec.Setup:
 @cache
 def identification() -> ec.Identification:
     return ec.identify(setup(), [file("run.parquet")])
+
+
+def hypothesis() -> Judged:
+    places = ("j1",), ("{type: rotor_inertia, at: {at}}",)
+    rises = (0.9,), (0.99,)
+    return Judged(Kind.EFFECT, "the acceleration qdd", places[1][0], Usual.EVERYWHERE, Gain(0.5, 0.01), *places, *rises)
 
 
 def identified() -> Any:
@@ -247,6 +256,7 @@ OBJECTS: Mapping[str, Example] = {
     "payload": Example(lambda: ec.Payload("j2", {"M": 0.5})),
     "gains": Example(gains),
     "identification": Example(identification, shown),
+    "hypothesis": Example(hypothesis),
     "what a fit covers": Example(lambda: identification().ranges, repr),
     "identified model": Example(identified, lambda found: (repr(found), found.values)),
     "rows": Example(lambda: identified().plan.rows([file("run.parquet")]), lambda found: found.observation().factors),

@@ -146,12 +146,14 @@ def _completed(
     With the hypotheses that it takes in, and what is said of them.
     """
     lists, mechanism = setup.states_effects, setup.mechanism
-    turned = [some for some in judged if np.any(some.gravity)] if not mounted else []  # None is none, too
+    turned = (
+        [some for some in judged if some.gravity is not None and any(some.gravity)] if not mounted else []
+    )  # None is none, too
     if turned:
         gravity = turned[0].gravity
         assert gravity is not None
         said = [finding(turned[0], lists_effects=lists, taken=True)]
-        return replace(setup, mechanism=with_gravity(mechanism, gravity)), turned[:1], said
+        return replace(setup, mechanism=with_gravity(mechanism, np.array(gravity))), turned[:1], said
     rotors = [some for some in judged if some.is_rotor]
     drives = {place for some in rotors for place in some.places}
     lifted = _lifted(result) - drives

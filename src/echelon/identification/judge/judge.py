@@ -65,7 +65,7 @@ class Judged:
     before: tuple[float, ...] = ()  # R² on held-out rows, by place
     after: tuple[float, ...] = ()
     size: float = 1.0  # of a continuous change: times a rate or gain
-    gravity: Floats | None = None  # that it finds, m/s² in the base frame
+    gravity: tuple[float, ...] | None = None  # that it finds, m/s² in the base frame
     taken: bool = True
 
     @property
@@ -129,7 +129,7 @@ class Judge:
         if small.judged.gain.mean >= large.gain.mean:
             return True
         before, after = self._physical(self.states), None
-        if small.terms[0].knob is not None:
+        if small.judged.kind is Kind.GAIN:  # whose slope says little of a gain that is far from one
             after = self._physical(self._settled(small)[1])
         return before is not None and after is not None and _between(before, after).mean > large.gain.mean - READ_ALIKE
 
@@ -209,7 +209,7 @@ class Judge:
             if (np.abs(change) < _SETTLED * np.maximum(errors, np.abs(sizes))).all():
                 break
         words, write = knob.says(sizes, errors)
-        gravity = states.gravity if term.kind is Kind.GRAVITY else None
+        gravity = None if term.kind is not Kind.GRAVITY or states.gravity is None else tuple(states.gravity.tolist())
         size = float(np.exp(sizes[0])) if term.kind in (Kind.GAIN, Kind.RATE) else 1.0
         return replace(chosen.judged, words=words, write=write, size=size, gravity=gravity), states
 
@@ -251,7 +251,8 @@ class Judge:
             return None
         words, shares = ", or ".join(reading.words for reading in alike), (exp(before.mean()), exp(best.mean()))
         judged = Judged(Kind.READING, words, "", most, gain, before=shares[:1], after=shares[1:], size=alike[0].rate)
-        return replace(judged, gravity=alike[0].gravity), alike[0]
+        gravity = None if alike[0].gravity is None else tuple(alike[0].gravity.tolist())
+        return replace(judged, gravity=gravity), alike[0]
 
     def _programmes(self, tried: Iterable[Reading], before: float) -> list[tuple[Floats, Reading]]:
         """Readings with the marks of physical parameters, those that could be the best."""
