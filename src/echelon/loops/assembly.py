@@ -235,7 +235,7 @@ class Assembly(ClosedMotion):
         free = [k for k, name in enumerate(names) if name not in held]
         q, left, open_by = normalised(self.mechanism, q), np.arange(len(q)), np.full(len(q), np.inf)
         for iteration in range(iterations + 1):
-            values, jacobian = self.closures.at(q[left])
+            values, jacobian = self.closures.at(q[left], left)
             now = largest(values)
             far = (now > CLOSED) | ((now > NOISE) & (now < open_by[left]))
             open_by[left] = now

@@ -15,7 +15,7 @@ from typing import Generic, NoReturn, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
+from echelon.arrays import Floats, Integers
 from echelon.errors import InputError
 from echelon.loops.closures import ClosureEquations, record_closures
 from echelon.mechanism.closed_pose import shown_loops
@@ -132,9 +132,12 @@ class ClosureValues:
         other._kept = other._constant(symbols, len(next(iter(symbols.values()))))
         return other
 
-    def at(self, q: Floats) -> tuple[Floats, Floats]:
-        """Values of the equations, shape (N, equations), and their Jacobian by freedoms, (N, equations, freedoms)."""
-        values, jacobian = self._run(q, FloatArithmetic())
+    def at(self, q: Floats, chosen: Integers | slice = slice(None)) -> tuple[Floats, Floats]:
+        """Values of the equations, shape (N, equations), and their Jacobian by freedoms, (N, equations, freedoms).
+
+        Where every configuration has values of the symbols of its own, those of the chosen ones count.
+        """
+        values, jacobian = self._run(q, FloatArithmetic(), chosen)
         jacobian[np.abs(jacobian) < NOISE] = 0  # equations that hold whatever moves have no largest singular value
         return values.real, jacobian.real
 
@@ -146,14 +149,16 @@ class ClosureValues:
         result: Floats = (rates @ (qd / self.units[:velocities])[:, :, None])[:, :, 0]
         return result
 
-    def _run(self, q: _Numbers, arithmetic: FloatArithmetic) -> tuple[_Numbers, _Numbers]:
+    def _run(
+        self, q: _Numbers, arithmetic: FloatArithmetic, chosen: Integers | slice = slice(None)
+    ) -> tuple[_Numbers, _Numbers]:
         inputs, count = self._schedule.program.inputs, self._equations
         values = np.zeros((len(q), count), dtype=arithmetic.dtype)
         jacobian = np.zeros((len(q), count, len(self.freedoms)), dtype=arithmetic.dtype)
         for start in range(0, len(q), _BLOCK):
             block = slice(start, min(start + _BLOCK, len(q)))
             leaves = {n: q[block, self._columns[inputs[n].name]] for n in self._schedule.leaves}
-            leaves |= {n: x if len(x) == 1 else x[block] for n, x in self._kept.items()}
+            leaves |= {n: x if len(x) == 1 else x[chosen][block] for n, x in self._kept.items()}
             table = self._schedule.moving.run(arithmetic, leaves, block.stop - block.start)
             values[block] = table[:count].T
             for (row, column), value in zip(self._entries, table[count:], strict=True):
