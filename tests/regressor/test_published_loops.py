@@ -54,13 +54,15 @@ def test_a_parallelogram_that_misses_by_eight_last_decimals_is_a_doubt() -> None
 @pytest.mark.slow
 @pytest.mark.parametrize("model", ASSEMBLED, ids=str)
 def test_sets_of_models_that_are_open_at_zero(model: Published) -> None:
-    """Of two of them no exact pose is known: their sets come from balls."""
+    """The loops of one hold its knee and the drive of it, in whatever precision, so a doubt says that."""
     mechanism = load(model)
     assert mechanism.degrees_of_freedom == model.freedom
     base = ec.base_parameters(mechanism)
     assert base.rank == model.rank
     assert base.certificate.in_balls
-    assert not base.reading.doubt
+    held = model.name == "kangaroo_like"
+    assert base.reading.doubt.startswith("the loops hold what drives are to move: 'motor_knee'" if held else "")
+    assert held or not base.reading.doubt
 
 
 @pytest.mark.slow
