@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Sequence
 from fractions import Fraction
@@ -539,3 +540,35 @@ def test_what_shows_little_is_not_taken_for_rounding_in_silence(decimals: int, s
         warnings.simplefilter("always", ec.DoubtWarning)
         rank = ec.base_structure(ec.load(trammel(decimals, second_slide))).rank
     assert rank == 5 or (decimals < 6 and names(str(told[0].message), 5))
+
+
+SIX_DIGITS = """
+echelon: 1
+gravity: [0, -9.81, 0]
+bodies:
+  - {name: crank, joint: {type: revolute, axis: z}}
+  - {name: coupler, parent: crank,
+      joint: {type: revolute, axis: z, origin: {xyz: [1.38159, 0.584128, 0.00453223]}}}
+  - {name: rocker, joint: {type: revolute, axis: z, origin: {xyz: [3.82135, 1.18208, 0.0031416]}}}
+loops:
+  - joint: revolute
+    connects: [coupler, rocker]
+    at: {xyz: [2.48644, 3.13331, 0.00712345]}
+    on_second: {xyz: [0.401248, 1.44534, 0.00851408]}
+independent: [crank]
+assembly: {crank: 0.5, coupler: -1.1, rocker: -0.4}
+"""
+
+
+def test_numbers_of_as_many_significant_digits_are_as_fine_as_the_largest() -> None:
+    """A parallelogram of 1.5 and 4 m as programs print it; small offsets along the axes have more decimals."""
+    assert found(SIX_DIGITS) == (1, 3)
+    assert ec.load(SIX_DIGITS).rounding == pytest.approx(1e-5 / 3.82135, rel=0.1)
+
+
+def test_coefficients_have_digits_in_their_own_units() -> None:
+    """That of a mass is a length, which is small on a small robot."""
+    small = re.sub(r"\d\.\d{4,}", lambda number: f"{float(number[0]) / 100:.6g}", SIX_DIGITS)
+    base = ec.base_parameters(ec.load(small), budget=0)
+    lengths = base.B_float()[1:, base.matrix.parameters.index("M2")]
+    np.testing.assert_allclose(lengths, [0.0138159, 0.00584128], rtol=1e-3)

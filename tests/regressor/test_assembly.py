@@ -161,6 +161,18 @@ def test_far_guesses_close_somewhere() -> None:
     np.testing.assert_allclose(np.linalg.norm(q[:, 2:6], axis=1), 1, rtol=1e-12)
 
 
+def test_every_configuration_closes_at_its_own_values_of_symbols() -> None:
+    """Those at the stated values are closed at once, and the others go on."""
+    bar, count = linkages.four_bar(), 40
+    factors = np.where(np.arange(count) % 2, 1.0, np.random.default_rng(1).uniform(0.9, 1.1, count))
+    lengths = {name: float(value) * factors**k for k, (name, value) in enumerate(linkages.FOUR_BAR.items())}
+    q, done = Assembly(bar).at(lengths).closed(np.repeat(Assembly(bar).pose[None], count, axis=0))
+    assert done.all()
+    for k, pose in enumerate(q):
+        own = Assembly(bar, {name: float(values[k]) for name, values in lengths.items()})
+        assert np.abs(own.closures.at(pose[None])[0]).max() < 1e-11
+
+
 # -- errors ------------------------------------------------------------------------------------------------------------
 
 

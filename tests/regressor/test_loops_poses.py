@@ -119,7 +119,7 @@ def at_random_poses(name: str, count: int, seed: int) -> Iterator[Mechanism]:
 
 def rank_near(mechanism: Mechanism) -> int:
     """Rank of rows at closed states near the stated pose, by the widest gap of their singular values."""
-    real = Assembly(mechanism).random_closed_states(np.random.default_rng(3), 100, 0.2)
+    real = Assembly(mechanism).random_closed_states(np.random.default_rng(3), 100, moves=1)
     rows = evaluate_floats(virtual_power_form(mechanism), mechanism, *real)
     singular = np.linalg.svd(rows.reshape(-1, rows.shape[2]), compute_uv=False)
     singular = np.maximum(singular / singular[0], 1e-13)

@@ -132,7 +132,7 @@ MISTAKES = {
         "[crank]",
         "[crank, link6]",
         "follows from the others through .*'pin2' .link5 and link6.*"
-        r"0\.46 times that of 'crank'.*Write  independent: .crank.",
+        r"0\.\d+ times that of 'crank'.*Write  independent: .crank.",
     ),
     "misspelt": ("five bar", "[left, right]", "[left, rigt]", "did you mean 'right'"),
     "by coupling": ("geared five bar", "[left]", "[right]", "there is no coordinate 'right'"),

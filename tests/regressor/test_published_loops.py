@@ -13,7 +13,7 @@ from echelon.cli.commands import app
 from echelon.results.saved import to_json
 from support.published_loops import ASSEMBLED, LOOPS, PUBLISHED, Published
 
-# parallelograms within the tolerance of the reading, or to sixteen digits, of which the oracle takes twelve
+# parallelograms to sixteen digits, of which the oracle takes twelve, or to eight units of the last of six digits
 INTENDED = {"robotiq_2f85_v4": 3, "planar_delta": 20}
 QUICK = ("planar_2dof", "five_bar", "palletizer_kr700_general", "talos_like", "cassie_leg", "xarm7_gripper")
 
@@ -41,15 +41,28 @@ def test_all_ranks_are_those_of_the_oracle(model: Published) -> None:
 
 
 @pytest.mark.slow
+def test_a_parallelogram_that_misses_by_eight_last_decimals_is_a_doubt() -> None:
+    """Its bars of 19 mm differ by 0.8 μm; what these show is as large as what true values of mechanisms may show.
+
+    To the letter, a quaternion with a component of 1.9e-5, which is read as zero, tells the fingers apart.
+    """
+    base = ec.base_parameters(load(next(m for m in PUBLISHED if m.name == "robotiq_2f85_v4")), budget=0)
+    assert (base.rank, base.reading.literal_rank) == (3, 13)
+    assert "3, 4, 5, 6, 7 or 8" in base.reading.doubt
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ASSEMBLED, ids=str)
 def test_sets_of_models_that_are_open_at_zero(model: Published) -> None:
-    """Of two of them no exact pose is known: their sets come from balls."""
+    """The loops of one hold its knee and the drive of it, in whatever precision, so a doubt says that."""
     mechanism = load(model)
     assert mechanism.degrees_of_freedom == model.freedom
     base = ec.base_parameters(mechanism)
     assert base.rank == model.rank
     assert base.certificate.in_balls
-    assert not base.reading.doubt
+    held = model.name == "kangaroo_like"
+    assert base.reading.doubt.startswith("the loops hold what drives are to move: 'motor_knee'" if held else "")
+    assert held or not base.reading.doubt
 
 
 @pytest.mark.slow

@@ -65,7 +65,7 @@ class Independent:
     relations : Relations
         The same with auxiliary columns and scales.
     error : float
-        What rounding of a file leaves open of coefficients; 0 where these are exact.
+        What rounding of a file leaves open of coefficients, beside columns of size one; 0 where these are exact.
     """
 
     pivots: tuple[int, ...]
@@ -79,7 +79,8 @@ class Independent:
     def without_faint(self, count: int, order: Sequence[int]) -> Independent:
         """The same without the columns that show least, whose rounded relations to the others are taken for exact.
 
-        Coefficients are those of least squares.  Pivots come first in the order where that keeps them firm.
+        Coefficients are those of least squares, with what rounding leaves open of each.  Pivots come first in the order
+        where that keeps them firm.
         """
         relations = self.relations
         auxiliary, rows = relations.auxiliary, doubles(relations.table)
@@ -94,8 +95,9 @@ class Independent:
         place = {column: k for k, column in enumerate(order)}
         before = np.array([[place[c] < place[p] for c in others] for p in pivots]).reshape(found.shape)
         found[(np.abs(found) <= error) | (before & (np.abs(found) <= _FAINT))] = 0.0
-        unscaled = found * sizes[list(others)] / sizes[list(pivots)][:, None]
-        balls = np.frompyfunc(flint.arb, 1, 1)(unscaled).astype(object).reshape(found.shape)
+        scales = sizes[list(others)] / sizes[list(pivots)][:, None]
+        left_open = np.where(found, error, 0.0) * scales
+        balls = np.frompyfunc(flint.arb, 2, 1)(found * scales, left_open).astype(object).reshape(found.shape)
         return Independent(pivots, self.shown[:count], others, balls, self.bits, relations, error)
 
     def order_of(self, order: Sequence[int]) -> tuple[int, ...]:

@@ -82,7 +82,8 @@ def in_numbers(
                 exact = exact_number(ball, irrational)
                 number: Number
                 if independent.error:
-                    number, error = supported(float(ball.mid()), independent.error), independent.error
+                    error = float(ball.rad())
+                    number = supported(float(ball.mid()), error)
                 elif exact is not None:
                     number, error = exact, 0.0
                 else:

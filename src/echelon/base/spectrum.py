@@ -83,7 +83,7 @@ class Spectrum:
         """What speaks against the intended number; empty if it is clear."""
         if len(self.counts) < 2:
             return ""
-        named = f"{self.counts[0]} to {self.counts[-1]}"
+        named = f"{self.counts[0]} to {self.counts[-1]}, most likely {self.intended},"
         if len(self.counts) <= _MOST_NAMED:
             named = f"{', '.join(map(str, self.counts[:-1]))} or {self.counts[-1]}"
         return (

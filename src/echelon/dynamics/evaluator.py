@@ -24,14 +24,14 @@ from echelon.dynamics.functions import (
     closure_pivots,
 )
 from echelon.errors import InputError
-from echelon.loops import CLOSED, RANK_TOLERANCE, Assembly, largest
+from echelon.loops import NEGLIGIBLE, Assembly, largest
 from echelon.machine.kernel import Kernel, real_array, value_of
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import symbol_values
 from echelon.program.function import Argument, Function
 
 _STEP = 1e-9  # rad or characteristic lengths: what Newton's iteration leaves after a step that small is rounding
-_SINGULAR = RANK_TOLERANCE**2  # pivots are squares
+_SINGULAR = NEGLIGIBLE**2  # pivots are squares
 _FEW = 8  # iterations near a closed configuration
 
 
@@ -98,9 +98,8 @@ class CompiledAssembly(Assembly):
         chosen = np.ascontiguousarray(given[:, [names.index(n) for n in free]])
         rates = {"qd": np.zeros_like(chosen), **found, name: chosen}
         closed, units = self.run(function, **rates), self.speed_units
-        off = (
-            np.abs(given - closed) / units > CLOSED / trust[:, None] * np.maximum(largest(closed / units), 1.0)[:, None]
-        )
+        sizes = np.maximum(largest(closed / units), 1.0) / trust
+        off = np.abs(given - closed) / units > NEGLIGIBLE * sizes[:, None]
         if off.any():
             sample, place = np.argwhere(off)[0].tolist()
             what = {"qd": "velocities", "qdd": "accelerations"}[name]
@@ -113,7 +112,7 @@ class CompiledAssembly(Assembly):
 
     def _check_closed(self, q: Floats, trust: Floats) -> None:
         step = largest((self.run("closed_positions", q=q) - q) / self.position_units)
-        off = ~(step * trust < CLOSED)
+        off = ~(step * trust < NEGLIGIBLE)
         if off.any():
             sample = int(off.argmax())
             problem = self.opening(q[sample])

@@ -7,7 +7,7 @@ are parallel or lengths that are equal, may be meant to be exact; what depends o
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from fractions import Fraction
 
 from echelon.exact.polynomial import Rational, parts_of
@@ -21,6 +21,8 @@ COARSEST = 0.05
 """Largest unit of a last decimal that means something, rad or a share of the size."""
 _FEWEST, _MOST = 3, 15
 """Decimals of numbers that may be rounded; doubles have no more than 15 that mean something."""
+_FEWEST_DIGITS = 5
+"""Digits of numbers that were printed to some significant digits, as C's %g does: six of them, more rarely others."""
 _GRID, _FEW = Fraction(5, 1000), 3
 """m or rad: one in five numbers with three decimals is a multiple; where so many are, and no other, none is rounded."""
 _MANY = 0.05
@@ -59,13 +61,24 @@ def _coarsest(lengths: Iterable[Rational], turns: Iterable[Rational], size: floa
 
 
 def _last_decimal(numbers: Iterable[Rational]) -> float:
-    """The unit of the last decimal that many numbers have; 0 if all are short, or on a grid."""
+    """The unit of the last decimal that many numbers have, of the largest one's where all have as many digits.
+
+    0 if all are short, or on a grid.
+    """
     long = [value for number in numbers if _decimals(value := abs(Fraction(number))) >= _FEWEST]
     on_grid = not any(value % _GRID for value in long) and len(set(long)) >= _FEW
     if on_grid or not long:
         return 0.0
-    decimals = sorted(map(_decimals, long))
-    return float(10.0 ** -decimals[-1 - int(_MANY * len(decimals))])
+    decimals = [_decimals(value) for value in long]
+    digits = [len(str(int(value * 10**count))) for value, count in zip(long, decimals, strict=True)]
+    most_decimals, most_digits = _nearly_most(decimals), _nearly_most(digits)
+    if most_digits >= _FEWEST_DIGITS and digits.count(most_digits) > decimals.count(most_decimals):
+        return float(10.0 ** (len(str(int(max(long) * 10**_MOST))) - _MOST - most_digits))
+    return float(10.0**-most_decimals)
+
+
+def _nearly_most(counts: Sequence[int]) -> int:
+    return sorted(counts)[-1 - int(_MANY * len(counts))]
 
 
 def _decimals(number: Rational) -> int:

@@ -8,15 +8,14 @@ closed states, which :func:`closed_states` encloses in ball arithmetic.
 
 from echelon.loops.assembly import LARGEST_CORRECTION, STRIDE, Assembly
 from echelon.loops.closed_balls import ClosedBalls, closed_states
-from echelon.loops.closed_motion import CLOSED, RANK_TOLERANCE, ClosedMotion, largest, normalised, position_rates
+from echelon.loops.closed_motion import NEGLIGIBLE, ClosedMotion, largest, normalised, position_rates
 from echelon.loops.closing import check_independent, close, locked_joints
 from echelon.loops.dependent_motion import DependentMotion
 from echelon.loops.recorded_loops import Loops, loops_of, real_inputs
 
 __all__ = [
-    "CLOSED",
     "LARGEST_CORRECTION",
-    "RANK_TOLERANCE",
+    "NEGLIGIBLE",
     "STRIDE",
     "Assembly",
     "ClosedBalls",

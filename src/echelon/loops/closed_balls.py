@@ -1,9 +1,9 @@
 """Random closed states of a mechanism in ball arithmetic, at stated values of its symbols.
 
 Poses in doubles are refined by Newton's iteration, on as many of the closure equations and coordinates as the Jacobian
-has rank; the other coordinates stay as they are.  Krawczyk's operator then shows that exactly one solution of these
-equations lies in a small box around each, and the box is the pose.  Equations that were left out must hold there but
-for rounding of frames: they depend on the others on the component of poses that the pose belongs to.
+has rank; the other coordinates stay as they are.  The interval Newton operator then shows that exactly one solution of
+these equations lies in a small box around each, and the box is the pose.  Equations that were left out must hold there
+but for rounding of frames: they depend on the others on the component of poses that the pose belongs to.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats, Integers, pivoted_qr
 from echelon.errors import InputError
-from echelon.loops.closed_motion import NOISE
-from echelon.loops.recorded_loops import Loops, floats_of
+from echelon.loops.closed_motion import CLOSED, NEGLIGIBLE, NOISE, RATE
+from echelon.loops.recorded_loops import STEPS, Loops, floats_of
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.steps import quaternion_times
 from echelon.program.arithmetics import BallArithmetic, ball, stated_ball
@@ -34,18 +34,12 @@ Balls = npt.NDArray[Any]
 Values = dict[str, Balls]
 """By the names of coordinates, freedoms or inputs, each of shape (poses,)."""
 
-_ITERATIONS = 16
-_RANK = 1e-6  # what counts as nothing among the pivots of a Jacobian in doubles
 _LAST = 0.9  # weight of the last column where the longest is taken next; the first has 1
-BALL_STEPS = 256  # of random numbers, to one
-_FAR = 1e-3  # of the largest singular value: the smallest one of equations that are solved well
-_MISSED = 1e-11  # m or rad: by what equations that depend on others may miss, which are those of rounded frames
-_SPARE = 32  # bits between the last step and the box
-_LARGEST_EXPONENT, _SLOWEST = 40.0, 40
-_RATE = 2.0  # rad/s or m/s, of the largest random velocities
-_MOST_DOUBLINGS = 20  # of speeds where signs occur: from a millionth to a million of the usual ones
+_LARGEST_EXPONENT = 40.0  # of exponentials of speeds that are more than nothing beside others
+_DOUBLINGS = 20  # of speeds where signs or exponentials occur: from a millionth to a million of the usual ones
 
 _middle = np.frompyfunc(lambda x: x.mid(), 1, 1)
+_double = np.frompyfunc(lambda x: float(x.mid()), 1, 1)
 _series = np.frompyfunc(lambda x, rate: flint.arb_series([x, rate], 2), 2, 1)
 _slope = np.frompyfunc(lambda x: x[1] if isinstance(x, flint.arb_series) else flint.arb(0), 1, 1)
 
@@ -66,9 +60,7 @@ class _Jacobian:
     @property
     def dense(self) -> Balls:
         """All derivatives, (equations, freedoms, poses)."""
-        table = _zeros((*self.shape, self.values.shape[1]))
-        table[self.rows, self.columns] = self.values
-        return table
+        return self._filled(flint.arb(0), self.values)
 
     def times(self, x: Balls) -> Balls:
         """Rates of the equations, (equations, motions, poses), from those of freedoms."""
@@ -76,25 +68,14 @@ class _Jacobian:
         np.add.at(total, self.rows, self.values[:, None] * x[self.columns])
         return total
 
-    def chosen(self, given: Sequence[int] = (), rows: Sequence[int] = (), *, held: bool = False) -> _Choice:
-        """Independent equations and freedoms, none of which is given.
-
-        The same everywhere where possible, the equations perhaps some that are known, or held: those that are left out
-        may miss.
-        """
-        doubles = self._doubles
-        solved = [k for k in range(self.shape[1]) if k not in given]
-        found, same, columns = _Choice(), list(rows), list[int]()
-        for table in np.moveaxis(doubles, 2, 0):
-            seen = table[list(rows)] if held else table
-            if not _well_determined(seen[:, solved], table[np.ix_(same, columns)]):
-                columns = [solved[k] for k in _independent(seen[:, solved])]
-                if held:
-                    if len(columns) < len(rows):
-                        raise InputError("the equations that are held depend on one another at some pose")
-                elif not len(_independent(table[np.ix_(same, columns)])) == len(columns) == len(same):
-                    same = _independent(table[:, columns].T)
-            found.append((same, columns))
+    def chosen(self, held: Sequence[int], given: Sequence[int] = ()) -> _Choice:
+        """Independent equations and freedoms, none of which is given; equations that are held, if some are."""
+        solved, found = [k for k in range(self.shape[1]) if k not in given], _Choice()
+        for table in np.moveaxis(self._doubles, 2, 0):
+            columns = [solved[k] for k in _independent(table[list(held) or slice(None)][:, solved])]
+            if len(columns) < len(held):
+                raise InputError("the equations that are held depend on one another at some pose")
+            found.append((list(held) or _independent(table[:, columns].T, len(columns)), columns))
         return found
 
     def possible(self, chosen: _Choice, wanted: Balls) -> Balls:
@@ -102,7 +83,7 @@ class _Jacobian:
 
         So motions depend on what was wanted, and not on which freedoms are solved for.
         """
-        rates = np.frompyfunc(lambda x: float(x.mid()), 1, 1)(wanted).astype(float)
+        rates = _double(wanted).astype(float)
         for pose, table in enumerate(np.moveaxis(self._doubles, 2, 0)):
             across = np.linalg.svd(table)[2][: len(chosen[pose][0])]
             rates[:, :, pose] -= across.T @ (across @ rates[:, :, pose])
@@ -111,23 +92,21 @@ class _Jacobian:
     @property
     def _doubles(self) -> Floats:
         """All derivatives in doubles, (equations, freedoms, poses)."""
-        table = np.zeros((*self.shape, self.values.shape[1]))
-        table[self.rows, self.columns] = np.frompyfunc(lambda x: float(x.mid()), 1, 1)(self.values)
+        table = self._filled(0.0, _double(self.values).astype(float))
         table[np.abs(table) < NOISE] = 0  # equations that hold whatever moves determine nothing
+        return table
+
+    def _filled(self, zero: Any, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        table = np.full((*self.shape, values.shape[1]), zero)
+        table[self.rows, self.columns] = values
         return table
 
     def completed(self, chosen: _Choice, free: Balls, bias: Balls | int = 0) -> Balls:
         """x (freedoms, motions, poses) with J x + bias = 0, of which those that are not solved for are given."""
-        result, dense = free.copy(), self.dense
+        result = free.copy()
         for pose, (_, columns) in enumerate(chosen):
             result[columns, :, pose] = flint.arb(0)
-        opening = self.times(result) + bias
-        for pose, (rows, columns) in enumerate(chosen):
-            if rows:
-                square = flint.arb_mat(dense[np.ix_(rows, columns)][..., pose].tolist())
-                solved = square.solve(flint.arb_mat((-opening[rows, :, pose]).tolist()))
-                result[columns, :, pose] = np.array(solved.entries(), dtype=object).reshape(len(columns), -1)
-        return result
+        return _solved(self.dense, chosen, self.times(result) + bias, result)
 
 
 class ClosedBalls:
@@ -169,44 +148,26 @@ class ClosedBalls:
     def _pace(self) -> Any:
         """How slowly things move, so that exponentials of speeds are more than nothing: 1, or a power of two."""
         program, count = self.program, len(self._real)
-        exponents = [program.lhs[node] for node, op in enumerate(program.ops) if op == Op.EXP]
-        schedule = Schedule(program, exponents)
-        leaves = {node: program.inputs[node].name for node in schedule.leaves}
-        moving = {node for node, name in leaves.items() if name.startswith("qd[")}
-        names = self.loops.mechanism.positions
-        positions = {f"q[{name}]": column for name, column in zip(names, self._real.T, strict=True)}
-        constants = {name: np.array([float(x.mid()) for x in value]) for name, value in self.symbols.items()}
-        known = positions | constants
-        for halvings in range(_SLOWEST if moving else 0):
-            pace = 0.5**halvings
-            real = {node: known.get(name, np.ones(count)) for node, name in leaves.items()}
-            real |= {node: np.full(count, pace * _RATE) for node in moving}
-            found = schedule.run(FloatArithmetic(), real, count)
-            if np.abs(found).max() < _LARGEST_EXPONENT:
+        schedule = Schedule(program, [program.lhs[node] for node, op in enumerate(program.ops) if op == Op.EXP])
+        known = {name: _double(value).astype(float) for name, value in self.symbols.items()}
+        known |= _inputs("q", dict(zip(self.loops.mechanism.positions, self._real.T, strict=True)))
+        for halvings in range(_DOUBLINGS):
+            rest, pace = np.ones(count), 0.5**halvings
+            moving = {f"qd[{name}]": pace * RATE * rest for name in self._names}
+            leaves = {node: (known | moving).get(program.inputs[node].name, rest) for node in schedule.leaves}
+            if np.abs(schedule.run(FloatArithmetic(), leaves, count)).max(initial=0.0) < _LARGEST_EXPONENT:
                 return flint.arb(pace)
         return flint.arb(1)
-
-    @property
-    def _fastest(self) -> int:
-        """Doublings of speeds that are tried: none where exponentials would vanish or overflow."""
-        return 0 if Op.EXP in self.program.ops else _MOST_DOUBLINGS
-
-    @property
-    def _has_signs(self) -> bool:
-        """Whether signs of speeds may occur, as of friction or dead zones."""
-        return not {Op.SIGN, Op.ABS}.isdisjoint(self.program.ops)
 
     def _moving(self, names: set[str], rng: np.random.Generator, motions: int, at_rest: bool) -> Values:
         """Values of inputs, (motions · poses,), at random motions through the poses."""
         there, chosen = self.poses
         jacobian, q = self._closure(there, self._names)[1], {name: np.tile(x, motions) for name, x in there.items()}
         shape, count = (len(self._names), motions, len(chosen)), motions * len(chosen)
-        pace = self._pace * _all_speeds(rng, shape[1:], self._fastest) if self._has_signs else self._pace
-        rates = (
-            _zeros(shape)
-            if at_rest
-            else jacobian.completed(chosen, jacobian.possible(chosen, random_balls(rng, shape)) * pace)
-        )
+        rates = _zeros(shape)
+        if not at_rest:
+            free = jacobian.possible(chosen, random_balls(rng, shape))
+            rates = jacobian.completed(chosen, free * self._pace * self._paces(rng, shape[1:]))
         values = _inputs("q", q) | _inputs("qd", _flat(self._names, rates))
         if any(name.startswith("qdd[") for name in names):
             bias = 0 if at_rest else self._bias(q, _flat(self._names, rates)).reshape(-1, *shape[1:])
@@ -217,6 +178,19 @@ class ClosedBalls:
         if any(name.startswith("v[") for name in names):
             values |= _inputs("v", self._virtual(there, values, rng, motions))
         return values
+
+    def _paces(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Any:
+        """Factors of speeds, (motions, poses).
+
+        Where signs occur, as of friction or dead zones, these are random powers of two, which take half of the speeds
+        beyond dead zones and limits on either side; but exponentials would vanish or overflow at large ones.
+        """
+        ops = set(self.program.ops)
+        if ops.isdisjoint((Op.SIGN, Op.ABS)):
+            return 1
+        powers = rng.integers(-_DOUBLINGS, 1 if Op.EXP in ops else _DOUBLINGS + 1, size=shape)
+        powers *= rng.integers(2, size=shape)
+        return np.frompyfunc(lambda n: _power_of_two(int(n)), 1, 1)(powers)
 
     # -- poses -----------------------------------------------------------------------------------------------------
 
@@ -236,43 +210,32 @@ class ClosedBalls:
         }
         none = _zeros((len(self._names), 1, len(q[names[0]])))
         q = self._moved(q, none[:, 0])
-        chosen, size = _Choice(), flint.arb(0)
-        for _ in range(_ITERATIONS):
+        chosen, size, before = _Choice(), flint.arb(1), flint.arb("inf")
+        while _power_of_two(-(flint.ctx.prec // 2)) < size < before / 2:
             values, jacobian = self._closure(q, self._names)
-            chosen = chosen or jacobian.chosen(rows=self._held, held=bool(self._held))
+            chosen = chosen or jacobian.chosen(self._held)
             step = _middle(jacobian.completed(chosen, none, values[:, None])[:, 0])
             q = {name: _middle(x) for name, x in self._moved(q, step).items()}
-            size = max((abs(x).upper() for x in step.flat), default=flint.arb(0))
-            if size < _power_of_two(-(flint.ctx.prec // 2)):
-                break
-        size = max(size**2, _power_of_two(_SPARE - flint.ctx.prec)).upper()
-        return self._enclosed(q, chosen, size * _power_of_two(_SPARE)), chosen
+            before, size = size, max((abs(x).upper() for x in step.flat), default=flint.arb(0))
+        # beyond what is left, the square of half of the digits, and so small that its own square is less than rounding
+        return self._enclosed(q, chosen, _power_of_two(-2 * flint.ctx.prec // 3)), chosen
 
     def _enclosed(self, q: Values, chosen: _Choice, size: Any) -> Values:
-        """Poses as boxes in each of which there is one solution, by Krawczyk's operator."""
-        values, jacobian = self._closure(q, self._names)
-        spread, found = _zeros((len(self._names), len(chosen))), _zeros((len(self._names), len(chosen)))
+        """Poses as boxes in each of which there is one solution, by the interval Newton operator."""
+        none = _zeros((len(self._names), 1, len(chosen)))
+        spread = none[:, 0].copy()
         for pose, (_, columns) in enumerate(chosen):
             spread[columns, pose] = flint.arb(0, size)
-        slopes, middles = self._closure(self._moved(q, spread), self._names)[1].dense, jacobian.dense
+        slopes = self._closure(self._moved(q, spread), self._names)[1].dense
         fuzz = flint.arb(0, 2 * size)  # a turn by s changes the axes of the next turn by no more than that
         for _, velocities in self._balls:
             places = [self._names.index(name) for name in velocities]
             slopes[:, places] = slopes[:, places] + (abs(slopes[:, places]).sum(axis=1) * fuzz)[:, None]
-        for pose, (rows, columns) in enumerate(chosen):
-            if rows:
-                square, middle = (
-                    flint.arb_mat(x[np.ix_(rows, columns)][..., pose].tolist()) for x in (slopes, middles)
-                )
-                inverse = flint.arb_mat(len(rows), len(rows), [x.mid() for x in middle.inv().entries()])
-                identity = flint.arb_mat(np.eye(len(rows), dtype=int).tolist())
-                spreading = (identity - inverse * square) * flint.arb_mat([[x] for x in spread[columns, pose]])
-                image = spreading - inverse * flint.arb_mat([[x] for x in values[rows, pose]])
-                found[columns, pose] = image.entries()
+        found = _solved(slopes, chosen, self._closure(q, self._names)[0][:, None], none)[:, 0]
         closed = self._moved(q, found)
         for owner, left in zip(self.loops.equations.owners, self._closure(closed, self._names)[0], strict=True):
             most = max(0.0 if x.contains(0) else float(abs(x).mid()) for x in left)
-            if most > max(_MISSED, self._explained):
+            if most > max(CLOSED, self._explained):
                 problem = f"with all others closed, '{owner}' is open by {most:.1g} (m or rad)"
                 raise InputError(self._open(problem))
         if not all(abs(x) < size for x in found.flat):
@@ -327,7 +290,7 @@ class ClosedBalls:
         if given:
             free[given] = self._run(self._speeds, values).reshape(-1, *shape[1:])
         jacobian = self._closure(q, names)[1]
-        found = jacobian.completed(jacobian.chosen(given, self.poses[1][0][0], held=bool(self._held)), free)
+        found = jacobian.completed(jacobian.chosen(self._held, given), free)
         return _flat(names, found)
 
     def _run(self, schedule: StagedSchedule, values: Values) -> Balls:
@@ -360,8 +323,7 @@ def closed_states(loops: Loops, at: Sequence[Mapping[str, str]], poses: Floats) 
     DegenerateSampleError
         If the loops do not close at other values.
     """
-    values = [{**loops.values, **given} for given in at]
-    wanted = np.tile(poses, (len(values), 1))
+    values, wanted = [{**loops.values, **given} for given in at], np.tile(poses, (len(at), 1))
     if any(given != loops.values for given in values):
         floats = [floats_of(given) for given in values]
         spread = {name: np.repeat([given[name] for given in floats], len(poses)) for name in loops.values}
@@ -372,18 +334,25 @@ def closed_states(loops: Loops, at: Sequence[Mapping[str, str]], poses: Floats) 
     return ClosedBalls(loops, symbols, wanted)
 
 
-def _well_determined(whole: Floats, square: Floats) -> bool:
-    """Whether some equations and freedoms have the rank of all, and are far from singular."""
-    if square.shape[0] != square.shape[1] or not square.size:
-        return False
-    every, own = np.linalg.svd(whole, compute_uv=False), np.linalg.svd(square, compute_uv=False)
-    return bool(own[-1] > _FAR * own[0] and (every > _RANK * every[0]).sum() == len(square))
+def _solved(jacobian: Balls, chosen: _Choice, opening: Balls, free: Balls) -> Balls:
+    """Rates (freedoms, motions, poses) that undo some of the equations, where others are free.
+
+    Shapes: jacobian (equations, freedoms, poses), opening (equations, motions, poses).
+    """
+    result = free.copy()
+    for pose, (rows, columns) in enumerate(chosen):
+        if rows:
+            square = flint.arb_mat(jacobian[np.ix_(rows, columns)][..., pose].tolist())
+            solved = square.solve(flint.arb_mat((-opening[rows, :, pose]).tolist()))
+            result[columns, :, pose] = np.array(solved.entries(), dtype=object).reshape(len(columns), -1)
+    return result
 
 
-def _independent(matrix: Floats) -> list[int]:
+def _independent(matrix: Floats, count: int | None = None) -> list[int]:
     """Columns that span all columns, in doubles; of columns that are alike the first, whatever rounding says."""
     sizes, order = pivoted_qr(matrix * np.linspace(1.0, _LAST, matrix.shape[1]))
-    return sorted(order[: int((sizes > _RANK * sizes.max(initial=0.0)).sum())].tolist())
+    rank = int((sizes > NEGLIGIBLE * sizes.max(initial=0.0)).sum()) if count is None else count
+    return sorted(order[:rank].tolist())
 
 
 def _flat(names: Sequence[str], found: Balls) -> Values:
@@ -391,7 +360,7 @@ def _flat(names: Sequence[str], found: Balls) -> Values:
     return {name: x.ravel() for name, x in zip(names, found, strict=True)}
 
 
-def _inputs(kind: str, values: Values) -> Values:
+def _inputs(kind: str, values: Mapping[str, npt.NDArray[Any]]) -> Values:
     return {f"{kind}[{name}]": x for name, x in values.items()}
 
 
@@ -404,13 +373,7 @@ def _power_of_two(exponent: int) -> Any:
     return flint.arb(2) ** exponent
 
 
-def _all_speeds(rng: np.random.Generator, shape: tuple[int, ...], fastest: int) -> Balls:
-    """Random powers of two, which take half of the speeds beyond dead zones and limits on either side."""
-    powers = rng.integers(-_MOST_DOUBLINGS, fastest + 1, size=shape) * rng.integers(2, size=shape)
-    return np.asarray(np.frompyfunc(lambda n: _power_of_two(int(n)), 1, 1)(powers))
-
-
 def random_balls(rng: np.random.Generator, shape: tuple[int, ...]) -> Balls:
     """Random exact numbers."""
-    numbers = rng.integers(-2 * BALL_STEPS, 2 * BALL_STEPS, size=shape)
-    return np.asarray(np.frompyfunc(lambda n: ball(Fraction(int(n), BALL_STEPS)), 1, 1)(numbers))
+    numbers = rng.integers(-2 * STEPS, 2 * STEPS, size=shape)
+    return np.asarray(np.frompyfunc(lambda n: ball(Fraction(int(n), STEPS)), 1, 1)(numbers))

@@ -15,7 +15,7 @@ from typing import Generic, NoReturn, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
+from echelon.arrays import Floats, Integers
 from echelon.errors import InputError
 from echelon.loops.closures import ClosureEquations, record_closures
 from echelon.mechanism.closed_pose import shown_loops
@@ -26,25 +26,32 @@ from echelon.mechanism.steps import Probes, Recorder, cut_names, quaternion_time
 from echelon.program.schedule import FloatArithmetic, Schedule, StagedSchedule
 from echelon.program.tape import Program
 
-RANK_TOLERANCE = 1e-6
-"""Singular values below this part of the largest one count as zero."""
-
 NOISE = 1e-12
-"""Derivatives of closure equations that are smaller vanish but for rounding."""
+"""Part of the largest of some numbers, or of 1, that rounding of doubles makes on the way to them."""
+
+NEGLIGIBLE = 1e-6
+"""Part of a whole up to which it counts as nothing: singular values, moves, and what given states leave open."""
+
+CLEAR = 1e-3
+"""Part of a whole from which on it is something beyond doubt, whatever rounding and bad conditions make."""
+
+CLOSED = 1e-11
+"""What closures are open by where they count as closed, in doubles or for rounding of frames; rad or lengths."""
+
+EXPLAINED = 5
+"""Times the last decimal: what rounding of all numbers of a file together moves closures and motions by."""
+
+RATE = 2.0
+"""Largest random velocity, rad/s or characteristic lengths per second; of accelerations alike."""
 
 REMEMBERED = 8
-"""Of how many mechanisms what takes time is kept."""
-
-CLOSED = 1e-6
-"""Given states may miss the closure equations by this part of the mechanism's size."""
-
-_CONSISTENT = 1e-4  # redundant constraints of states that are closed roughly agree roughly
-
-T = TypeVar("T")
-_Numbers = npt.NDArray[np.inexact]
+"""Mechanisms of which what takes time is kept."""
 
 _BLOCK = 1024  # samples evaluated together, so that the table of intermediate values stays small
 _STEP = 1e-30  # of a complex step: its square vanishes against 1, and nothing is subtracted
+
+T = TypeVar("T")
+_Numbers = npt.NDArray[np.inexact]
 
 
 class _ComplexArithmetic(FloatArithmetic):
@@ -57,6 +64,12 @@ class Known(Generic[T]):
 
     part: Hashable
     subject: T = field(compare=False)
+
+
+def identity(mechanism: Mechanism) -> Hashable:
+    """All that closed configurations of a mechanism depend on."""
+    stated = (frozenset(values.items()) for values in (mechanism.symbols, mechanism.assembly))
+    return (mechanism.bodies, mechanism.couplings, mechanism.closures, mechanism.rounding, *stated)
 
 
 @lru_cache(maxsize=REMEMBERED)
@@ -119,9 +132,12 @@ class ClosureValues:
         other._kept = other._constant(symbols, len(next(iter(symbols.values()))))
         return other
 
-    def at(self, q: Floats) -> tuple[Floats, Floats]:
-        """Values of the equations, shape (N, equations), and their Jacobian by freedoms, (N, equations, freedoms)."""
-        values, jacobian = self._run(q, FloatArithmetic())
+    def at(self, q: Floats, chosen: Integers | slice = slice(None)) -> tuple[Floats, Floats]:
+        """Values of the equations, shape (N, equations), and their Jacobian by freedoms, (N, equations, freedoms).
+
+        Where every configuration has values of the symbols of its own, those of the chosen ones count.
+        """
+        values, jacobian = self._run(q, FloatArithmetic(), chosen)
         jacobian[np.abs(jacobian) < NOISE] = 0  # equations that hold whatever moves have no largest singular value
         return values.real, jacobian.real
 
@@ -133,14 +149,16 @@ class ClosureValues:
         result: Floats = (rates @ (qd / self.units[:velocities])[:, :, None])[:, :, 0]
         return result
 
-    def _run(self, q: _Numbers, arithmetic: FloatArithmetic) -> tuple[_Numbers, _Numbers]:
+    def _run(
+        self, q: _Numbers, arithmetic: FloatArithmetic, chosen: Integers | slice = slice(None)
+    ) -> tuple[_Numbers, _Numbers]:
         inputs, count = self._schedule.program.inputs, self._equations
         values = np.zeros((len(q), count), dtype=arithmetic.dtype)
         jacobian = np.zeros((len(q), count, len(self.freedoms)), dtype=arithmetic.dtype)
         for start in range(0, len(q), _BLOCK):
             block = slice(start, min(start + _BLOCK, len(q)))
             leaves = {n: q[block, self._columns[inputs[n].name]] for n in self._schedule.leaves}
-            leaves |= {n: x if len(x) == 1 else x[block] for n, x in self._kept.items()}
+            leaves |= {n: x if len(x) == 1 else x[chosen][block] for n, x in self._kept.items()}
             table = self._schedule.moving.run(arithmetic, leaves, block.stop - block.start)
             values[block] = table[:count].T
             for (row, column), value in zip(self._entries, table[count:], strict=True):
@@ -148,10 +166,6 @@ class ClosureValues:
         kept = list(self.rows)
         row_units = np.where(self.is_length, self.length, 1.0)
         return values[:, kept] / row_units, jacobian[:, kept] * self.units / row_units[:, None]
-
-
-EXPLAINED = 5
-"""Times the last decimal: what rounding of all numbers of a file together moves closures and motions by."""
 
 
 class ClosedMotion:
@@ -167,7 +181,7 @@ class ClosedMotion:
         self.symbols = symbols
         self.explained = EXPLAINED * mechanism.rounding  # what rounding opens closures by, rad or lengths
         # singular values below this part of the largest one count as zero
-        self.tolerance = max(RANK_TOLERANCE, self.explained)
+        self.tolerance = max(NEGLIGIBLE, self.explained)
         names = mechanism.velocities
         self._independent = [names.index(name) for name in mechanism.independent_velocities]
         self._dependent = [k for k in range(len(names)) if k not in self._independent]
@@ -177,14 +191,13 @@ class ClosedMotion:
         """Units of the velocity coordinates' speeds, shape (velocities,)."""
         return self.closures.units[: len(self.mechanism.velocities)]
 
-    def _jacobian(self, q: Floats) -> Floats:
-        """Derivatives of the closure equations by velocities."""
+    def jacobian(self, q: Floats) -> Floats:
+        """Derivatives of the closure equations by velocities, (N, equations, velocities)."""
         return self.closures.at(q)[1][:, :, : len(self.mechanism.velocities)]
 
-    def singular_values(self, q: Floats, columns: Sequence[int] | None = None) -> Floats:
-        """Singular values of the closure equations by velocities, all or some, about the largest, shape (N, values)."""
-        chosen = range(len(self.mechanism.velocities)) if columns is None else columns
-        found = np.linalg.svd(self._jacobian(q)[:, :, list(chosen)], compute_uv=False)
+    def singular_values(self, q: Floats, columns: Sequence[int] | slice = slice(None)) -> Floats:
+        """Singular values of the Jacobian, or of some of its columns, about the largest, shape (N, values)."""
+        found = np.linalg.svd(self.jacobian(q)[:, :, columns], compute_uv=False)
         relative: Floats = found / np.maximum(found[:, :1], NOISE)
         return relative
 
@@ -195,7 +208,7 @@ class ClosedMotion:
 
     def free_velocities(self, q: Floats) -> Floats:
         """Orthonormal velocities that keep the loops closed in one configuration, shape (velocities, freedoms)."""
-        _, singular, turned = np.linalg.svd(self._jacobian(q[None])[0])
+        _, singular, turned = np.linalg.svd(self.jacobian(q[None])[0])
         free: Floats = turned[(singular > self.tolerance * singular.max(initial=0.0)).sum() :].T
         return free
 
@@ -222,14 +235,13 @@ class ClosedMotion:
     def _solved(self, jacobian: Floats, right: Floats) -> Floats:
         """Least-squares solutions for the dependent velocities."""
         names, unknown = self.mechanism.velocities, len(self._dependent)
-        left, singular, turned = np.linalg.svd(jacobian[:, :, self._dependent], full_matrices=False)
-        rank = (singular > self.tolerance * singular[:, :1]).sum(axis=1)
-        if (rank < unknown).any():
-            sample = int(np.argmax(rank < unknown))
-            null = np.linalg.svd(jacobian[sample][:, self._dependent])[2][-1]
-            self._refuse_singular(sample, names[self._dependent[int(np.abs(null).argmax())]])
-        solved: Floats = turned.swapaxes(1, 2) @ ((left.swapaxes(1, 2) @ right) / singular[:, :, None])
-        return solved
+        left, singular, turned = np.linalg.svd(jacobian[:, :, self._dependent])
+        loose = (singular > self.tolerance * singular[:, :1]).sum(axis=1) < unknown
+        if loose.any():
+            sample = int(loose.argmax())
+            self._refuse_singular(sample, names[self._dependent[int(np.abs(turned[sample, -1]).argmax())]])
+        across: Floats = (left[:, :, :unknown].swapaxes(1, 2) @ right) / singular[:, :, None]
+        return turned.swapaxes(1, 2) @ across
 
     @cached_property
     def chosen_speeds(self) -> Sequence[Mapping[str, float]]:
@@ -258,8 +270,8 @@ class ClosedMotion:
 
     def _check_determined(self, missed: Floats, driven: Floats) -> None:
         # an output may move nothing that the loops are closed by, such as a body that is folded onto a closing joint
-        scale = np.maximum(np.abs(driven).max(axis=1), RANK_TOLERANCE)
-        off = (np.abs(missed).max(axis=1) > _CONSISTENT * scale).any(axis=0)
+        scale = np.maximum(np.abs(driven).max(axis=1), NEGLIGIBLE)
+        off = (np.abs(missed).max(axis=1) > CLEAR * scale).any(axis=0)
         if not off.any():
             return
         output = self.mechanism.outputs[int(off.argmax())]

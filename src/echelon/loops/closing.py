@@ -11,30 +11,23 @@ import numpy as np
 
 from echelon.arrays import Floats, one_thread
 from echelon.errors import InputError
-from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.loops.assembly import NEARLY_FREE, Assembly
 from echelon.loops.closed_balls import closed_states
-from echelon.loops.closed_motion import RANK_TOLERANCE, ClosedMotion
+from echelon.loops.closed_motion import CLEAR, NEGLIGIBLE, ClosedMotion, places
 from echelon.loops.coordinates import independent_coordinates
 from echelon.loops.recorded_loops import floats_of, loops_of
 from echelon.mechanism.closed_pose import loop_motions, shown_loops
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import (
-    has_values,
-)
+from echelon.mechanism.stated import has_values
 from echelon.mechanism.steps import Recorder
 from echelon.mechanism.substitute import inexact_coupling, with_numeric_ratios
 from echelon.program.tape import Program
 
-_ATTEMPTS = 2
-_STANDS_STILL = 1e-3  # rad or m
 _BALL_BITS = 512
 _EXACTLY = (
     "Write what is meant exactly: directions and angles as expressions such as pi/3 or sqrt(2)/2, equal lengths as "
     "equal numbers"
 )
-_STATES, _NEAR = 8, 0.5  # random configurations at which the mobility is counted numerically, and how far they stray
-_INDEPENDENT = (1e-3, 1e-5, 1e-6)  # singular values of independent motions, the wanted one first
 
 
 @one_thread()
@@ -68,7 +61,7 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
 def check_independent(mechanism: Mechanism, velocities: Floats) -> None:
     """Refuse stated independent coordinates that loops tie, by orthonormal free velocities (velocities, freedoms)."""
     columns = [mechanism.velocities.index(name) for name in mechanism.independent]
-    ranked = partial(_rank, velocities, _INDEPENDENT[-1])
+    ranked = partial(_rank, velocities, NEGLIGIBLE)
     if mechanism.independent and not ranked(columns) == len(columns) == velocities.shape[1]:
         chosen = independent_coordinates(mechanism, ranked, mechanism.independent, velocities)
         _check_wanted(mechanism, mechanism.independent, chosen, velocities)
@@ -87,8 +80,8 @@ class _Real:
             raise InputError(_rigid(mechanism, self.assembly, self.assembly.moving_pose()))
         if self._locked(pose):
             raise InputError(_rigid(mechanism, self.assembly))
-        self.states, _, _ = self.assembly.random_closed_states(random_generator(DEFAULT_SEED), _STATES, _NEAR)
-        if np.ptp(self.states, axis=0).max() < _STANDS_STILL or self._held_elsewhere:
+        self.states = self.loops.near_poses
+        if np.ptp(self.states, axis=0).max() < CLEAR or self._held_elsewhere:
             raise InputError(_shaky(mechanism))
         self.mobility = int(self.assembly.mobility(self.states).min())
         self.velocities = self.assembly.free_velocities(self.states[0])
@@ -113,30 +106,28 @@ class _Real:
         """Whether rounding has locked a loop while others, or what carries it, can move."""
         if self.assembly.easiest(pose)[2] > NEARLY_FREE:
             return False
-        names, free = self.mechanism.velocities, np.abs(self.assembly.free_velocities(pose)).max(axis=1)
-        moving = {name for name, speed in zip(names, free, strict=True) if speed > _STANDS_STILL}
-        motions = {motion.name: moving.intersection(motion.velocities) for motion in self.mechanism.motions}
-        return not all(any(motions[n] for n in loop_motions(self.mechanism, [c])) for c in self.mechanism.closures)
+        moving = _moving(self.mechanism, [self.assembly.free_velocities(pose)], CLEAR)
+        return any(moving.isdisjoint(loop_motions(self.mechanism, [c])) for c in self.mechanism.closures)
 
     def independent(self, first: Sequence[str]) -> tuple[str, ...]:
         """Coordinates that the others depend on; see :func:`independent_coordinates`."""
         chosen, here = self._chosen(self.velocities, first), self.assembly.free_velocities(self.assembly.pose)
         columns = [self.mechanism.velocities.index(name) for name in chosen]
-        if not first and here.shape[1] == self.mobility and _rank(here, _INDEPENDENT[-1], columns) < self.mobility:
+        if not first and here.shape[1] == self.mobility and _rank(here, NEGLIGIBLE, columns) < self.mobility:
             return self._chosen(here, first)  # arms of a Delta robot do not move it where all its rods are parallel
         return chosen
 
     def _chosen(self, velocities: Floats, first: Sequence[str]) -> tuple[str, ...]:
         chosen: tuple[str, ...] = ()
-        for threshold in _INDEPENDENT:  # what hardly moves on its own only if nothing else does
-            chosen = independent_coordinates(self.mechanism, partial(_rank, velocities, threshold), first, velocities)
+        for least in (CLEAR, NEGLIGIBLE):  # what hardly moves on its own only if nothing else does
+            chosen = independent_coordinates(self.mechanism, partial(_rank, velocities, least), first, velocities)
             if len(chosen) == self.mobility:
                 break
         return chosen
 
 
-def _rank(velocities: Floats, threshold: float, columns: Sequence[int]) -> int:
-    return int((np.linalg.svd(velocities[list(columns)], compute_uv=False) > threshold).sum()) if columns else 0
+def _rank(velocities: Floats, least: float, columns: Sequence[int]) -> int:
+    return int((np.linalg.svd(velocities[list(columns)], compute_uv=False) > least).sum())
 
 
 def _rigid(mechanism: Mechanism, assembly: Assembly, moving: Floats | None = None) -> str:
@@ -196,11 +187,16 @@ def _independent(count: int) -> str:
 
 def locked_joints(mechanism: Mechanism) -> tuple[str, ...]:
     """Names of the joints that loops keep from moving in closed poses near the assembly pose, of coupled ones too."""
-    assembly = loops_of(mechanism, Recorder(mechanism, Program())).assembly
-    states, _, _ = assembly.random_closed_states(random_generator(DEFAULT_SEED), _STATES, _NEAR)
+    loops = loops_of(mechanism, Recorder(mechanism, Program()))
+    states, assembly = loops.near_poses, loops.assembly
     # a joint may stand still in one pose, such as a dead centre, but not in all
-    speeds = np.max([np.abs(assembly.free_velocities(q)).max(axis=1, initial=0.0) for q in states], axis=0)
-    moving = {name for name, speed in zip(mechanism.velocities, speeds, strict=True) if speed > RANK_TOLERANCE}
-    locked = {motion.name for motion in mechanism.free_motions if moving.isdisjoint(motion.velocities)}
+    moving = _moving(mechanism, [assembly.free_velocities(q) for q in states], NEGLIGIBLE)
+    locked = {motion.name for motion in mechanism.free_motions} - moving
     followers = {c.coordinate for c in mechanism.couplings if locked.issuperset(name for name, _ in c.terms)}
     return tuple(motion.name for motion in mechanism.motions if motion.name in locked | followers)
+
+
+def _moving(mechanism: Mechanism, poses: Sequence[Floats], least: float) -> set[str]:
+    """Names of motions that move at any of some poses, by orthonormal velocities (velocities, freedoms) there."""
+    speeds = np.max([np.abs(velocities).max(axis=1, initial=0.0) for velocities in poses], axis=0)
+    return {motion.name for motion, _, place in places(mechanism) if speeds[place].max() > least}

@@ -11,10 +11,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from echelon.arrays import Floats
+from echelon.loops.closed_motion import NEGLIGIBLE
 from echelon.mechanism.joint import GROUND, Joint, MotionKind
 from echelon.mechanism.mechanism import Mechanism
-
-_DIGITS = 6  # of velocities that are compared; where they are alike, x comes first
 
 
 def independent_coordinates(
@@ -57,17 +56,17 @@ def independent_coordinates(
     for column in single:
         take([mechanism.velocities[column]])
     for ball in balls:
-        turning = [0.0] * len(ball) if real is None else _left([place[name] for name in ball], chosen, real)
+        turning = [0] * len(ball) if real is None else _left([place[name] for name in ball], chosen, real)
         for _, name in sorted(zip(turning, ball, strict=True), key=lambda part: -part[0]):
             take([name])
     return tuple(name for name, k in place.items() if k in chosen)
 
 
-def _left(columns: Sequence[int], taken: Sequence[int], real: Floats) -> list[float]:
-    """How much some coordinates can move while those that are taken rest."""
+def _left(columns: Sequence[int], taken: Sequence[int], real: Floats) -> list[int]:
+    """How much some coordinates can move while those that are taken rest, alike but for what is negligible."""
     moved, _ = np.linalg.qr(real[taken].T)
     resting = real[columns] - real[columns] @ moved @ moved.T
-    return [round(float(size), _DIGITS) for size in np.linalg.norm(resting, axis=1)]
+    return [round(float(size) / NEGLIGIBLE) for size in np.linalg.norm(resting, axis=1)]
 
 
 def _near_the_base(mechanism: Mechanism) -> list[Joint]:

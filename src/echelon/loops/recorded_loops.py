@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -11,8 +11,8 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.errors import DegenerateSampleError, InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
-from echelon.loops.assembly import Assembly
-from echelon.loops.closed_motion import REMEMBERED, Known
+from echelon.loops.assembly import FEW, NEARBY, POSES, TOGETHER, Assembly
+from echelon.loops.closed_motion import REMEMBERED, Known, identity
 from echelon.loops.closures import ClosureEquations, record_closures
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, value_texts
@@ -21,22 +21,12 @@ from echelon.program.arithmetics import stated_ball
 from echelon.program.schedule import StagedSchedule
 from echelon.program.tape import Scalar
 
-_DRAWS = 64
-"""Sets of random values that are tried for symbols without one until the loops close."""
+STEPS = 256
+"""Of random numbers, to one."""
 _POOL_SEED = DEFAULT_SEED + 1
 """Seed of poses that show dependences; certificates draw others by their own seeds."""
-_TOGETHER = 64
-"""Poses that are drawn at once, which takes little longer than to draw one."""
-_STEPS_TO_CLOSE = 8
-"""Gauss–Newton steps from closed poses to those at values of symbols that differ by some percent."""
-_NEARLY_CLOSED = 1e-8
-"""What equations may miss after them, rad or characteristic lengths; ball arithmetic goes on from there."""
-_NEARBY = 8
-"""Random poses at which motions are counted."""
 _SHARED = 4
 """Motions that share a pose: more show little that is new where many bodies are alike."""
-_STEPS = 256
-"""Random values are multiples of 1/512 between 1/2 and 3/2."""
 
 
 @dataclass(frozen=True)
@@ -69,22 +59,26 @@ class Loops:
         """Random closed poses in double precision at :attr:`values`, shape (count, positions)."""
         return self.assembly.random_closed_states(rng, count)[0]
 
+    @cached_property
+    def near_poses(self) -> Floats:
+        """Some random closed poses that are near the assembly pose, shape (poses, positions)."""
+        return self.assembly.random_closed_states(random_generator(DEFAULT_SEED), POSES, NEARBY)[0]
+
     def known_poses(self, first: int, count: int) -> Floats:
         """Some of a sequence of random closed poses that is drawn once, shape (count, positions)."""
-        pool = _pool(Known((_moving(self.mechanism), frozenset(self.values.items())), self))
+        pool = _pool(Known((identity(self.mechanism), frozenset(self.values.items())), self))
         while len(pool.poses) < first + count:
             pool.grow()
         return pool.poses[first : first + count]
 
     def next_to(self, poses: Floats) -> Floats:
         """Closed poses next to some that nearly are, shape (poses, positions)."""
-        return _stepped(self.assembly, poses)
+        return self.assembly.closed(poses, iterations=FEW)[0]
 
     def followed(self, poses: Floats, symbols: Mapping[str, Floats]) -> Floats:
         """Closed poses at other values of the symbols, one for each pose, next to closed poses at :attr:`values`."""
-        assembly = self.assembly.at(symbols)
-        poses = _stepped(assembly, poses)
-        if assembly.opening_of(poses) > _NEARLY_CLOSED:
+        poses, done = self.assembly.at(symbols).closed(poses, iterations=FEW)
+        if not done.all():
             raise DegenerateSampleError("the loops do not close at these values of the symbols")
         return poses
 
@@ -97,7 +91,7 @@ class Loops:
     @cached_property
     def singular(self) -> bool:
         """Whether more motions are possible at the assembly pose than near it, so that ways of assembly may meet."""
-        at_pose, near = (self.assembly.mobility(q) for q in (self.assembly.pose[None], self.known_poses(0, _NEARBY)))
+        at_pose, near = (self.assembly.mobility(q) for q in (self.assembly.pose[None], self.known_poses(0, POSES)))
         return bool(at_pose[0] > near.min())
 
     @cached_property
@@ -118,13 +112,6 @@ def loops_of(
     return Loops(mechanism, record_closures(mechanism, recorder, probes), nodes)
 
 
-def _stepped(assembly: Assembly, poses: Floats) -> Floats:
-    """Poses after some Gauss–Newton steps."""
-    for _ in range(_STEPS_TO_CLOSE):
-        poses = assembly.step(poses)
-    return poses
-
-
 def closing_values(mechanism: Mechanism) -> Mapping[str, str]:
     """Exact values of all symbols as text, at which the loops close: random ones where none are stated.
 
@@ -133,13 +120,7 @@ def closing_values(mechanism: Mechanism) -> Mapping[str, str]:
     InputError
         If the loops close at none of the random values that are tried.
     """
-    return _closing_values(Known((_moving(mechanism), frozenset(mechanism.symbols.items())), mechanism))
-
-
-def _moving(mechanism: Mechanism) -> Hashable:
-    """All that says how a mechanism can move, beside the values of symbols."""
-    moving = (mechanism.bodies, mechanism.couplings, mechanism.closures, mechanism.rounding)
-    return (*moving, frozenset(mechanism.assembly.items()))
+    return _closing_values(Known(identity(mechanism), mechanism))
 
 
 class _Pool:
@@ -152,7 +133,7 @@ class _Pool:
 
     def grow(self) -> None:
         """Draw as many poses as there are, or the first ones."""
-        self.poses = np.vstack([self.poses, self._loops.poses(self._rng, max(len(self.poses), _TOGETHER))])
+        self.poses = np.vstack([self.poses, self._loops.poses(self._rng, max(len(self.poses), TOGETHER))])
 
 
 @lru_cache(maxsize=REMEMBERED)
@@ -168,13 +149,13 @@ def _closing_values(known: Known[Mechanism]) -> Mapping[str, str]:
     if not unknown:
         return stated
     rng = random_generator(DEFAULT_SEED)
-    for attempt in range(_DRAWS):
+    for attempt in range(TOGETHER):
         drawn = dict(zip(unknown, _random_texts(rng, len(unknown)), strict=True))
         values = {**stated, **drawn}
         try:
             _ = Assembly(mechanism, floats_of(values)).pose
         except InputError:
-            if attempt == _DRAWS - 1:
+            if attempt == TOGETHER - 1:
                 raise
         else:
             return values
@@ -182,8 +163,9 @@ def _closing_values(known: Known[Mechanism]) -> Mapping[str, str]:
 
 
 def _random_texts(rng: np.random.Generator, count: int) -> Iterable[str]:
-    drawn = rng.integers(_STEPS, 3 * _STEPS, size=count)
-    return (f"{number}/{2 * _STEPS}" for number in drawn)
+    """Multiples of half a step between 1/2 and 3/2."""
+    drawn = rng.integers(STEPS, 3 * STEPS, size=count)
+    return (f"{number}/{2 * STEPS}" for number in drawn)
 
 
 def floats_of(values: Mapping[str, str]) -> dict[str, float]:
@@ -191,8 +173,8 @@ def floats_of(values: Mapping[str, str]) -> dict[str, float]:
     return {name: float(stated_ball(text).mid()) for name, text in values.items()}
 
 
-def real_inputs(mechanism: Mechanism, rng: np.random.Generator, count: int, reach: float = 1.0) -> dict[str, Floats]:
+def real_inputs(mechanism: Mechanism, rng: np.random.Generator, count: int) -> dict[str, Floats]:
     """Random closed states and values of symbols, by the names of program inputs."""
     values = floats_of(closing_values(mechanism))
-    states = Assembly(mechanism, values).random_closed_states(rng, count, reach)
+    states = Assembly(mechanism, values).random_closed_states(rng, count)
     return {name: np.full(count, value) for name, value in values.items()} | state_inputs(mechanism, *states)
