@@ -1,12 +1,12 @@
 """What columns are by their values: clocks, families of columns whose names say nothing, and units.
 
-A family has a column for every coordinate.  Positions are the family whose derivative another one is: velocities are
-integrated over windows instead of differentiating positions, so that noise and resolution count for little.  Torques
-that friction dominates are proportional to velocities, too.  What tells them apart is the slope of a robust line: by
-the log's own clock it is one for velocities, or the ratio of two units, the same for all joints.  Without a clock it is
-a period that nobody knows; then velocities are only told if every joint agrees on it, and another family is left for
-outputs.  Without velocities, positions are much smoother than what is measured of forces.  Of two that follow one
-another the smoother one is the reference, and what is left are outputs, if it is one family.
+A family has a column for every coordinate; columns that never change are none, as they say nothing.  Positions are the
+family that another one is the rate of (:mod:`echelon.signals.rates`).  Torques that friction dominates are proportional
+to velocities, too.  What tells them apart is the slope: by the log's own clock it is one for velocities, or the ratio
+of two units, the same for all joints.  Without a clock it is a rate that nobody knows; then velocities are only told if
+every joint agrees on it, and another family is left for outputs.  Without velocities, positions are much smoother than
+what is measured of forces.  Of two that follow one another the smoother one is the reference, and what is left are
+outputs, if it is one family.
 
 Units are those that magnitudes ask for: a wrong one is an error of a factor of 57 or 1000, and robots differ by less.
 """
@@ -29,17 +29,16 @@ from echelon.logs.units import factor
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.clock import nominal_period
+from echelon.signals.rates import Rate, rate
 
-_WINDOWS = 200
 _MANY = 10  # columns per joint, beyond which pairs are not looked for
+_INTEGRALS = 1e-4  # relative error of integrals of sampled velocities
 _ENOUGH = 50_000  # samples that show whether one column is the rate of another
-_LEFT = 0.5  # share of the travels of positions that those of their velocities may miss: noise, delay and filters
-_LEFT_TIMELESS = 0.1  # the same without a clock, where nothing is known of the slope
 _SAME = 0.98
 _SCALES = np.array([1.0, 180 / np.pi, np.pi / 180, 1e3, 1e-3])
 """Sizes of a reference in units of those of the positions, and slopes of velocities: both may be in other units."""
-_NEAR = 0.1
-_ONE_PERIOD = 0.03  # relative difference of the slopes of joints, from which on they are not one period
+NEAR = 0.1  # relative difference of a slope from that of a unit: filters and delays take so much
+_ONE_RATE = 0.03  # relative difference and error of the slopes of joints, from which on they are not one rate
 _SMOOTHER = 1.5
 """Ratio of the steps of two families, in units of their spread, from which on one is smoother than the other."""
 _FORWARD = 0.999
@@ -159,7 +158,7 @@ def is_mixed(family: Family, columns: Mapping[str, Floats], times: Floats | None
 
 
 def _is_rate(position: Floats, velocity: Floats, times: Floats) -> bool:
-    return _alike(*_travels(np.unwrap(position, axis=0), velocity, times[: len(position)]))
+    return math.isfinite(error_as_rates(np.unwrap(position, axis=0), velocity, times[: len(position)]))
 
 
 def clock(columns: Mapping[str, Floats], names: Sequence[str], *, named: bool = False) -> str:
@@ -205,7 +204,7 @@ def classified(
     if not values:
         return {}
     pairs = [(a, b) for a in range(len(found)) for b in range(len(found)) if a != b]
-    missed = {(a, b): missed_by_rate(values[a], values[b], times) for a, b in pairs}
+    missed = {(a, b): error_as_rates(values[a], values[b], times) for a, b in pairs}
     needed = {"position", "velocity", "output"} - fixed.keys()
     if times is None and len(new) < len(needed):
         missed = dict.fromkeys(pairs, math.inf)  # what could be velocities are the only columns that could be outputs
@@ -223,7 +222,7 @@ def classified(
     for kind, of in (("velocity", "position"), ("acceleration", "velocity")):
         if times is None and {"position", "velocity"} <= kinds.keys():
             times = _own_clock(values[kinds["position"]], values[kinds["velocity"]])
-            missed = {(a, b): missed_by_rate(values[a], values[b], times) for a, b in pairs}
+            missed = {(a, b): error_as_rates(values[a], values[b], times) for a, b in pairs}
         children = [k for k in left if of in kinds and math.isfinite(missed[kinds[of], k])]
         if children and kind not in kinds:
             kinds[kind] = _nearest_rate(kinds[of], children, missed)
@@ -251,67 +250,55 @@ def _clean(values: Floats) -> Floats:
     return np.asarray(np.where(finite, values, mean))
 
 
-def missed_by_rate(lower: Floats, upper: Floats, times: Floats | None) -> float:
-    """Share of the travels of one family, shape (N, joints), that another one misses as its rate; inf if it is none.
+def error_as_rates(lower: Floats, upper: Floats, times: Floats | None) -> float:
+    """The relative error with which one family, shape (N, joints), follows another one as its rates; inf if not.
 
-    Times are in s; without them all joints have to agree on one period.
+    Times are in s; without them all joints have to agree on one rate of samples.
     """
-    slopes, missed = _lines(*_travels(lower, upper, np.arange(len(lower), dtype=float) if times is None else times))
+    found = _rates(lower, upper, times)
+    slopes, errors = (np.array([getattr(some, what) for some in found]) for what in ("slope", "relative"))
     moves = np.isfinite(slopes)
     if not moves.any():
         return math.inf
     if times is None:
-        period = float(np.median(slopes[moves]))
-        agree = moves & (missed < _LEFT_TIMELESS) & (np.abs(slopes - period) < _ONE_PERIOD * period)
+        agree = (errors < _ONE_RATE) & (np.abs(slopes / np.median(slopes[moves]) - 1) < _ONE_RATE) & (slopes > 0)
         told = agree.sum() == moves.sum() > 1
     else:
-        near = np.abs(slopes[:, None] / _SCALES - 1) < _NEAR
-        agree = (near & (missed < _LEFT)[:, None]).T[np.argmax(near.sum(axis=0))]
+        near = np.abs(slopes[:, None] / _SCALES - 1) < NEAR
+        agree = (near & (errors < NEAR)[:, None]).T[np.argmax(near.sum(axis=0))]
         told = 2 * agree.sum() > moves.sum()
-    return float(np.median(missed[agree])) if told else math.inf
+    return float(np.median(errors[agree])) if told else math.inf
 
 
-def period_by_rates(lower: Floats, upper: Floats) -> float:
-    """Time between samples, s, with which most columns are the rates of others, shape (N, joints); nan if none is."""
-    slopes, missed = _lines(*_travels(lower, upper, np.arange(len(lower), dtype=float)))
-    told = missed < _LEFT  # not where nothing moves
-    if not told.any():
-        return math.nan
-    period = float(np.median(slopes[told]))
-    agree = told & (np.abs(slopes - period) < _NEAR * abs(period))
-    return period if 2 * agree.sum() > np.isfinite(slopes).sum() and period > 0 else math.nan
+def sample_rate(lower: Floats, upper: Floats) -> tuple[float, float]:
+    """Samples per second with which most columns are the rates of others, shape (N, joints), and its standard error.
+
+    Joints that differ by more than their errors make that of the mean as much larger; nan if there is no such rate.
+    """
+    found = [some for some in _rates(lower, upper, None) if some.relative < NEAR]
+    if not found:
+        return math.nan, math.nan
+    slopes = np.array([some.slope for some in found])
+    errors = np.array([max(some.error, _INTEGRALS * abs(some.slope)) for some in found])
+    near = np.abs(slopes - np.median(slopes)) < NEAR * np.median(slopes)
+    if 2 * near.sum() <= len(found):
+        return math.nan, math.nan
+    slopes, weights = slopes[near], errors[near] ** -2.0
+    mean = float(weights @ slopes / weights.sum())
+    excess = float(weights @ (slopes - mean) ** 2) / max(len(slopes) - 1, 1)
+    return mean, math.sqrt(max(excess, 1.0) / weights.sum())
+
+
+def _rates(lower: Floats, upper: Floats, times: Floats | None) -> list[Rate]:
+    """The columns of one family as rates of those of another one."""
+    time = np.arange(len(lower), dtype=float) if times is None else times
+    return [rate(q, v, time) for q, v in zip(lower.T, upper.T, strict=True)]
 
 
 def _own_clock(positions: Floats, velocities: Floats) -> Floats | None:
     """Times by what velocities say, s; None if they say nothing."""
-    period = period_by_rates(positions, velocities)
-    return period * np.arange(len(positions), dtype=float) if math.isfinite(period) else None
-
-
-def _lines(moved: Floats, area: Floats) -> tuple[Floats, Floats]:
-    """Slopes by column of lines through the origin with least absolute residuals, and these as a share; nan at rest."""
-    slopes, missed = np.full((2, moved.shape[1]), np.nan)
-    for k, (y, x) in enumerate(zip(moved.T, area.T, strict=True)):
-        inside = x != 0
-        if not inside.any() or not y.any():
-            continue
-        # the slope is the median of the ratios, each with the weight of its x
-        ratios, weights = y[inside] / x[inside], np.abs(x[inside])
-        order = np.argsort(ratios)
-        half = np.searchsorted(np.cumsum(weights[order]), 0.5 * weights.sum())
-        slopes[k] = ratios[order[min(int(half), len(order) - 1)]]
-        missed[k] = np.sum(np.abs(y - slopes[k] * x)) / np.sum(np.abs(y))
-    return slopes, missed
-
-
-def _travels(lower: Floats, upper: Floats, step: Floats) -> tuple[Floats, Floats]:
-    """How far a family moves from window to window, and how far the integral of another one does."""
-    width = max(2, len(step) // _WINDOWS)
-    ends = np.arange(0, len(step), width)
-    moved = np.diff(lower[ends], axis=0)
-    area = 0.5 * (upper[1:] + upper[:-1]) * np.diff(step)[:, None]
-    summed = np.vstack([np.zeros((1, area.shape[1])), np.cumsum(area, axis=0)])
-    return moved, np.diff(summed[ends], axis=0)
+    samples, _ = sample_rate(positions, velocities)
+    return np.arange(len(positions)) / samples if math.isfinite(samples) else None
 
 
 def _alike(first: Floats, second: Floats) -> bool:
@@ -322,7 +309,7 @@ def _alike(first: Floats, second: Floats) -> bool:
     if not moves.any():
         return False
     ratios = sizes[1][moves] / sizes[0][moves]
-    units = np.any(np.abs(ratios[:, None] / _SCALES - 1) < _NEAR, axis=1)
+    units = np.any(np.abs(ratios[:, None] / _SCALES - 1) < NEAR, axis=1)
     return _share(*centred, _SAME) > 0.5 and float(np.mean(units)) > 0.5
 
 
@@ -362,7 +349,6 @@ def _roughness(values: Floats) -> Floats:
 TURNS = 4 * math.pi  # rad, beyond which hardly any joint goes
 LONG = 20.0  # m, that no joint slides
 DEGREES = 720.0  # beyond which angles are no degrees of a joint either
-_ROUGHLY = 0.05
 
 
 def with_units(columns: ColumnMap, table: Table, mechanism: Mechanism) -> tuple[ColumnMap, tuple[Finding, ...]]:
@@ -410,10 +396,7 @@ def _with_rates(columns: ColumnMap, table: Table, mechanism: Mechanism) -> dict[
         q, v = table.columns[position.column] * factor(position.unit, None), table.columns[channel.column]
         if len(q) != len(v) or len(q) != len(times):
             continue
-        step = np.diff(times) * factor(columns.time.unit if columns.time else "", "s")
-        moved, area = np.diff(q), 0.5 * (v[1:] + v[:-1]) * step
-        usable = np.isfinite(moved) & np.isfinite(area)
-        ratio = np.linalg.norm(area[usable]) / max(float(np.linalg.norm(moved[usable])), 1e-300)
-        if abs(ratio * factor(unit, None) - 1) < _ROUGHLY:
+        own = rate(q, v, times * factor(columns.time.unit if columns.time else "", "s"))
+        if own.relative < NEAR and abs(own.slope * factor(unit, None) - 1) < NEAR:
             found[name] = replace(channel, unit=unit)
     return found

@@ -5,9 +5,9 @@ fifty times, and are sampled between five and twenty thousand times a second.  W
 column's unit was not stated, reading stops with the unit that would make it right.  To state the unit is to say that
 the number is right; then, and where there is room for doubt, it is a finding.
 
-A wrong sign, unit or column shows as a factor between velocities and the derivatives of positions.  Measured velocities
-are integrated instead of differentiating positions: over windows of many samples noise and resolution count for little,
-and a delay of a few samples for nothing.
+A wrong sign, unit or column shows as a factor between velocities and the derivatives of positions.  That columns are
+exchanged is only said where this explains clearly more than what is stated: where joints move alike, velocities follow
+either.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from echelon.arrays import Flags, Floats
+from echelon.arrays import Flags
 from echelon.errors import InputError
-from echelon.logs.columns.by_values import DEGREES, LONG, TURNS, are_numbers, fitting_units
+from echelon.logs.columns.by_values import DEGREES, LONG, NEAR, TURNS, are_numbers, fitting_units
 from echelon.logs.columns.column_map import WRAP, Channel, ColumnMap, Series, motion_of, series
 from echelon.logs.finding import Finding, listed, warning
 from echelon.logs.recording import Recording
@@ -29,7 +29,8 @@ from echelon.logs.units import factor
 from echelon.mechanism.joint import MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
-from echelon.signals.clock import GAP, nominal_period
+from echelon.signals.clock import nominal_period
+from echelon.signals.rates import CLEAR, rate
 
 _FARTHEST = 1e5  # rad, that not even a wheel or a spindle turns in a log: hundreds of seconds at hundreds of rad/s
 _ODD_PERIODS = (2e-5, 0.5)
@@ -41,12 +42,8 @@ _WEAK = 1e-4
 _FORWARD = 0.75  # share of steps forward in time from which on their length says something
 _G = 9.81
 
-_WINDOWS = 400
-_LEAST = 4
-_FOLLOWS = 0.9
-_UNRELATED = 0.5
-_OFF = 0.1
-_NEAR = 0.03
+_ONE_FACTOR = 0.1  # relative error of a slope, from which on it is no factor
+_NEAR = 0.03  # relative difference of a factor from that of a unit that explains it
 _TURNING = (
     (180 / math.pi, "as if it were in deg{per} (unit: deg{per})"),
     (math.pi / 180, "as if the {lower} were in degrees (unit: deg{lower_per})"),
@@ -242,35 +239,31 @@ class _Pair:
 
 def contradictions(recording: Recording, mechanism: Mechanism, usable: Flags) -> list[Finding]:
     """Velocities that are not the derivatives of positions, and accelerations that are not those of velocities."""
-    time = recording.time
-    if usable.sum() < _LEAST * 10 or not np.any(np.diff(time[usable]) > 0):
-        return []
-    width = max(_LEAST, len(time) // _WINDOWS)
-    inside = _whole_windows(time, usable, width)
-    if inside.sum() < 10:
-        return []
-    found = []
-    pairs = _pairs(recording, mechanism)
+    pairs, found = _pairs(recording, mechanism, usable), []
     for pair in pairs:
-        text = _compared(pair, time, inside, width)
-        if text:
-            text = _exchanged(pair, pairs, time, inside, width) or text
-            where = f"{recording.source}, {pair.upper.label}"
-            found.append(warning("contradiction", where, text))
+        own = rate(pair.lower.values, pair.upper.values, recording.time)
+        if not np.isfinite(own.slope) or abs(own.slope - 1) <= NEAR + CLEAR * own.error:
+            continue
+        others = [
+            some.lower for some in pairs if some.upper.signal == pair.upper.signal and some.sliding == pair.sliding
+        ]
+        rates = [(rate(lower.values, pair.upper.values, recording.time), lower) for lower in others]
+        better = [(some, lower) for some, lower in rates if abs(some.slope - 1) < NEAR and some.explains_more(own)]
+        where = f"{recording.source}, {pair.upper.label}"
+        if better:
+            other = min(better, key=lambda some: float(some[0].squares.sum()))[1]
+            text = f"follows the {other.label}, and the {pair.lower.label} much less: are columns exchanged?"
+        elif own.relative > _ONE_FACTOR:
+            times = f"{own.slope:.2g} ± {2 * own.error:.1g} times its derivative"
+            text = f"does not follow the {pair.lower.label} (it is {times}): is this its column?"
+        else:
+            text = f"is {own.slope:.4g} times the derivative of the {pair.lower.label}: {_reason(pair, own.slope)}"
+        found.append(warning("rates", where, text))
     return found
 
 
-def _exchanged(pair: _Pair, pairs: Sequence[_Pair], time: Floats, inside: Flags, width: int) -> str:
-    """What to say where a velocity follows another coordinate, and that one's velocity follows this coordinate."""
-    for other in pairs:
-        if other is not pair and other.upper.signal == pair.upper.signal and other.sliding == pair.sliding:
-            crossed = (_Pair(pair.lower, other.upper, pair.sliding), _Pair(other.lower, pair.upper, pair.sliding))
-            if not any(_compared(some, time, inside, width) for some in crossed):
-                return f"follows the {other.lower.label}, and the {other.upper.label} this one: they are exchanged"
-    return ""
-
-
-def _pairs(recording: Recording, mechanism: Mechanism) -> list[_Pair]:
+def _pairs(recording: Recording, mechanism: Mechanism, usable: Flags) -> list[_Pair]:
+    """Signals with their rates; NaN where samples are not usable."""
     found = []
     for low, up in (("q", "qd"), ("qd", "qdd")):
         lower = {s.name: s for s in series(recording, mechanism, low)}
@@ -282,41 +275,13 @@ def _pairs(recording: Recording, mechanism: Mechanism) -> list[_Pair]:
             wraps = bool(np.any(np.abs(np.diff(own.values)) > WRAP)) and bool(np.isfinite(own.values).all())
             if low == "q" and motion.kind is MotionKind.ROTATION and wraps:
                 own = Series(own.signal, own.name, np.unwrap(own.values, discont=WRAP))
+            own = Series(own.signal, own.name, np.where(usable, own.values, np.nan))
             found.append(_Pair(own, upper, motion.kind is MotionKind.TRANSLATION))
     return found
 
 
-def _whole_windows(time: Floats, usable: Flags, width: int) -> Flags:
-    """Windows of ``width`` intervals that have only usable samples and no jump of the clock."""
-    count = (len(time) - 1) // width
-    steps = np.diff(time)[: count * width].reshape(count, width)
-    period = nominal_period(time[usable])
-    good = usable[: count * width].reshape(count, width).all(axis=1) & usable[width : count * width + 1 : width]
-    return np.asarray(good & (steps.min(axis=1) >= 0) & (steps.max(axis=1) <= GAP * period))
-
-
-def _compared(pair: _Pair, time: Floats, inside: Flags, width: int) -> str:
-    count = len(inside)
-    ends = np.arange(count + 1) * width
-    moved = np.diff(pair.lower.values[ends])[inside]
-    v = pair.upper.values
-    area = 0.5 * (v[1:] + v[:-1]) * np.diff(time)
-    integral = area[: count * width].reshape(count, width).sum(axis=1)[inside]
-    size, other = float(np.linalg.norm(moved)), float(np.linalg.norm(integral))
-    if size == 0 or other == 0:
-        return ""  # one of them is constant, which is said elsewhere
-    likeness = float(moved @ integral) / (size * other)
-    factor = math.copysign(other / size, likeness)
-    what = pair.lower.label
-    if abs(likeness) < _UNRELATED:
-        return f"does not follow the {what} (correlation {likeness:.2f}): is this its column?"
-    if abs(likeness) < _FOLLOWS or abs(factor - 1) < _OFF:
-        return ""
-    return f"is {factor:.4g} times the derivative of the {what}: {_reason(pair, factor)}"
-
-
 def _reason(pair: _Pair, factor: float) -> str:
-    if abs(factor + 1) < _OFF:
+    if abs(factor + 1) < NEAR:
         return "one of them has the wrong sign (scale: -1)"
     words = {
         "lower": "position" if pair.lower.signal == "q" else "velocity",
