@@ -78,7 +78,7 @@ def skeleton(
     paths = joined(log_paths(logs), setup.mechanism)
     log = opened(paths[0])
     found = understood(log, setup, only=len(paths) == 1, by_values=True)
-    if found.columns.references and not found.columns.outputs:
+    if found.commanded:
         found = _commanded(understood(log, setup, only=len(paths) == 1, by_values=True, outputs=False))
     found = _with_rate(found, log)
     problems, proposed = found.problems, None

@@ -63,12 +63,16 @@ _NUMBER = re.compile(r"\d+(?=\D*$)")
 _ENTRY = re.compile(r"^\d+$|\[\d+\]$")
 
 
-def families(names: Sequence[str], count: int, known: Sequence[str] = ()) -> tuple[Family, ...]:
-    """Families of ``count`` columns: their names differ by one of ``known``, a number, a letter, or share a word."""
+def families(names: Sequence[str], count: int, known: Mapping[str, int]) -> tuple[Family, ...]:
+    """Families of ``count`` columns: their names differ by one of ``known``, a number, a letter, or share a word.
+
+    Words that are ``known`` have places in the order of joints.
+    """
 
     def by_name(column: str) -> tuple[str, int] | None:
-        inside = [k for k, name in enumerate(known) if re.search(rf"(?<![^\W_]){re.escape(name)}(?![^\W_])", column)]
-        return (column.replace(known[inside[0]], "{}"), inside[0]) if inside else None
+        inside = [word for word in known if re.search(rf"(?<![^\W_]){re.escape(word)}(?![^\W_])", column)]
+        longest = max(inside, key=len, default="")
+        return (column.replace(longest, "{}"), known[longest]) if longest else None
 
     def by_number(column: str) -> tuple[str, int] | None:
         found = _NUMBER.search(column)

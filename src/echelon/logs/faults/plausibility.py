@@ -14,8 +14,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import dropwhile
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from echelon.logs.columns.column_map import WRAP, Channel, ColumnMap, Series, mo
 from echelon.logs.finding import Finding, listed, warning
 from echelon.logs.recording import Recording
 from echelon.logs.units import factor
-from echelon.mechanism.joint import MotionKind, Placement
+from echelon.mechanism.joint import GROUND, MotionKind, Placement, Step
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
 from echelon.signals.clock import nominal_period
@@ -215,19 +216,34 @@ def _check_forces(recording: Recording, mechanism: Mechanism, stated: Mapping[st
 
 
 def _largest_static_torque(mechanism: Mechanism) -> float | None:
-    """Weight of all bodies times the length of the robot stretched out; None where the description is silent."""
-    masses = [body.inertial[9] for body in mechanism.bodies if body.inertial is not None and body.carried]
-    if mechanism.gravity is None or len(masses) < sum(1 for body in mechanism.bodies if body.carried):
+    """Largest moment of the weight about a joint, with all that it carries stretched out; None where nobody states it.
+
+    The moment of a body is its mass times the way to its frame, and the first moments of its mass there.
+    """
+    if mechanism.gravity is None or any(body.carried and body.inertial is None for body in mechanism.bodies):
         return None
-    known, reach = known_values(mechanism), 0.0
-    for body in mechanism.bodies:
-        for step in body.joint.steps:
-            if isinstance(step, Placement):
-                if not all(s in known for entry in step.translation for s in entry.symbols()):
-                    return None
-                parts = [e.at(known) for e in step.translation]
-                reach += math.hypot(*parts)
-    return sum(masses) * _G * reach or None
+    known = known_values(mechanism)
+    whole = [_length(body.joint.steps, known) for body in mechanism.bodies]
+    turned = [_length(dropwhile(_is_placed, body.joint.steps), known) for body in mechanism.bodies]
+    moments = [0.0] * len(whole)
+    for body, inertial in enumerate(body.inertial for body in mechanism.bodies):
+        way, joint = 0.0, body
+        while joint != GROUND and inertial is not None:
+            moments[joint] += inertial[9] * (way + turned[joint]) + math.hypot(*inertial[6:9])
+            way, joint = way + whole[joint], mechanism.bodies[joint].parent
+    largest = _G * max(moments, default=0.0)
+    return largest if 0 < largest < math.inf else None
+
+
+def _is_placed(step: Step) -> bool:
+    return isinstance(step, Placement)
+
+
+def _length(steps: Iterable[Step], known: Mapping[str, float]) -> float:
+    """How far steps lead, at most, m; inf where nobody states it."""
+    ways = [step.translation for step in steps if isinstance(step, Placement)]
+    stated = all(name in known for way in ways for entry in way for name in entry.symbols())
+    return sum(math.hypot(*(entry.at(known) for entry in way)) for way in ways) if stated else math.inf
 
 
 @dataclass(frozen=True)
@@ -242,8 +258,8 @@ def contradictions(recording: Recording, mechanism: Mechanism, usable: Flags) ->
     pairs, found = _pairs(recording, mechanism, usable), []
     for pair in pairs:
         own = rate(pair.lower.values, pair.upper.values, recording.time)
-        if not np.isfinite(own.slope) or abs(own.slope - 1) <= NEAR + CLEAR * own.error:
-            continue
+        if not np.isfinite(own.slope) or not own.slope or abs(own.slope - 1) <= NEAR + CLEAR * own.error:
+            continue  # what never changes is said elsewhere
         others = [
             some.lower for some in pairs if some.upper.signal == pair.upper.signal and some.sliding == pair.sliding
         ]
