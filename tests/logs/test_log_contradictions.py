@@ -15,7 +15,7 @@ from support.faulty_logs import ARM, COUNT, RATE, changed, clean, one
 FACTORS = [
     (-1.0, "wrong sign"),
     (180 / math.pi, "deg/s (unit: deg/s)"),
-    (math.pi / 180, "position were in degrees (unit: deg)"),
+    (math.pi / 180, "position were in deg (unit: deg)"),
     (30 / math.pi, "rpm"),
     (-0.5 / math.pi, "rev/s), with the wrong sign"),
     (1000.0, "time were in ms"),
@@ -42,7 +42,9 @@ def test_velocities_of_another_joint_and_accelerations() -> None:
     del signals["qdd"]
     findings, _ = examine(replace(recorded, signals=signals), ARM)
     assert [finding.kind for finding in findings] == ["rates"] * 2
-    assert "follows the position of 'j2', and the position of 'j1' much less: are columns exchanged?" in findings[0].text
+    assert (
+        "follows the position of 'j2', and the position of 'j1' much less: are columns exchanged?" in findings[0].text
+    )
     flipped = changed(recorded, "qdd", -recorded.signals["qdd"])
     findings, _ = examine(flipped, ARM)
     assert {finding.where for finding in findings} == {"run, acceleration of 'j1'", "run, acceleration of 'j2'"}

@@ -143,7 +143,9 @@ def test_torques_that_are_all_zero_are_none(output: str) -> None:
 def test_a_joint_whose_samples_are_all_alike_rests_or_has_no_sensor(tmp_path: Path) -> None:
     found = made(tmp_path, {"t": TIME, "q{n}": Q * [1, 0], "tau{n}": TAU})
     assert "\nlocked: {elbow_joint: 0.0}" in found.text
-    assert any("not one sample of elbow_joint differs: do they rest, or have they no sensor?" in t for t in found.report)
+    assert any(
+        "not one sample of elbow_joint differs: do they rest, or have they no sensor?" in t for t in found.report
+    )
 
 
 # -- units in names ---------------------------------------------------------------------------------------------------

@@ -51,6 +51,7 @@ Look = Callable[[], Table]  # reads the first piece of a log, with all columns
 
 _NEEDED = ("position", "output")
 _PARTLY = ("output", "current")  # what may be there for some joints only: the others are not measured
+_ALTERNATIVES = {"position": "joint", "output": "current"}  # joint_0 beside torque_0, currents for want of torques
 _OPTIONAL = ("velocity", "acceleration", "reference")
 _AS_NAMED: Mapping[str, str] = {}
 _MANY = 8
@@ -233,11 +234,10 @@ def _by_names(
     for kind in (*_NEEDED, *_OPTIONAL):
         try:
             groups[kind] = _channels(meanings, mechanism, kind, look)
-            if not groups[kind] and kind == "position":  # joint_0 beside torque_0
-                groups[kind] = _channels(meanings, mechanism, "joint", look)
-            currents = [name for name, said in meanings.items() if said.kind == "current"]
-            if kind == "output" and currents and not _alive([c.column for c in groups[kind].values()], look):
-                groups[kind] = _channels(meanings, mechanism, "current", look) or groups[kind]
+            other = _ALTERNATIVES.get(kind, "")
+            several = any(said.kind == other for said in meanings.values())
+            if several and not _alive([channel.column for channel in groups[kind].values()], look):
+                groups[kind] = _channels(meanings, mechanism, other, look) or groups[kind]
         except InputError as error:
             groups[kind] = {}
             if kind in _NEEDED[: 1 + outputs]:  # nobody needs the others: what is not clear is left out

@@ -245,16 +245,17 @@ def without_prefix(names: Sequence[str], known: Iterable[str]) -> dict[str, str]
 
 def is_output(column: str) -> bool:
     """Whether a name says a force or a current, whatever else it says."""
-    return bool(_kinds_said(column) & {"output", "current"})
+    return bool(kinds_said(column) & {"output", "current"})
 
 
 def may_be_output(column: str) -> bool:
     """Whether a name says a force or a current, or no other quantity and no command."""
-    return is_output(column) or not _kinds_said(column)
+    return is_output(column) or not kinds_said(column)
 
 
-def _kinds_said(column: str) -> set[str]:
-    said = {part.rstrip("0123456789") for part in _split(_HUMPS[1].sub("_", column))} - _WEAK
+def kinds_said(column: str) -> set[str]:
+    """The quantities that words in a name stand for, also where other words are not understood."""
+    said = {part.rstrip("0123456789") for part in _split(_HUMPS[1].sub("_", column))} - (_WEAK - {"t"})
     return {words()[part] for part in said & words().keys()} | ({"reference"} if said & _COMMANDS else set())
 
 

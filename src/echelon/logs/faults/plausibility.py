@@ -43,25 +43,6 @@ _WEAK = 1e-4
 _FORWARD = 0.75  # share of steps forward in time from which on their length says something
 _G = 9.81
 
-_ONE_FACTOR = 0.1  # relative error of a slope, from which on it is no factor
-_NEAR = 0.03  # relative difference of a factor from that of a unit that explains it
-_TURNING = (
-    (180 / math.pi, "as if it were in deg{per} (unit: deg{per})"),
-    (math.pi / 180, "as if the {lower} were in degrees (unit: deg{lower_per})"),
-    (30 / math.pi, "as if it were in rpm (unit: rpm)"),
-    (0.5 / math.pi, "as if it were in turns (unit: rev{per})"),
-    (2 * math.pi, "as if the {lower} were in turns (unit: rev{lower_per})"),
-    (1e3, "as if time were in ms (unit: ms)"),
-    (1e6, "as if time were in µs (unit: us)"),
-    (1e9, "as if time were in ns (unit: ns)"),
-)
-_SLIDING = (
-    (1e3, "as if it were in mm{per} (unit: mm{per}), or time in ms (unit: ms)"),
-    (1e-3, "as if the {lower} were in mm{lower_per} (unit: mm{lower_per})"),
-    (1e6, "as if time were in µs (unit: us)"),
-    (1e9, "as if time were in ns (unit: ns)"),
-)
-
 
 def check_plausible(
     recording: Recording, mechanism: Mechanism, columns: ColumnMap | None = None
@@ -269,7 +250,7 @@ def contradictions(recording: Recording, mechanism: Mechanism, usable: Flags) ->
         if better:
             other = min(better, key=lambda some: float(some[0].squares.sum()))[1]
             text = f"follows the {other.label}, and the {pair.lower.label} much less: are columns exchanged?"
-        elif own.relative > _ONE_FACTOR:
+        elif own.relative > NEAR:
             times = f"{own.slope:.2g} ± {2 * own.error:.1g} times its derivative"
             text = f"does not follow the {pair.lower.label} (it is {times}): is this its column?"
         else:
@@ -296,15 +277,17 @@ def _pairs(recording: Recording, mechanism: Mechanism, usable: Flags) -> list[_P
     return found
 
 
-def _reason(pair: _Pair, factor: float) -> str:
-    if abs(factor + 1) < NEAR:
+def _reason(pair: _Pair, slope: float) -> str:
+    """What would explain a slope: a sign, or the units in which one of both, or the time, would be right."""
+    if abs(slope + 1) < NEAR:
         return "one of them has the wrong sign (scale: -1)"
-    words = {
-        "lower": "position" if pair.lower.signal == "q" else "velocity",
-        "per": "/s" if pair.upper.signal == "qd" else "/s²",
-        "lower_per": "" if pair.lower.signal == "q" else "/s",
-    }
-    known: Sequence[tuple[float, str]] = _SLIDING if pair.sliding else _TURNING
-    hint = next((text for value, text in known if abs(abs(factor) / value - 1) < _NEAR), None)
-    sign = ", with the wrong sign" if factor < 0 else ""
-    return hint.format(**words) + sign if hint else "check units, ratio (scale) and the side of the gear"
+    lower, below, above = ("the position", "", "/s") if pair.lower.signal == "q" else ("the velocity", "/s", "/s²")
+    readings = [("time", unit, 1 / factor(unit, "s")) for unit in ("ms", "us", "ns")]
+    for unit in ("mm",) if pair.sliding else ("deg", "rev"):
+        readings += [("it", unit + above, 1 / factor(unit, None)), (lower, unit + below, factor(unit, None))]
+    readings += [] if pair.sliding else [("it", "rpm", 1 / factor("rpm", None))]
+    fitting = [
+        f"{what} were in {unit} (unit: {unit})" for what, unit, size in readings if abs(abs(slope) / size - 1) < NEAR
+    ]
+    sign = ", with the wrong sign" if slope < 0 else ""
+    return f"as if {' or '.join(fitting)}{sign}" if fitting else "check units, ratio (scale) and the side of the gear"
