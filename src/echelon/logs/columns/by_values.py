@@ -221,7 +221,7 @@ def classified(
             return {}
         # what was measured is less smooth than what was asked for
         like = [root, *(k for k in left if k != root and _alike(values[root], values[k]))]
-        kinds["position"] = max(like, key=lambda k: _bent(values[k]))
+        kinds["position"] = max(like, key=lambda k: _bent(values[k], 2))
         left.remove(kinds["position"])
     for kind, of in (("velocity", "position"), ("acceleration", "velocity")):
         if times is None and {"position", "velocity"} <= kinds.keys():
@@ -229,17 +229,13 @@ def classified(
             missed = {(a, b): error_as_rates(values[a], values[b], times) for a, b in pairs}
         children = [k for k in left if of in kinds and math.isfinite(missed[kinds[of], k])]
         if children and kind not in kinds:
-            kinds[kind] = _nearest_rate(kinds[of], children, missed)
+            kinds[kind] = min((missed[kinds[of], k], k) for k in children)[1]
         left = [k for k in left if k not in children]
     alike = [k for k in left if _alike(values[kinds["position"]], values[k])]
     kinds |= {"reference": alike[0]} if alike and "reference" not in kinds else {}
     left = [k for k in left if k not in alike]
     kinds |= {"output": left[0]} if len(left) == 1 and "output" not in kinds else {}
     return {kind: found[k] for kind, k in kinds.items() if k >= len(fixed)}
-
-
-def _nearest_rate(lower: int, candidates: Sequence[int], missed: Mapping[tuple[int, int], float]) -> int:
-    return min(candidates, key=lambda k: missed[lower, k])
 
 
 def _is_root(a: int, count: int, missed: Mapping[tuple[int, int], float]) -> bool:
@@ -307,46 +303,35 @@ def _own_clock(positions: Floats, velocities: Floats) -> Floats | None:
 
 def _alike(first: Floats, second: Floats) -> bool:
     """Whether most columns are the same but for their unit; forces may follow positions, but are of another size."""
-    centred = first - first.mean(axis=0), second - second.mean(axis=0)
-    sizes = centred[0].std(axis=0), centred[1].std(axis=0)
+    first, second = first - first.mean(axis=0), second - second.mean(axis=0)
+    sizes = np.linalg.norm(first, axis=0), np.linalg.norm(second, axis=0)
     moves = (sizes[0] > 0) & (sizes[1] > 0)
     if not moves.any():
         return False
-    ratios = sizes[1][moves] / sizes[0][moves]
-    units = np.any(np.abs(ratios[:, None] / _SCALES - 1) < NEAR, axis=1)
-    return _share(*centred, _SAME) > 0.5 and float(np.mean(units)) > 0.5
-
-
-def _share(a: Floats, b: Floats, least: float) -> float:
-    """The share of the columns that move in which two families are proportional, with a positive factor."""
-    size = np.linalg.norm(a, axis=0) * np.linalg.norm(b, axis=0)
-    moves = size > 0
-    if not moves.any():
-        return 0.0
     # with the sign: of a sine, the position is minus the derivative of the velocity
-    likeness = (a * b).sum(axis=0)[moves] / size[moves]
-    return float(np.mean(likeness > least))
-
-
-def _bent(values: Floats) -> float:
-    """Second differences of a family in units of its spread."""
-    spread = values.std(axis=0)
-    bends = np.sqrt(np.mean(np.diff(values, 2, axis=0) ** 2, axis=0))
-    return float(np.median(bends[spread > 0] / spread[spread > 0])) if (spread > 0).any() else 0.0
+    likeness = (first * second).sum(axis=0)[moves] / (sizes[0] * sizes[1])[moves]
+    units = np.any(np.abs((sizes[1] / sizes[0])[moves, None] / _SCALES - 1) < NEAR, axis=1)
+    return bool(min(np.mean(likeness > _SAME), np.mean(units)) > 0.5)
 
 
 def _smoothest(values: Sequence[Floats]) -> int | None:
     """The family that is clearly smoother than all others but its like."""
-    rough = [float(np.median(ratios)) if len(ratios := _roughness(some)) else np.inf for some in values]
+    rough = [_bent(some, 1) or np.inf for some in values]
     first, *others = (int(k) for k in np.argsort(rough))
     rivals = [k for k in others if not _alike(values[first], values[k])]
     return first if rivals and rough[rivals[0]] > _SMOOTHER * rough[first] else None
 
 
-def _roughness(values: Floats) -> Floats:
+def _bent(values: Floats, order: int) -> float:
+    """Differences of an order of a family, in units of its spread; 0 where nothing moves."""
+    rough = _roughness(values, order)
+    return float(np.median(rough)) if len(rough) else 0.0
+
+
+def _roughness(values: Floats, order: int = 1) -> Floats:
     """Differences of the columns that move, in units of their spread."""
     spread = values.std(axis=0)
-    steps = np.sqrt(np.mean(np.diff(values, axis=0) ** 2, axis=0))
+    steps = np.sqrt(np.mean(np.diff(values, order, axis=0) ** 2, axis=0))
     return np.asarray(steps[spread > 0] / spread[spread > 0])
 
 
