@@ -6,11 +6,18 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
+import echelon as ec
 from echelon.logs.faults.examine import examine
+from echelon.logs.faults.plausibility import contradictions
 from echelon.logs.recording import Recording
 from support.faulty_logs import ARM, COUNT, RATE, changed, clean, one
+from support.robot_files import robot_file
+from support.trap_logs import ROBOTS, arm
+
+Floats = npt.NDArray[np.float64]
 
 FACTORS = [
     (-1.0, "wrong sign"),
@@ -65,6 +72,30 @@ def test_velocities_of_joints_that_move_alike_are_not_exchanged(alike: float, fa
     assert len(told) == 2
     assert [float(text.split()[1]) for text in told] == pytest.approx([factor] * 2, rel=0.05)
     assert not any("exchanged" in text for text in told)
+
+
+@pytest.mark.parametrize("robot", ["ur5", "ur3"])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_what_sensors_do_is_no_contradiction_and_exchanges_are(robot: str, seed: int) -> None:
+    """Velocities of arms with noise, late, filtered, in steps, with an offset; two exchanged; all moved on by one."""
+    moved, rng = arm(robot, seed), np.random.default_rng(seed)
+    mechanism = ec.load(robot_file(ROBOTS[robot]))
+    order = [moved.names.index(name) for name in mechanism.positions]
+    q, qd = 1e-5 * np.round(moved.q[:, order] / 1e-5), moved.qd[:, order]
+    noise = qd.std(axis=0) * rng.standard_normal(qd.shape)
+    late, mean = np.roll(qd, 6, axis=0), np.cumsum(qd, axis=0)
+    filtered, swapped = (mean[10:] - mean[:-10]) / 10, qd[:, [1, 0, *range(2, qd.shape[1])]]
+    filtered = np.vstack([qd[:10], filtered])
+    fine = (qd, qd + 0.5 * noise, qd + 3 * noise, late, filtered, qd + 0.05, 0.02 * np.round(qd / 0.02))
+    usable = np.ones(len(q), dtype=bool)
+
+    def told(velocities: Floats) -> list[str]:
+        recorded = Recording("run", moved.time, {"q": q, "qd": velocities})
+        return [finding.text for finding in contradictions(recorded, mechanism, usable)]
+
+    assert not [text for velocities in fine for text in told(velocities)]
+    assert ["exchanged" in text for text in told(swapped + 0.3 * noise)] == [True] * 2
+    assert ["exchanged" in text for text in told(np.roll(qd, 1, axis=1))] == [True] * qd.shape[1]
 
 
 def test_wrapped_angles_do_not_contradict_their_velocity() -> None:

@@ -118,7 +118,6 @@ def _with_rate(found: Understood, log: LogFile) -> Understood:
         text = f"the stamps in '{columns.time.column}' repeat and are coarser than the samples, which so take "
         text += f"{1000 * period:.4g} ms: the rate is {rate:.4g} Hz"
     elif time is None and not table.clocks and columns.positions.keys() & columns.velocities.keys():
-        columns = _rates_like_positions(columns)
         rate, error = _rate_by_velocities(columns, table)
         text = f"positions change by what the velocities say at {rate:.5g} ± {2 * error:.2g} samples per second"
         if not PERIODS[0] < 1 / rate < PERIODS[1]:
@@ -136,15 +135,6 @@ def _roundest(value: float, error: float) -> float:
     """The number with the fewest digits that is within an error."""
     rounded = (float(f"{value:.{digits}e}") for digits in range(15))
     return next((number for number in rounded if abs(number - value) <= error), value)
-
-
-def _rates_like_positions(columns: ColumnMap) -> ColumnMap:
-    """Velocities without a unit in that of their positions per second, where that is not the SI unit."""
-    rates = dict(columns.velocities)
-    for name, channel in columns.positions.items():
-        if channel.unit and name in rates and not rates[name].unit:
-            rates[name] = replace(rates[name], unit=f"{channel.unit}/s")
-    return replace(columns, velocities=rates)
 
 
 def _rate_by_velocities(columns: ColumnMap, table: Table) -> tuple[float, float]:

@@ -40,8 +40,9 @@ class Rate:
         return self.error / abs(self.slope) if np.isfinite(self.slope) and self.slope else np.inf
 
     def explains_more(self, other: Rate) -> bool:
-        """Whether this leaves less than the other, by more than chance in the same windows."""
-        gained = other.squares - self.squares
+        """Whether this leaves less than the other, by more than chance; in each block by its own size."""
+        least = np.finfo(float).tiny
+        gained = np.log(np.maximum(other.squares, least) / np.maximum(self.squares, least))
         return bool(gained.mean() > CLEAR * gained.std(ddof=1) / np.sqrt(len(gained)))
 
 

@@ -374,12 +374,19 @@ def _moves(mechanism: Mechanism, name: str, kind: MotionKind) -> bool:
 
 
 def _with_rates(columns: ColumnMap, table: Table, mechanism: Mechanism) -> dict[str, Channel]:
-    """Velocities in deg/s or mm/s where they are to positions as degrees are to radians, or mm to m."""
+    """Velocities in deg/s or mm/s where they are to positions as degrees are to radians, or mm to m.
+
+    Without a clock they are in the unit of their positions per second.
+    """
     found = dict(columns.velocities)
     times = None if columns.time is None else table.columns.get(columns.time.column)
     for name, channel in columns.velocities.items():
         position = columns.positions.get(name)
-        if channel.unit or position is None or times is None:
+        if channel.unit or position is None:
+            continue
+        if times is None:
+            per_second = position.unit and not table.clocks
+            found[name] = replace(channel, unit=f"{position.unit}/s") if per_second else channel
             continue
         unit = "deg/s" if _moves(mechanism, name, MotionKind.ROTATION) else "mm/s"
         q, v = table.columns[position.column] * factor(position.unit, None), table.columns[channel.column]

@@ -239,17 +239,20 @@ def contradictions(recording: Recording, mechanism: Mechanism, usable: Flags) ->
     pairs, found = _pairs(recording, mechanism, usable), []
     for pair in pairs:
         own = rate(pair.lower.values, pair.upper.values, recording.time)
-        if not np.isfinite(own.slope) or not own.slope or abs(own.slope - 1) <= NEAR + CLEAR * own.error:
-            continue  # what never changes is said elsewhere
-        others = [
-            some.lower for some in pairs if some.upper.signal == pair.upper.signal and some.sliding == pair.sliding
-        ]
+        if not np.isfinite(own.slope) or not own.slope:  # what never changes is said elsewhere
+            continue
+        is_one = abs(own.slope - 1) <= NEAR + CLEAR * own.error
+        if is_one and own.relative < NEAR:
+            continue
+        others = [some.lower for some in pairs if some.lower.signal == pair.lower.signal]
         rates = [(rate(lower.values, pair.upper.values, recording.time), lower) for lower in others]
         better = [(some, lower) for some, lower in rates if abs(some.slope - 1) < NEAR and some.explains_more(own)]
         where = f"{recording.source}, {pair.upper.label}"
         if better:
             other = min(better, key=lambda some: float(some[0].squares.sum()))[1]
             text = f"follows the {other.label}, and the {pair.lower.label} much less: are columns exchanged?"
+        elif is_one:
+            continue
         elif own.relative > NEAR:
             times = f"{own.slope:.2g} ± {2 * own.error:.1g} times its derivative"
             text = f"does not follow the {pair.lower.label} (it is {times}): is this its column?"
