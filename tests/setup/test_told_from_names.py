@@ -117,6 +117,7 @@ SILENT: dict[str, tuple[dict[str, Floats], str]] = {
     "names first": ({"{j}_pos": STILL, "{j}_pos_motor": Q, "{j}_tau": TAU}, "pos_motor"),
     "two numbers": ({"encoder2_{n}": STILL, "encoder1_{n}": Q, "tau_{n}": TAU}, "encoder1"),
     "one of them": ({"motor_pos_{n}": Q, "link_pos_{n}": Q * [1, 0], "tau_{n}": TAU}, "motor_pos"),
+    "no numbers": ({"motor_pos_{n}": Q, "link_pos_{n}": np.full_like(Q, np.nan), "tau_{n}": TAU}, "motor_pos"),
     "twice": ({"pos_link_{n}": STILL, "pos_{n}": Q, "tau_{n}": TAU}, "pos_"),
 }
 

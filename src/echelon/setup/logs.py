@@ -19,7 +19,7 @@ import numpy as np
 from echelon.errors import InputError
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.stated_limits import stated_limits
-from echelon.logs.columns.by_values import with_units
+from echelon.logs.columns.by_values import is_still, with_units
 from echelon.logs.columns.column_guess import guess
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.columns.column_names import is_output
@@ -114,7 +114,7 @@ def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = Fal
         if len(silent | resting.keys()) < len(columns.outputs) + len(found.unmeasured):
             locked |= resting
             notes += [f"at rest all the time: {listed(resting)}, {_line(resting)}"] if resting else []
-            mute = [name for name in resting if np.ptp(table.columns[columns.positions[name].column]) == 0]
+            mute = [name for name in resting if is_still(table.columns[columns.positions[name].column])]
             notes += (
                 [f"not one sample of {listed(mute)} differs: do they rest, or have they no sensor?"] if mute else []
             )

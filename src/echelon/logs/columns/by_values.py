@@ -155,6 +155,12 @@ def in_pairs(
     return made, [name for name in moving if name not in derived and name not in found["position"]]
 
 
+def is_still(values: Floats) -> bool:
+    """Whether the finite ones of some values are all the same, so that they say nothing."""
+    finite = values[np.isfinite(values)]
+    return not len(finite) or bool(np.ptp(finite) == 0)
+
+
 def is_mixed(family: Family, columns: Mapping[str, Floats], times: Floats | None) -> bool:
     """Whether one column of a family is the rate of another, so that they are not of different joints."""
     values = [_clean(columns[name][:_ENOUGH, None]) for name in family.columns]
@@ -304,13 +310,14 @@ def _own_clock(positions: Floats, velocities: Floats) -> Floats | None:
 def _alike(first: Floats, second: Floats) -> bool:
     """Whether most columns are the same but for their unit; forces may follow positions, but are of another size."""
     first, second = first - first.mean(axis=0), second - second.mean(axis=0)
-    sizes = np.linalg.norm(first, axis=0), np.linalg.norm(second, axis=0)
-    moves = (sizes[0] > 0) & (sizes[1] > 0)
+    sizes = np.stack([np.linalg.norm(first, axis=0), np.linalg.norm(second, axis=0)])
+    moves = (sizes > 0).all(axis=0)
     if not moves.any():
         return False
+    first, second, sizes = first[:, moves], second[:, moves], sizes[:, moves]
     # with the sign: of a sine, the position is minus the derivative of the velocity
-    likeness = (first * second).sum(axis=0)[moves] / (sizes[0] * sizes[1])[moves]
-    units = np.any(np.abs((sizes[1] / sizes[0])[moves, None] / _SCALES - 1) < NEAR, axis=1)
+    likeness = (first * second).sum(axis=0) / sizes.prod(axis=0)
+    units = np.any(np.abs((sizes[1] / sizes[0])[:, None] / _SCALES - 1) < NEAR, axis=1)
     return bool(min(np.mean(likeness > _SAME), np.mean(units)) > 0.5)
 
 

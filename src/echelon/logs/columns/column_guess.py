@@ -10,8 +10,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
-import numpy as np
-
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.logs.columns.by_values import (
@@ -25,6 +23,7 @@ from echelon.logs.columns.by_values import (
     in_order,
     in_pairs,
     is_mixed,
+    is_still,
 )
 from echelon.logs.columns.column_map import ORDERS, Channel, ColumnMap, actuators, independent_coordinates, units
 from echelon.logs.columns.column_names import (
@@ -204,7 +203,7 @@ def _of_all(
 def _unchanging(look: Look | None) -> set[str]:
     """Columns that never change, and so say nothing; none before a log is looked at."""
     columns = {} if look is None else look().columns
-    return {name for name, values in columns.items() if len(values) and not np.any(values != values[0])}
+    return {name for name, values in columns.items() if is_still(values)}
 
 
 def _filled(groups: dict[str, dict[str, Channel]], seen: Mapping[str, Family], mechanism: Mechanism) -> list[str]:
@@ -294,11 +293,11 @@ def _channels(meanings: Meanings, mechanism: Mechanism, kind: str, look: Look | 
     valid = _valid(mechanism, kind)
     motors = [actuator.name for actuator in actuators(mechanism)]
     if any(said.motor for said in own.values()) and (motors or kind == "position"):
-        behind = [column for column, said in own.items() if not said.motor]
-        ahead = [column for column, said in own.items() if said.motor]
-        living = {column: column in _alive(own, look) for column in own}
-        at_joints = bool(behind) and sum(living[c] for c in behind) + (not motors) > sum(living[c] for c in ahead)
-        own = {column: own[column] for column in (behind if at_joints else ahead)}
+        behind = [said for said in own.values() if not said.motor]
+        changing = [own[column].motor for column in (_alive(own, look) if behind else ())]
+        # where both sides have sensors, the joints' where the robot states no gears
+        at_joints = bool(behind) and changing.count(False) + (not motors) > changing.count(True)
+        own = {column: said for column, said in own.items() if said.motor != at_joints}
         if not motors and not at_joints:
             raise InputError(
                 f"{listed(own)} are measured at motors by their names, but {mechanism.name} states no actuators: state "
@@ -311,9 +310,9 @@ def _channels(meanings: Meanings, mechanism: Mechanism, kind: str, look: Look | 
     found: dict[str, Channel] = {}
     strange: list[str] = []
     if len(keys) > len({*keys.values()}):
-        changing = _alive(keys, look)
-        kept = {keys[column] for column in changing}
-        keys = {column: name for column, name in keys.items() if column in changing or name not in kept}
+        alive = _alive(keys, look)
+        kept = {keys[column] for column in alive}
+        keys = {column: name for column, name in keys.items() if column in alive or name not in kept}
     for column, name in keys.items():
         channel = _channel(column, own[column].unit, mechanism, kind, name)
         if (name not in valid and name not in motors) or channel is None:
@@ -393,7 +392,11 @@ def _by_values(
     known = {kind: Family(tuple(channel.column for channel in some.values())) for kind, some in groups.items()}
     fixed = {kind: family for kind, family in known.items() if len(family.columns) == len(valid)}
     said = {family: _said(family) for family in new}
-    strange = [family for family, kind in said.items() if (kind and kind not in groups) or _is_still(family, columns)]
+    strange = [
+        family
+        for family, kind in said.items()
+        if (kind and kind not in groups) or all(is_still(columns[name]) for name in family.columns)
+    ]
     rest = [name for name in rest if not any(name in family.columns for family in strange)]
     new = tuple(family for family in new if family not in strange and not is_mixed(family, columns, times))
     said = {family: said[family] for family in new}
@@ -408,10 +411,6 @@ def _by_values(
 def _places(valid: Sequence[str]) -> dict[str, int]:
     """Places of coordinates in their order, by what columns may call them."""
     return {alias: valid.index(name) for alias, name in aliases(valid).items()}
-
-
-def _is_still(family: Family, columns: Mapping[str, Floats]) -> bool:
-    return not any(np.any(columns[name] != columns[name][0]) for name in family.columns)
 
 
 def _seconds(time: Channel, columns: Mapping[str, Floats]) -> Floats:
