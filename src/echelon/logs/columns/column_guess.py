@@ -59,6 +59,7 @@ _SERVOS = (
     "with the effect {type: servo, at: all}"
 )
 _FEWEST = 4  # rows that say how columns change
+_DIGITS = re.compile(r"\d+")
 _FIRST = re.compile(r"/?[^\W_]+[\W_]+")
 _ANGLES = re.compile("theta|phi|psi|alpha|beta|angle|winkel|rad|deg|rot|θ|φ", re.IGNORECASE)
 _TORQUES = re.compile("tau|torque|trq|moment|nm|couple|τ", re.IGNORECASE)
@@ -149,7 +150,10 @@ def _meanings(
     known = aliases([*mechanism.positions, *mechanism.velocities, *(o.name for o in mechanism.outputs), *drives])
     texts = without_prefix(names, known)
     texts |= {name: said[name] for name in names if name in said}
-    return {name: found for name, text in texts.items() if (found := meaning(text, known)) is not None}, known
+    found = {name: meaning(text, known) for name, text in texts.items()}
+    # of encoder1_1, encoder1_2, … none is understood, as two numbers differ in some of them
+    strange = {_DIGITS.sub("#", name) for name, said in found.items() if said is None}
+    return {n: said for n, said in found.items() if said is not None and _DIGITS.sub("#", n) not in strange}, known
 
 
 def _of_all(

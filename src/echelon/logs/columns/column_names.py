@@ -168,7 +168,7 @@ _LONGEST_NUMBER = 9
 def _by_words(text: str, name: str, unit: str) -> Meaning | None:
     kinds: list[str] = []
     weak: list[str] = []
-    numbers: list[int] = []
+    numbers: set[int] = set()
     roles: set[str] = {"joint"} if name else set()
     units: list[str] = []
     angle = _COLUMN_UNITS.get(unit.lower(), unit) in ("rad", "deg", "°")
@@ -177,7 +177,7 @@ def _by_words(text: str, name: str, unit: str) -> Meaning | None:
         if len(digits) > _LONGEST_NUMBER:
             return None
         if digits:
-            numbers.append(int(digits))
+            numbers.add(int(digits))
         if letters in _UNITS and (len(letters) > 1 or not digits) and not (letters == "m" and not (kinds or weak)):
             units.append(letters)
         elif letters == "a" and (angle or "joint" in roles):
@@ -210,7 +210,7 @@ def _are_two(first: str, second: str) -> bool:
 
 
 def _joined(
-    kinds: list[str], numbers: list[int], roles: set[str], units: list[str], name: str, unit: str
+    kinds: list[str], numbers: set[int], roles: set[str], units: list[str], name: str, unit: str
 ) -> Meaning | None:
     """The meaning of words together; None where they contradict each other."""
     reference = "reference" in roles
@@ -228,7 +228,7 @@ def _joined(
         return None
     if kind == "joint" and stated:
         kind = next((k for k, units in _BY_UNIT.items() if fits(stated[0], units)), kind)
-    index = numbers[0] if numbers else None
+    index = next(iter(numbers), None)
     return Meaning("reference" if reference else kind, name, index, "motor" in roles, stated[0] if stated else "")
 
 
