@@ -60,7 +60,7 @@ def rate(signal: Floats, measured: Floats, time: Floats) -> Rate:
     # by cubics through four samples: at 50 Hz, trapezoids would miss a fast joint's travel by a thousandth
     wider = np.pad(measured, 1, mode="edge")
     integrals = (13 * (measured[1:] + measured[:-1]) - wider[:-3] - wider[3:]) / 24 * step
-    integrals[(step < 0) | (step > GAP * np.median(step))] = np.nan
+    integrals[(step < 0) | (step > GAP * np.median(step[ends[:-1]]))] = np.nan
     area = np.add.reduceat(integrals[: ends[-1]], ends[:-1])[1:-1]
     places = signal[ends]
     moved, around = np.diff(places)[1:-1], places[3:] - places[:-3]
