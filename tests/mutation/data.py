@@ -32,11 +32,11 @@ FAULTS = (
         LIMITS,
     ),
     Fault(
-        "logs/columns/by_values.py",
-        "moved = np.diff(lower[ends], axis=0)",
-        "moved = -np.diff(lower[ends], axis=0)",
-        "velocities by their values",
-        GUESS,
+        "signals/rates.py",
+        "places[3:] - places[:-3]",
+        "places[:-3] - places[3:]",
+        "slopes of rates",
+        "signals/test_rates.py",
     ),
     Fault(
         "logs/columns/column_guess.py",
