@@ -37,6 +37,7 @@ SPELLINGS = [
     "%time field.position0 field.position1 field.velocity0 field.velocity1 field.effort0 field.effort1",
     "time joint_0 joint_1 torque_0 torque_1",
     "t j1 j2 torque_j1 torque_j2",
+    "t axis1_q1 axis2_q2 axis1_tau1 axis2_tau2",
     "t joint_1_rad joint_2_rad joint_1_Nm joint_2_Nm",
     # RTDE
     "timestamp actual_q_0 actual_q_1 target_q_0 target_q_1 actual_qd_0 actual_qd_1 actual_current_0 actual_current_1 "

@@ -32,11 +32,11 @@ FAULTS = (
         LIMITS,
     ),
     Fault(
-        "logs/columns/by_values.py",
-        "moved = np.diff(lower[ends], axis=0)",
-        "moved = -np.diff(lower[ends], axis=0)",
-        "velocities by their values",
-        GUESS,
+        "signals/rates.py",
+        "places[3:] - places[:-3]",
+        "places[:-3] - places[3:]",
+        "slopes of rates",
+        "signals/test_rates.py",
     ),
     Fault(
         "logs/columns/column_guess.py",
@@ -182,7 +182,7 @@ FAULTS = (
     Fault("zoo/faults.py", "POINT if mass > _LIGHT", "POINT if mass < _LIGHT", "points of mass", "zoo/test_faults.py"),
     Fault(
         "logs/columns/by_values.py",
-        "near = np.abs(slopes[:, None] / _SCALES - 1) < _NEAR",
+        "near = np.abs(slopes[:, None] / _SCALES - 1) < NEAR",
         "near = np.abs(slopes[:, None] / _SCALES) > 0",
         "slopes of velocities",
         "setup/test_told_by_slopes.py",

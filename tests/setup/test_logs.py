@@ -100,7 +100,7 @@ def test_files_without_a_common_clock(tmp_path: Path) -> None:
 
 def test_arrays_that_are_too_short_are_named(motion: Motion) -> None:
     with pytest.raises(
-        ec.InputError, match=r"no columns for outputs .*; 'tau' has 2999 rows where most arrays .* 3000"
+        ec.InputError, match=r"no columns for outputs .*; not read: 'tau' has 2999 rows where most arrays .* 3000"
     ):
         with_logs(ARM, {"t": motion["t"], "q": motion["q"], "tau": motion["tau"][1:]})
 

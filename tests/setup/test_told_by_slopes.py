@@ -13,7 +13,7 @@ import yaml
 
 import echelon as ec
 from echelon.identification.survey import explained_rate
-from echelon.logs.columns.by_values import missed_by_rate
+from echelon.logs.columns.by_values import error_as_rates
 from echelon.setup.skeleton import Skeleton, skeleton
 from support.command_line import run
 from support.swinging_arm import ARM, swinging
@@ -94,16 +94,16 @@ def test_no_next_step_is_offered_while_outputs_are_open(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("factor", "is_rate"), [(1.0, True), (180 / np.pi, True), (1.4, False), (-1.0, False)])
 def test_rates_have_the_slope_of_a_unit(factor: float, is_rate: bool) -> None:
-    found = missed_by_rate(MOTION["q"], factor * MOTION["qd"], MOTION["t"])
+    found = error_as_rates(MOTION["q"], factor * MOTION["qd"], MOTION["t"])
     assert np.isfinite(found) == is_rate
-    assert np.isfinite(missed_by_rate(MOTION["q"], abs(factor) * MOTION["qd"], None))
+    assert np.isfinite(error_as_rates(MOTION["q"], abs(factor) * MOTION["qd"], None))
 
 
 def test_slopes_do_not_mind_encoders_that_jump() -> None:
     jumping = MOTION["q"].copy()
     jumping[1000:, 0] -= 2 * np.pi
     jumping[1700:1702, 1] += 50.0
-    assert missed_by_rate(jumping, MOTION["qd"], MOTION["t"]) < 0.5
+    assert error_as_rates(jumping, MOTION["qd"], MOTION["t"]) < 0.5
 
 
 # -- logs that say nothing --------------------------------------------------------------------------------------------

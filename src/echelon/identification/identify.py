@@ -260,7 +260,7 @@ def _fitted(
     if physical is not None and prior is not None:
         findings += departures(base.mechanism, physical.standard, prior.values, physical.prior_weight)
     findings += mass_findings(base, estimate.values) if comparable else []
-    facts = [*filter(None, map(contradiction, judged)), *contradictions(feasible, findings)]
+    facts = [*filter(None, map(contradiction, judged)), *contradictions(feasible, findings, plan.preparation.measured)]
     findings += fit_findings(estimate, conditions, feasible, physical, validations)
     judgement = overall_verdict(by_role(validations)[-1], facts)
     ranges = fitted_ranges(plan.preparation, by_role(validations)[0])

@@ -253,13 +253,16 @@ IMPOSSIBLE = 30.0
 _COSTLY = 1.5  # ratio of misfits from which on physical consistency costs more than noise does
 
 
-def contradictions(feasible: Feasibility | None, findings: Sequence[Finding]) -> list[str]:
-    """Facts that contradict a model however well it predicts."""
+def contradictions(
+    feasible: Feasibility | None, findings: Sequence[Finding], measured: Sequence[str] | None = ()
+) -> list[str]:
+    """Facts that contradict a model however well it predicts; rates do where they are taken as ``measured``."""
     facts = []
     if feasible is not None and feasible.feasible is False and feasible.distance > IMPOSSIBLE:
         away = f"{feasible.distance:.2g} standard deviations away"
         facts.append(f"no robot can have its parameters, the nearest is {away}")
-    facts += [str(finding) for finding in findings if finding.kind == "contradiction"]
+    told = ("contradiction", "rates") if measured else ("contradiction",)
+    facts += [str(finding) for finding in findings if finding.kind in told]
     return facts
 
 

@@ -10,6 +10,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,10 @@ import numpy as np
 from echelon.errors import InputError
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.stated_limits import stated_limits
-from echelon.logs.columns.by_values import with_units
+from echelon.logs.columns.by_values import is_still, with_units
 from echelon.logs.columns.column_guess import guess
 from echelon.logs.columns.column_map import Channel, ColumnMap
+from echelon.logs.columns.column_names import is_output
 from echelon.logs.columns.conversion import needed_columns
 from echelon.logs.files.log_file import LogFile, Table
 from echelon.logs.files.numpy_file import MemoryLog
@@ -57,8 +59,7 @@ def with_logs(
         found = understood(file, setup, only=usual and len(fitted) + len(unseen) == 1)
         if found.problems:
             advice = "echelon setup ROBOT LOG -o setup.yaml  writes a set-up to begin with"
-            unread = [f"'{name}' {why}" for name, why in getattr(file, "left_out", {}).items()][:_FEW]
-            raise InputError("; ".join([*found.problems, *unread, advice]), source=file.source)
+            raise InputError("; ".join([*found.problems, advice]), source=file.source)
         notes = tuple(text for text in found.notes if text not in setup.assumed)
         setup = replace(found.setup, columns=(*setup.columns, found.columns), assumed=(*setup.assumed, *notes))
     return setup, fitted, unseen
@@ -74,6 +75,7 @@ class Understood:
     notes: tuple[str, ...]  # what was taken for granted
     locked: dict[str, float]  # where joints rest, rad or m
     choices: tuple[dict[str, float], ...] = ()  # the same, where only the user can tell which joints rest
+    commanded: bool = False  # whether there are commands of positions, and nothing that could be an output
 
 
 def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = False, outputs: bool = True) -> Understood:
@@ -86,9 +88,12 @@ def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = Fal
     vectors = _of_vectors(file.names, drives)
     said = {name: f"{name} [{unit}]" for name, unit in getattr(file, "units", {}).items() if unit}
     said |= {name: f"{drive.joint} torque" for name, (drive, _) in vectors.items()}
-    found = guess(
-        file.names, setup.mechanism, lambda: first_table(file), said=said, by_values=by_values, outputs=outputs
-    )
+    look = cache(lambda: first_table(file))
+    found = guess(file.names, setup.mechanism, look, said=said, by_values=by_values, outputs=outputs)
+    unread = getattr(file, "left_out", {})
+    lacks_outputs = outputs and not found.columns.outputs and any(map(is_output, unread))
+    reasons = "; ".join([f"'{name}' {why}" for name, why in unread.items()][:_FEW])
+    problems = found.problems + ((f"not read: {reasons}",) if unread and (found.problems or lacks_outputs) else ())
     columns, geared = _with_gears(found.columns, drives, vectors)
     side_by_side = file.notes if isinstance(file, LongLog) else ()
     notes, silent = [*side_by_side, *found.notes, *geared], set(found.unmeasured)
@@ -99,7 +104,8 @@ def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = Fal
         tables = file.tables(needed_columns(columns, file.names))
         table, more = measured(next(tables, Table(file.source, {}))), next(tables, None)
         columns, findings = with_units(columns, table, setup.mechanism)
-        notes += [finding.text for finding in findings]
+        columns, empty = _without_empty(columns, table)
+        notes += [*(finding.text for finding in findings), *empty]
         still: dict[str, float] = {}
         if more is None and lockable(setup.mechanism):  # of a long log nobody knows what moves later
             silent |= {name for name, some in columns.outputs.items() if not np.any(table.columns[some.column])}
@@ -108,6 +114,10 @@ def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = Fal
         if len(silent | resting.keys()) < len(columns.outputs) + len(found.unmeasured):
             locked |= resting
             notes += [f"at rest all the time: {listed(resting)}, {_line(resting)}"] if resting else []
+            mute = [name for name in resting if is_still(table.columns[columns.positions[name].column])]
+            notes += (
+                [f"not one sample of {listed(mute)} differs: do they rest, or have they no sensor?"] if mute else []
+            )
         else:  # nothing would be left: what is wrong with it is said when it is read
             silent = set(found.unmeasured)
     silent -= locked.keys()
@@ -116,10 +126,11 @@ def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = Fal
     return Understood(
         _without(setup, locked, silent),
         _columns_without(columns, locked.keys(), silent),
-        found.problems,
+        problems,
         tuple(notes),
         locked,
         tuple(_assumed(setup, some) for some in found.choices),
+        found.commanded and not lacks_outputs,
     )
 
 
@@ -223,6 +234,19 @@ def _still(columns: ColumnMap, table: Table) -> dict[str, float]:
         if len(values) and np.ptp(values) < _STILL:
             found[name] = float(np.median(values))
     return found
+
+
+def _without_empty(columns: ColumnMap, table: Table) -> tuple[ColumnMap, list[str]]:
+    """Without velocities, accelerations and references, which nobody needs, where one of them holds no number."""
+    notes: list[str] = []
+    kept: dict[str, Mapping[str, Channel]] = {}
+    for kind in ("velocity", "acceleration", "reference"):
+        group = columns.channels[kind]
+        empty = [some.column for some in group.values() if not np.isfinite(table.columns[some.column]).any()]
+        notes += [f"no {kind} is used, as there are no numbers in {listed(empty)}"] if empty else []
+        kept[kind] = {} if empty else group
+    v, a, r = kept.values()
+    return replace(columns, velocities=v, accelerations=a, references=r), notes
 
 
 def _columns_without(columns: ColumnMap, locked: Collection[str], silent: Collection[str]) -> ColumnMap:

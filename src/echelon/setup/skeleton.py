@@ -18,7 +18,7 @@ import numpy as np
 from echelon.errors import EchelonError, InputError
 from echelon.formats.robot_file import RobotFile, open_robot
 from echelon.inputs import dump_flow
-from echelon.logs.columns.by_values import PERIODS, period_by_rates
+from echelon.logs.columns.by_values import PERIODS, sample_rate
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.files.log_file import LogFile, Table
 from echelon.logs.files.open_log import log_paths
@@ -46,6 +46,7 @@ effects:                                # no torques are logged: servos follow c
 GUESS = 333.0  # Hz, at which hardly any robot is logged
 _UNUSED = "columns that are not used"
 _WIDTH = 112
+_RATE_ERROR = 0.01  # standard error of a rate, as a share of it, that makes inertias wrong by 4 % at most
 _COARSE = 0.2  # share of time stamps that repeat, from which on they say nothing of single samples
 
 
@@ -77,7 +78,7 @@ def skeleton(
     paths = joined(log_paths(logs), setup.mechanism)
     log = opened(paths[0])
     found = understood(log, setup, only=len(paths) == 1, by_values=True)
-    if found.columns.references and not found.columns.outputs:
+    if found.commanded:
         found = _commanded(understood(log, setup, only=len(paths) == 1, by_values=True, outputs=False))
     found = _with_rate(found, log)
     problems, proposed = found.problems, None
@@ -111,36 +112,39 @@ def _with_rate(found: Understood, log: LogFile) -> Understood:
     time = None if columns.time is None else table.columns[columns.time.column] * factor(columns.time.unit, "s")
     if columns.time is not None and time is not None and np.sum(np.diff(time) == 0) > _COARSE * (len(time) - 1):
         period = float(time[-1] - time[0]) / (len(time) - 1)
-        why = f"the stamps in '{columns.time.column}' repeat and are coarser than the samples, which so take"
+        if not PERIODS[0] < period < PERIODS[1]:
+            return found
+        rate = round_rate(period)
+        text = f"the stamps in '{columns.time.column}' repeat and are coarser than the samples, which so take "
+        text += f"{1000 * period:.4g} ms: the rate is {rate:.4g} Hz"
     elif time is None and not table.clocks and columns.positions.keys() & columns.velocities.keys():
-        columns = _rates_like_positions(columns)
-        period = _period_by_velocities(columns, table)
-        why = "positions change by what the velocities say if the samples take"
+        rate, error = _rate_by_velocities(columns, table)
+        text = f"positions change by what the velocities say at {rate:.5g} ± {2 * error:.2g} samples per second"
+        if not PERIODS[0] < 1 / rate < PERIODS[1]:
+            return found
+        if error > _RATE_ERROR * rate:
+            return replace(found, notes=(*found.notes, f"{text}, which is no rate: state it"))
+        rate = _roundest(rate, 2 * error)
+        text += f": the rate is taken to be {rate:.6g} Hz"
     else:
         return found
-    if not PERIODS[0] < period < PERIODS[1]:
-        return found
-    note = f"{why} {1000 * period:.4g} ms: the rate is {round_rate(period):.4g} Hz"
-    return replace(found, columns=replace(columns, time=None, rate=round_rate(period)), notes=(*found.notes, note))
+    return replace(found, columns=replace(columns, time=None, rate=rate), notes=(*found.notes, text))
 
 
-def _rates_like_positions(columns: ColumnMap) -> ColumnMap:
-    """Velocities without a unit in that of their positions per second, where that is not the SI unit."""
-    rates = dict(columns.velocities)
-    for name, channel in columns.positions.items():
-        if channel.unit and name in rates and not rates[name].unit:
-            rates[name] = replace(rates[name], unit=f"{channel.unit}/s")
-    return replace(columns, velocities=rates)
+def _roundest(value: float, error: float) -> float:
+    """The number with the fewest digits that is within an error."""
+    rounded = (float(f"{value:.{digits}e}") for digits in range(15))
+    return next((number for number in rounded if abs(number - value) <= error), value)
 
 
-def _period_by_velocities(columns: ColumnMap, table: Table) -> float:
-    """Time between samples, s, with which positions change by what the velocities say; nan if there is none."""
+def _rate_by_velocities(columns: ColumnMap, table: Table) -> tuple[float, float]:
+    """Samples per second with which positions change by what the velocities say, and their standard error; or nan."""
     names = [name for name in columns.positions if name in columns.velocities]
     q, v = (
         np.stack([table.columns[some[name].column] * factor(some[name].unit, None) for name in names], axis=1)
         for some in (columns.positions, columns.velocities)
     )
-    return period_by_rates(q, v)
+    return sample_rate(q, v)
 
 
 def _lacks_clock(found: Understood, log: LogFile) -> bool:

@@ -1,12 +1,12 @@
 """What columns are by their values: clocks, families of columns whose names say nothing, and units.
 
-A family has a column for every coordinate.  Positions are the family whose derivative another one is: velocities are
-integrated over windows instead of differentiating positions, so that noise and resolution count for little.  Torques
-that friction dominates are proportional to velocities, too.  What tells them apart is the slope of a robust line: by
-the log's own clock it is one for velocities, or the ratio of two units, the same for all joints.  Without a clock it is
-a period that nobody knows; then velocities are only told if every joint agrees on it, and another family is left for
-outputs.  Without velocities, positions are much smoother than what is measured of forces.  Of two that follow one
-another the smoother one is the reference, and what is left are outputs, if it is one family.
+A family has a column for every coordinate; columns that never change are none, as they say nothing.  Positions are the
+family that another one is the rate of (:mod:`echelon.signals.rates`).  Torques that friction dominates are proportional
+to velocities, too.  What tells them apart is the slope: by the log's own clock it is one for velocities, or the ratio
+of two units, the same for all joints.  Without a clock it is a rate that nobody knows; then velocities are only told if
+every joint agrees on it, and another family is left for outputs.  Without velocities, positions are much smoother than
+what is measured of forces.  Of two that follow one another the smoother one is the reference, and what is left are
+outputs, if it is one family.
 
 Units are those that magnitudes ask for: a wrong one is an error of a factor of 57 or 1000, and robots differ by less.
 """
@@ -29,17 +29,16 @@ from echelon.logs.units import factor
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.clock import nominal_period
+from echelon.signals.rates import Rate, rate
 
-_WINDOWS = 200
 _MANY = 10  # columns per joint, beyond which pairs are not looked for
+_INTEGRALS = 1e-4  # relative error of integrals of sampled velocities
 _ENOUGH = 50_000  # samples that show whether one column is the rate of another
-_LEFT = 0.5  # share of the travels of positions that those of their velocities may miss: noise, delay and filters
-_LEFT_TIMELESS = 0.1  # the same without a clock, where nothing is known of the slope
 _SAME = 0.98
 _SCALES = np.array([1.0, 180 / np.pi, np.pi / 180, 1e3, 1e-3])
 """Sizes of a reference in units of those of the positions, and slopes of velocities: both may be in other units."""
-_NEAR = 0.1
-_ONE_PERIOD = 0.03  # relative difference of the slopes of joints, from which on they are not one period
+NEAR = 0.1  # relative difference of a slope from that of a unit: filters and delays take so much
+_ONE_RATE = 0.03  # relative difference and error of the slopes of joints, from which on they are not one rate
 _SMOOTHER = 1.5
 """Ratio of the steps of two families, in units of their spread, from which on one is smoother than the other."""
 _FORWARD = 0.999
@@ -64,12 +63,16 @@ _NUMBER = re.compile(r"\d+(?=\D*$)")
 _ENTRY = re.compile(r"^\d+$|\[\d+\]$")
 
 
-def families(names: Sequence[str], count: int, known: Sequence[str] = ()) -> tuple[Family, ...]:
-    """Families of ``count`` columns: their names differ by one of ``known``, a number, a letter, or share a word."""
+def families(names: Sequence[str], count: int, known: Mapping[str, int]) -> tuple[Family, ...]:
+    """Families of ``count`` columns: their names differ by one of ``known``, a number, a letter, or share a word.
+
+    Words that are ``known`` have places in the order of joints.
+    """
 
     def by_name(column: str) -> tuple[str, int] | None:
-        inside = [k for k, name in enumerate(known) if re.search(rf"(?<![^\W_]){re.escape(name)}(?![^\W_])", column)]
-        return (column.replace(known[inside[0]], "{}"), inside[0]) if inside else None
+        inside = [word for word in known if re.search(rf"(?<![^\W_]){re.escape(word)}(?![^\W_])", column)]
+        longest = max(inside, key=len, default="")
+        return (column.replace(longest, "{}"), known[longest]) if longest else None
 
     def by_number(column: str) -> tuple[str, int] | None:
         found = _NUMBER.search(column)
@@ -152,6 +155,12 @@ def in_pairs(
     return made, [name for name in moving if name not in derived and name not in found["position"]]
 
 
+def is_still(values: Floats) -> bool:
+    """Whether the finite ones of some values are all the same, so that they say nothing."""
+    finite = values[np.isfinite(values)]
+    return not len(finite) or bool(np.ptp(finite) == 0)
+
+
 def is_mixed(family: Family, columns: Mapping[str, Floats], times: Floats | None) -> bool:
     """Whether one column of a family is the rate of another, so that they are not of different joints."""
     values = [_clean(columns[name][:_ENOUGH, None]) for name in family.columns]
@@ -159,7 +168,7 @@ def is_mixed(family: Family, columns: Mapping[str, Floats], times: Floats | None
 
 
 def _is_rate(position: Floats, velocity: Floats, times: Floats) -> bool:
-    return _alike(*_travels(np.unwrap(position, axis=0), velocity, times[: len(position)]))
+    return math.isfinite(error_as_rates(np.unwrap(position, axis=0), velocity, times[: len(position)]))
 
 
 def clock(columns: Mapping[str, Floats], names: Sequence[str], *, named: bool = False) -> str:
@@ -205,7 +214,7 @@ def classified(
     if not values:
         return {}
     pairs = [(a, b) for a in range(len(found)) for b in range(len(found)) if a != b]
-    missed = {(a, b): missed_by_rate(values[a], values[b], times) for a, b in pairs}
+    missed = {(a, b): error_as_rates(values[a], values[b], times) for a, b in pairs}
     needed = {"position", "velocity", "output"} - fixed.keys()
     if times is None and len(new) < len(needed):
         missed = dict.fromkeys(pairs, math.inf)  # what could be velocities are the only columns that could be outputs
@@ -218,25 +227,21 @@ def classified(
             return {}
         # what was measured is less smooth than what was asked for
         like = [root, *(k for k in left if k != root and _alike(values[root], values[k]))]
-        kinds["position"] = max(like, key=lambda k: _bent(values[k]))
+        kinds["position"] = max(like, key=lambda k: _bent(values[k], 2))
         left.remove(kinds["position"])
     for kind, of in (("velocity", "position"), ("acceleration", "velocity")):
         if times is None and {"position", "velocity"} <= kinds.keys():
             times = _own_clock(values[kinds["position"]], values[kinds["velocity"]])
-            missed = {(a, b): missed_by_rate(values[a], values[b], times) for a, b in pairs}
+            missed = {(a, b): error_as_rates(values[a], values[b], times) for a, b in pairs}
         children = [k for k in left if of in kinds and math.isfinite(missed[kinds[of], k])]
         if children and kind not in kinds:
-            kinds[kind] = _nearest_rate(kinds[of], children, missed)
+            kinds[kind] = min((missed[kinds[of], k], k) for k in children)[1]
         left = [k for k in left if k not in children]
     alike = [k for k in left if _alike(values[kinds["position"]], values[k])]
     kinds |= {"reference": alike[0]} if alike and "reference" not in kinds else {}
     left = [k for k in left if k not in alike]
     kinds |= {"output": left[0]} if len(left) == 1 and "output" not in kinds else {}
     return {kind: found[k] for kind, k in kinds.items() if k >= len(fixed)}
-
-
-def _nearest_rate(lower: int, candidates: Sequence[int], missed: Mapping[tuple[int, int], float]) -> int:
-    return min(candidates, key=lambda k: missed[lower, k])
 
 
 def _is_root(a: int, count: int, missed: Mapping[tuple[int, int], float]) -> bool:
@@ -251,118 +256,95 @@ def _clean(values: Floats) -> Floats:
     return np.asarray(np.where(finite, values, mean))
 
 
-def missed_by_rate(lower: Floats, upper: Floats, times: Floats | None) -> float:
-    """Share of the travels of one family, shape (N, joints), that another one misses as its rate; inf if it is none.
+def error_as_rates(lower: Floats, upper: Floats, times: Floats | None) -> float:
+    """The relative error with which one family, shape (N, joints), follows another one as its rates; inf if not.
 
-    Times are in s; without them all joints have to agree on one period.
+    Times are in s; without them all joints have to agree on one rate of samples.
     """
-    slopes, missed = _lines(*_travels(lower, upper, np.arange(len(lower), dtype=float) if times is None else times))
+    found = _rates(lower, upper, times)
+    slopes, errors = (np.array([getattr(some, what) for some in found]) for what in ("slope", "relative"))
     moves = np.isfinite(slopes)
     if not moves.any():
         return math.inf
     if times is None:
-        period = float(np.median(slopes[moves]))
-        agree = moves & (missed < _LEFT_TIMELESS) & (np.abs(slopes - period) < _ONE_PERIOD * period)
+        agree = (errors < _ONE_RATE) & (np.abs(slopes / np.median(slopes[moves]) - 1) < _ONE_RATE) & (slopes > 0)
         told = agree.sum() == moves.sum() > 1
     else:
-        near = np.abs(slopes[:, None] / _SCALES - 1) < _NEAR
-        agree = (near & (missed < _LEFT)[:, None]).T[np.argmax(near.sum(axis=0))]
+        near = np.abs(slopes[:, None] / _SCALES - 1) < NEAR
+        agree = (near & (errors < NEAR)[:, None]).T[np.argmax(near.sum(axis=0))]
         told = 2 * agree.sum() > moves.sum()
-    return float(np.median(missed[agree])) if told else math.inf
+    return float(np.median(errors[agree])) if told else math.inf
 
 
-def period_by_rates(lower: Floats, upper: Floats) -> float:
-    """Time between samples, s, with which most columns are the rates of others, shape (N, joints); nan if none is."""
-    slopes, missed = _lines(*_travels(lower, upper, np.arange(len(lower), dtype=float)))
-    told = missed < _LEFT  # not where nothing moves
-    if not told.any():
-        return math.nan
-    period = float(np.median(slopes[told]))
-    agree = told & (np.abs(slopes - period) < _NEAR * abs(period))
-    return period if 2 * agree.sum() > np.isfinite(slopes).sum() and period > 0 else math.nan
+def sample_rate(lower: Floats, upper: Floats) -> tuple[float, float]:
+    """Samples per second with which most columns are the rates of others, shape (N, joints), and its standard error.
+
+    Joints that differ by more than their errors make that of the mean as much larger; nan if there is no such rate.
+    """
+    found = [some for some in _rates(lower, upper, None) if some.relative < NEAR]
+    if not found:
+        return math.nan, math.nan
+    slopes = np.array([some.slope for some in found])
+    errors = np.array([max(some.error, _INTEGRALS * abs(some.slope)) for some in found])
+    near = np.abs(slopes - np.median(slopes)) < NEAR * np.median(slopes)
+    if 2 * near.sum() <= len(found):
+        return math.nan, math.nan
+    slopes, weights = slopes[near], errors[near] ** -2.0
+    mean = float(weights @ slopes / weights.sum())
+    excess = float(weights @ (slopes - mean) ** 2) / max(len(slopes) - 1, 1)
+    return mean, math.sqrt(max(excess, 1.0) / weights.sum())
+
+
+def _rates(lower: Floats, upper: Floats, times: Floats | None) -> list[Rate]:
+    """The columns of one family as rates of those of another one."""
+    time = np.arange(len(lower), dtype=float) if times is None else times
+    return [rate(q, v, time) for q, v in zip(lower.T, upper.T, strict=True)]
 
 
 def _own_clock(positions: Floats, velocities: Floats) -> Floats | None:
     """Times by what velocities say, s; None if they say nothing."""
-    period = period_by_rates(positions, velocities)
-    return period * np.arange(len(positions), dtype=float) if math.isfinite(period) else None
-
-
-def _lines(moved: Floats, area: Floats) -> tuple[Floats, Floats]:
-    """Slopes by column of lines through the origin with least absolute residuals, and these as a share; nan at rest."""
-    slopes, missed = np.full((2, moved.shape[1]), np.nan)
-    for k, (y, x) in enumerate(zip(moved.T, area.T, strict=True)):
-        inside = x != 0
-        if not inside.any() or not y.any():
-            continue
-        # the slope is the median of the ratios, each with the weight of its x
-        ratios, weights = y[inside] / x[inside], np.abs(x[inside])
-        order = np.argsort(ratios)
-        half = np.searchsorted(np.cumsum(weights[order]), 0.5 * weights.sum())
-        slopes[k] = ratios[order[min(int(half), len(order) - 1)]]
-        missed[k] = np.sum(np.abs(y - slopes[k] * x)) / np.sum(np.abs(y))
-    return slopes, missed
-
-
-def _travels(lower: Floats, upper: Floats, step: Floats) -> tuple[Floats, Floats]:
-    """How far a family moves from window to window, and how far the integral of another one does."""
-    width = max(2, len(step) // _WINDOWS)
-    ends = np.arange(0, len(step), width)
-    moved = np.diff(lower[ends], axis=0)
-    area = 0.5 * (upper[1:] + upper[:-1]) * np.diff(step)[:, None]
-    summed = np.vstack([np.zeros((1, area.shape[1])), np.cumsum(area, axis=0)])
-    return moved, np.diff(summed[ends], axis=0)
+    samples, _ = sample_rate(positions, velocities)
+    return np.arange(len(positions)) / samples if math.isfinite(samples) else None
 
 
 def _alike(first: Floats, second: Floats) -> bool:
     """Whether most columns are the same but for their unit; forces may follow positions, but are of another size."""
-    centred = first - first.mean(axis=0), second - second.mean(axis=0)
-    sizes = centred[0].std(axis=0), centred[1].std(axis=0)
-    moves = (sizes[0] > 0) & (sizes[1] > 0)
+    first, second = first - first.mean(axis=0), second - second.mean(axis=0)
+    sizes = np.stack([np.linalg.norm(first, axis=0), np.linalg.norm(second, axis=0)])
+    moves = (sizes > 0).all(axis=0)
     if not moves.any():
         return False
-    ratios = sizes[1][moves] / sizes[0][moves]
-    units = np.any(np.abs(ratios[:, None] / _SCALES - 1) < _NEAR, axis=1)
-    return _share(*centred, _SAME) > 0.5 and float(np.mean(units)) > 0.5
-
-
-def _share(a: Floats, b: Floats, least: float) -> float:
-    """The share of the columns that move in which two families are proportional, with a positive factor."""
-    size = np.linalg.norm(a, axis=0) * np.linalg.norm(b, axis=0)
-    moves = size > 0
-    if not moves.any():
-        return 0.0
+    first, second, sizes = first[:, moves], second[:, moves], sizes[:, moves]
     # with the sign: of a sine, the position is minus the derivative of the velocity
-    likeness = (a * b).sum(axis=0)[moves] / size[moves]
-    return float(np.mean(likeness > least))
-
-
-def _bent(values: Floats) -> float:
-    """Second differences of a family in units of its spread."""
-    spread = values.std(axis=0)
-    bends = np.sqrt(np.mean(np.diff(values, 2, axis=0) ** 2, axis=0))
-    return float(np.median(bends[spread > 0] / spread[spread > 0])) if (spread > 0).any() else 0.0
+    likeness = (first * second).sum(axis=0) / sizes.prod(axis=0)
+    units = np.any(np.abs((sizes[1] / sizes[0])[:, None] / _SCALES - 1) < NEAR, axis=1)
+    return bool(min(np.mean(likeness > _SAME), np.mean(units)) > 0.5)
 
 
 def _smoothest(values: Sequence[Floats]) -> int | None:
     """The family that is clearly smoother than all others but its like."""
-    rough = [float(np.median(ratios)) if len(ratios := _roughness(some)) else np.inf for some in values]
+    rough = [_bent(some, 1) or np.inf for some in values]
     first, *others = (int(k) for k in np.argsort(rough))
     rivals = [k for k in others if not _alike(values[first], values[k])]
     return first if rivals and rough[rivals[0]] > _SMOOTHER * rough[first] else None
 
 
-def _roughness(values: Floats) -> Floats:
+def _bent(values: Floats, order: int) -> float:
+    """Differences of an order of a family, in units of its spread; 0 where nothing moves."""
+    rough = _roughness(values, order)
+    return float(np.median(rough)) if len(rough) else 0.0
+
+
+def _roughness(values: Floats, order: int = 1) -> Floats:
     """Differences of the columns that move, in units of their spread."""
     spread = values.std(axis=0)
-    steps = np.sqrt(np.mean(np.diff(values, axis=0) ** 2, axis=0))
+    steps = np.sqrt(np.mean(np.diff(values, order, axis=0) ** 2, axis=0))
     return np.asarray(steps[spread > 0] / spread[spread > 0])
 
 
 TURNS = 4 * math.pi  # rad, beyond which hardly any joint goes
 LONG = 20.0  # m, that no joint slides
 DEGREES = 720.0  # beyond which angles are no degrees of a joint either
-_ROUGHLY = 0.05
 
 
 def with_units(columns: ColumnMap, table: Table, mechanism: Mechanism) -> tuple[ColumnMap, tuple[Finding, ...]]:
@@ -399,21 +381,25 @@ def _moves(mechanism: Mechanism, name: str, kind: MotionKind) -> bool:
 
 
 def _with_rates(columns: ColumnMap, table: Table, mechanism: Mechanism) -> dict[str, Channel]:
-    """Velocities in deg/s or mm/s where they are to positions as degrees are to radians, or mm to m."""
+    """Velocities in deg/s or mm/s where they are to positions as degrees are to radians, or mm to m.
+
+    Without a clock they are in the unit of their positions per second.
+    """
     found = dict(columns.velocities)
     times = None if columns.time is None else table.columns.get(columns.time.column)
     for name, channel in columns.velocities.items():
         position = columns.positions.get(name)
-        if channel.unit or position is None or times is None:
+        if channel.unit or position is None:
+            continue
+        if times is None:
+            per_second = position.unit and not table.clocks
+            found[name] = replace(channel, unit=f"{position.unit}/s") if per_second else channel
             continue
         unit = "deg/s" if _moves(mechanism, name, MotionKind.ROTATION) else "mm/s"
         q, v = table.columns[position.column] * factor(position.unit, None), table.columns[channel.column]
         if len(q) != len(v) or len(q) != len(times):
             continue
-        step = np.diff(times) * factor(columns.time.unit if columns.time else "", "s")
-        moved, area = np.diff(q), 0.5 * (v[1:] + v[:-1]) * step
-        usable = np.isfinite(moved) & np.isfinite(area)
-        ratio = np.linalg.norm(area[usable]) / max(float(np.linalg.norm(moved[usable])), 1e-300)
-        if abs(ratio * factor(unit, None) - 1) < _ROUGHLY:
+        own = rate(q, v, times * factor(columns.time.unit if columns.time else "", "s"))
+        if own.relative < NEAR and abs(own.slope * factor(unit, None) - 1) < NEAR:
             found[name] = replace(channel, unit=unit)
     return found

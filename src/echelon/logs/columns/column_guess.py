@@ -23,17 +23,20 @@ from echelon.logs.columns.by_values import (
     in_order,
     in_pairs,
     is_mixed,
+    is_still,
 )
-from echelon.logs.columns.column_map import Channel, ColumnMap, actuators, independent_coordinates, units
+from echelon.logs.columns.column_map import ORDERS, Channel, ColumnMap, actuators, independent_coordinates, units
 from echelon.logs.columns.column_names import (
     KNOWN,
     SHARES,
     Meaning,
     aliases,
+    may_be_output,
     meaning,
     spoken,
     stated_unit,
     unlogged_joints,
+    without_prefix,
     words,
 )
 from echelon.logs.files.log_file import Table
@@ -47,10 +50,16 @@ Look = Callable[[], Table]  # reads the first piece of a log, with all columns
 
 _NEEDED = ("position", "output")
 _PARTLY = ("output", "current")  # what may be there for some joints only: the others are not measured
+_ALTERNATIVES = {"position": "joint", "output": "current"}  # joint_0 beside torque_0, currents for want of torques
 _OPTIONAL = ("velocity", "acceleration", "reference")
 _AS_NAMED: Mapping[str, str] = {}
 _MANY = 8
+_SERVOS = (
+    "; if none is an output, there are commands of positions, to which servos can be fitted: name these under input, "
+    "with the effect {type: servo, at: all}"
+)
 _FEWEST = 4  # rows that say how columns change
+_DIGITS = re.compile(r"\d+")
 _FIRST = re.compile(r"/?[^\W_]+[\W_]+")
 _ANGLES = re.compile("theta|phi|psi|alpha|beta|angle|winkel|rad|deg|rot|θ|φ", re.IGNORECASE)
 _TORQUES = re.compile("tau|torque|trq|moment|nm|couple|τ", re.IGNORECASE)
@@ -69,6 +78,7 @@ class Guess:
     notes: tuple[str, ...] = ()  # what was taken for granted
     unlogged: tuple[str, ...] = ()  # motions that no column is of, so that they have to be locked
     choices: tuple[tuple[str, ...], ...] = ()  # the same where only the user can tell
+    commanded: bool = False  # whether there are commands of positions, and nothing that could be an output
     unmeasured: tuple[str, ...] = ()  # outputs that no column is of, though one is of each position
 
 
@@ -138,15 +148,19 @@ def _meanings(
     """What the names of columns say, with their units, and coordinates by what columns may call them."""
     drives = [a.name for a in mechanism.transmission.actuators]
     known = aliases([*mechanism.positions, *mechanism.velocities, *(o.name for o in mechanism.outputs), *drives])
-    texts = {name: said.get(name, name) for name in names}
-    return {name: found for name, text in texts.items() if (found := meaning(text, known)) is not None}, known
+    texts = without_prefix(names, known)
+    texts |= {name: said[name] for name in names if name in said}
+    found = {name: meaning(text, known) for name, text in texts.items()}
+    # of encoder1_1, encoder1_2, … none is understood, as two numbers differ in some of them
+    strange = {_DIGITS.sub("#", name) for name, said in found.items() if said is None}
+    return {n: said for n, said in found.items() if said is not None and _DIGITS.sub("#", n) not in strange}, known
 
 
 def _of_all(
     names: Sequence[str], meanings: Meanings, mechanism: Mechanism, look: Look | None, *, outputs: bool, by_values: bool
 ) -> Guess:
     """The guess if the log has all joints."""
-    groups, problems = _by_names(meanings, mechanism, outputs)
+    groups, problems = _by_names(meanings, mechanism, outputs, look)
     notes: list[str] = []
     headerless = are_numbers(names) and not meanings
     needed = _NEEDED[: 1 + outputs]
@@ -157,12 +171,21 @@ def _of_all(
         if len(absent) == len(needed) or partial:  # A1 beside M1 is no acceleration, and wrist1 is not every joint
             groups = {kind: {} for kind in groups}
         known = [kind for kind, some in groups.items() if some]
-        clear = [name for name, said in meanings.items() if said.kind in ("time", *known) and not headerless]
+        taken = {channel.column for some in groups.values() for channel in some.values()}
+        clear = [n for n, said in meanings.items() if (said.kind in ("time", *known) or n in taken) and not headerless]
         notes += _filled(groups, _by_values(names, clear, mechanism, look().columns, groups, time), mechanism)
         absent = [kind for kind in needed if not groups[kind]]
         problems = problems if absent else []
+        motors = [c.column for c in groups["position"].values() if c.column in meanings and meanings[c.column].motor]
+        if motors and not actuators(mechanism):
+            text = "are those of motors by their names, taken for angles of joints: state actuators if there are gears"
+            notes.append(f"{listed(motors)} {text}")
+    commanded = absent == ["output"] and bool(groups["reference"])
     if absent and not problems:
-        problems.append(_question(absent, names, meanings, mechanism, look, time))
+        problems.append(_question(absent, names, meanings, mechanism, look, time) + _SERVOS * commanded)
+    if commanded:
+        unclear = [name for name in names if name not in meanings or meanings[name].kind in _PARTLY]
+        commanded = not _alive([name for name in unclear if may_be_output(name)], look)
     says_time = time is not None and time.column in meanings and meanings[time.column].kind == "time"
     if time is not None and not says_time and not headerless:
         notes.append(f"'{time.column}' taken for the time, because it grows as a clock does")
@@ -176,7 +199,15 @@ def _of_all(
     kinds = (groups[kind] for kind in ("position", "velocity", "acceleration", "output", "reference"))
     unmeasured = [name for name in _valid(mechanism, "output") if name not in groups["output"]]
     unmeasured = unmeasured if 0 < len(outputs_from) == len(mechanism.outputs) - len(unmeasured) else []
-    return Guess(ColumnMap(time, None, *kinds), (*problems, *trouble), tuple(notes), unmeasured=tuple(unmeasured))
+    columns = ColumnMap(time, None, *kinds)
+    rest = tuple(unmeasured)
+    return Guess(columns, (*problems, *trouble), tuple(notes), unmeasured=rest, commanded=commanded)
+
+
+def _unchanging(look: Look | None) -> set[str]:
+    """Columns that never change, and so say nothing; none before a log is looked at."""
+    columns = {} if look is None else look().columns
+    return {name for name, values in columns.items() if is_still(values)}
 
 
 def _filled(groups: dict[str, dict[str, Channel]], seen: Mapping[str, Family], mechanism: Mechanism) -> list[str]:
@@ -198,18 +229,18 @@ def _several(kind: str) -> str:
 
 
 def _by_names(
-    meanings: Meanings, mechanism: Mechanism, outputs: bool
+    meanings: Meanings, mechanism: Mechanism, outputs: bool, look: Look | None
 ) -> tuple[dict[str, dict[str, Channel]], list[str]]:
     """Channels by kind and by coordinate, output or actuator, and what is wrong with the names."""
     groups: dict[str, dict[str, Channel]] = {}
     problems: list[str] = []
     for kind in (*_NEEDED, *_OPTIONAL):
         try:
-            groups[kind] = _channels(meanings, mechanism, kind)
-            if not groups[kind] and kind == "position":  # joint_0 beside torque_0
-                groups[kind] = _channels(meanings, mechanism, "joint")
-            if not groups[kind] and kind == "output":
-                groups[kind] = _channels(meanings, mechanism, "current")
+            groups[kind] = _channels(meanings, mechanism, kind, look)
+            other = _ALTERNATIVES.get(kind, "")
+            several = any(said.kind == other for said in meanings.values())
+            if several and not _alive([channel.column for channel in groups[kind].values()], look):
+                groups[kind] = _channels(meanings, mechanism, other, look) or groups[kind]
         except InputError as error:
             groups[kind] = {}
             if kind in _NEEDED[: 1 + outputs]:  # nobody needs the others: what is not clear is left out
@@ -252,25 +283,40 @@ def _may_be_time(names: Sequence[str], meanings: Meanings, groups: Mapping[str, 
     return [*(name for name in names if name not in meanings), *others]
 
 
-def _channels(meanings: Meanings, mechanism: Mechanism, kind: str) -> dict[str, Channel]:
-    """The columns of a kind, by coordinate, output or actuator."""
+def _alive(names: Iterable[str], look: Look | None) -> list[str]:
+    """The columns that change."""
+    still = _unchanging(look) if names else set()
+    return [name for name in names if name not in still]
+
+
+def _channels(meanings: Meanings, mechanism: Mechanism, kind: str, look: Look | None) -> dict[str, Channel]:
+    """The columns of a kind, by coordinate, output or actuator; of several for one those that change."""
     own = {column: said for column, said in meanings.items() if said.kind == kind}
     if not own:
         return {}
     valid = _valid(mechanism, kind)
     motors = [actuator.name for actuator in actuators(mechanism)]
     if any(said.motor for said in own.values()) and (motors or kind == "position"):
-        own = {column: said for column, said in own.items() if said.motor}
-        if not motors:
+        behind = [said for said in own.values() if not said.motor]
+        changing = [own[column].motor for column in (_alive(own, look) if behind else ())]
+        # where both sides have sensors, the joints' where the robot states no gears
+        at_joints = bool(behind) and changing.count(False) + (not motors) > changing.count(True)
+        own = {column: said for column, said in own.items() if said.motor != at_joints}
+        if not motors and not at_joints:
             raise InputError(
-                f"{listed(own)} are measured at motors by their names, but {mechanism.name} states no actuators"
+                f"{listed(own)} are measured at motors by their names, but {mechanism.name} states no actuators: state "
+                "actuators: {m1: 100*joint1}, or say under log that they are positions of joints"
             )
-        valid = motors
+        valid = valid if at_joints else motors
     keys = {column: said.name for column, said in own.items() if said.name}
     positions = _numbers(said for said in meanings.values() if said.kind in ("position", "joint") and not said.motor)
     keys = keys or _numbered(own, positions if kind in _PARTLY else set(), valid, mechanism, kind)
     found: dict[str, Channel] = {}
     strange: list[str] = []
+    if len(keys) > len({*keys.values()}):
+        alive = _alive(keys, look)
+        kept = {keys[column] for column in alive}
+        keys = {column: name for column, name in keys.items() if column in alive or name not in kept}
     for column, name in keys.items():
         channel = _channel(column, own[column].unit, mechanism, kind, name)
         if (name not in valid and name not in motors) or channel is None:
@@ -291,10 +337,14 @@ def _channel(column: str, unit: str, mechanism: Mechanism, kind: str, name: str)
     """A column with its unit; None where the unit is not one of the quantity."""
     if kind == "current":  # as if it were a torque: one unit of force per ampere
         return Channel(column, scale=factor(unit, "A")) if fits(unit, "A") else None
-    expected = units(mechanism, "position" if kind == "joint" else kind, name)
+    kind = "position" if kind == "joint" else kind
+    expected = units(mechanism, kind, name)
     if kind == "output" and unit in SHARES:
         return Channel(column)
-    return Channel(column, unit) if fits(unit, expected) else None
+    # dq_deg is in deg/s, and the m of tau_m says that it was measured
+    texts = [unit + "/s" * order for order in range(ORDERS.get(kind, 0) + 1)] if unit else [""]
+    texts += [""] if len(unit) == 1 and stated_unit(column) != unit else []
+    return next((Channel(column, text) for text in texts if fits(text, expected)), None)
 
 
 def _numbers(meanings: Iterable[Meaning]) -> set[int]:
@@ -307,7 +357,7 @@ def _numbered(own: Meanings, others: set[int], valid: Sequence[str], mechanism: 
     if set(numbers.values()) == {None} and len(valid) == 1:
         return dict.fromkeys(numbers, valid[0])
     found = _numbers(own.values())
-    every = others if found <= others else found
+    every = others if found and found <= others else found
     first = min(every, default=0)
     if first > 1 or every != set(range(first, first + len(valid))):
         has = f"one {kind}"
@@ -340,19 +390,31 @@ def _by_values(
     times = None if time is None or time.column not in names else _seconds(time, columns)
     rest = [name for name in names if name not in understood and (time is None or name != time.column)]
     if understood or not are_numbers(names):
-        new = families(rest, len(valid), valid)
+        new = families(rest, len(valid), _places(valid))
     else:
         new = blocks(rest[1:] if len(rest) % len(valid) == 1 and len(valid) > 1 else rest, len(valid))
     known = {kind: Family(tuple(channel.column for channel in some.values())) for kind, some in groups.items()}
     fixed = {kind: family for kind, family in known.items() if len(family.columns) == len(valid)}
-    new = tuple(family for family in new if not is_mixed(family, columns, times))
     said = {family: _said(family) for family in new}
+    strange = [
+        family
+        for family, kind in said.items()
+        if (kind and kind not in groups) or all(is_still(columns[name]) for name in family.columns)
+    ]
+    rest = [name for name in rest if not any(name in family.columns for family in strange)]
+    new = tuple(family for family in new if family not in strange and not is_mixed(family, columns, times))
+    said = {family: said[family] for family in new}
     once = {kind for kind in said.values() if [*said.values()].count(kind) == 1} & groups.keys() - fixed.keys()
     named = {kind: family for family, kind in said.items() if kind in once}
     left = [family for family in new if family not in named.values()]
     found = named | classified(left, columns, times, fixed | named)
     complete = {"position", "output"} <= {*found, *fixed}
     return found if complete else in_order(rest, len(valid), columns, times, fixed) or found
+
+
+def _places(valid: Sequence[str]) -> dict[str, int]:
+    """Places of coordinates in their order, by what columns may call them."""
+    return {alias: valid.index(name) for alias, name in aliases(valid).items()}
 
 
 def _seconds(time: Channel, columns: Mapping[str, Floats]) -> Floats:
@@ -431,12 +493,12 @@ def _question(
     """What is missing, and for every column that was not understood what it is nearest to."""
     valid = _valid(mechanism, "position")
     unknown = [name for name in names if name not in meanings]
-    groups, _ = _by_names(meanings, mechanism, False)
+    groups, _ = _by_names(meanings, mechanism, False, None)
     seen: dict[str, Family] = {}
     if look is not None and len(unknown) < 200:
         seen = _by_values(names, list(meanings), mechanism, look().columns, groups, time)
     asked, left = [], list(unknown)
-    for family in families(unknown, len(valid), valid):
+    for family in families(unknown, len(valid), _places(valid)):
         kinds = [kind for kind, some in seen.items() if some == family]
         by = f"{_several(kinds[0])} by their values" if kinds else _nearest(family.columns[0])
         asked.append(f"{family.label}{by and f' ({by})'}")
@@ -445,8 +507,6 @@ def _question(
     what = (
         f"no columns for {' and '.join(f'{kind}s' for kind in absent)} of {mechanism.name} can be told from their names"
     )
-    if groups["reference"] and absent == ["output"]:
-        return f"{what}, but there are commands of positions, to which servos can be fitted"
     return f"{what}; not understood: {listed(asked)}; say under log which they are" if asked else what
 
 

@@ -20,6 +20,7 @@ import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise, takewhile
 
 from echelon.logs.units import fits
 from echelon.mechanism.joint import GROUND, MotionKind
@@ -51,6 +52,8 @@ _OTHERS = {
     "header unix ros output est estimated sim robot main arm out yout signal signals js",
 }
 _ROLES = {word: role for role, words in _OTHERS.items() for word in words.split()}
+_COMMANDS = frozenset(_OTHERS["reference"].split())
+_NEUTRAL = frozenset(_OTHERS["neutral"].split())
 KNOWN = frozenset(_KINDS) | frozenset(_ROLES)  # words that say something of what is measured
 _UNITS = {
     "rad": "rad",
@@ -62,6 +65,9 @@ _UNITS = {
     "rads": "rad/s",
     "degs": "deg/s",
     "rads2": "rad/s²",
+    "radps": "rad/s",
+    "degps": "deg/s",
+    "dps": "deg/s",
     "rpm": "rpm",
     "m": "m",
     "mm": "mm",
@@ -83,6 +89,7 @@ _COLUMN_UNITS |= {"kg.cm": "kgf·cm", "kg·cm": "kgf·cm", "kg*cm": "kgf·cm", "
 _COLUMN_UNITS |= dict.fromkeys(("per mille", "permille", "promille", "per mil", "1/1000"), "‰")
 SHARES = ("%", "‰")  # what torques are in that are shares of a rated one
 _GREEK = str.maketrans({"θ": "theta", "ϑ": "theta", "τ": "tau", "ω": "omega"})
+_ANGLES = frozenset({"rad", "deg", "rads", "degs"})
 _RATES = {"position": "velocity", "velocity": "acceleration"}
 _BY_UNIT = {"output": ("N·m", "N"), "velocity": ("rad/s", "m/s"), "current": ("A",)}  # joint 1 (Nm)
 _HUMPS = (re.compile(r"(?<=[a-z])(?=[A-Z][a-z])"), re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])"))
@@ -138,11 +145,15 @@ def meaning(column: str, known: Mapping[str, str]) -> Meaning | None:
 
 
 def stated_unit(column: str) -> str:
-    """The unit in brackets in a column's name, or after its last space or underscore; empty if there is none."""
+    """The unit in brackets in a column's name, after its last space or underscore, or among its words; else empty."""
     bracket = _BRACKETS.search(column)
-    text = bracket.group(1) if bracket else re.split(r"[\s_]", column)[-1]
+    text = bracket.group(1) if bracket else re.split(r"[\s_]", column)[-1].rstrip("0123456789")
     text = _COLUMN_UNITS.get(text.lower(), text)
-    return text if text in SHARES or (len(text) > 1 and fits(text, None)) else ""
+    if text in SHARES or (len(text) > (not bracket) and fits(text, None)):
+        return text
+    parts = [part.rstrip("0123456789") for part in _split(_HUMPS[1].sub("_", column))]
+    pairs = [_PER_SECOND.get(f"{first} {second}", "") for first, second in pairwise(parts)]
+    return next(filter(None, (*pairs, *(_UNITS.get(part, "") for part in parts if len(part) > 1))), "")
 
 
 def spoken(column: str) -> list[str]:
@@ -189,8 +200,13 @@ def _split(text: str) -> Iterator[str]:
     plain = re.sub(r"(?<![a-z])i_q(?![a-z])", "iq", re.sub("[\u0300-\u036f]", "", plain))
     for word in re.findall(r"[a-z0-9°]+", plain):
         letters = word.rstrip("0123456789")
-        cut = next((k for k in range(1, len(letters)) if letters[:k] in _PREFIXES and letters[k:] in _STRONG), 0)
-        yield from [word] if letters in _KINDS or not cut else [word[:cut], word[cut:]]
+        cuts = [k for k in range(1, len(letters)) if _are_two(letters[:k], letters[k:])]
+        yield from [word] if letters in _KINDS or letters in _UNITS or not cuts else [word[: cuts[0]], word[cuts[0] :]]
+
+
+def _are_two(first: str, second: str) -> bool:
+    """Whether two words stand together, as in ``jpos`` or ``qdeg``."""
+    return (first in _PREFIXES and second in _STRONG) or (first in _KINDS and second in _ANGLES)
 
 
 def _joined(
@@ -200,7 +216,7 @@ def _joined(
     reference = "reference" in roles
     if not kinds and ("state" in roles or reference) and (name or numbers):
         kinds = ["position"]  # the vectors that LeRobot calls observation.state and action
-    bare = not kinds and roles <= _BARE and bool(roles - {"neutral"}) and (bool(name) or bool(numbers))
+    bare = not kinds and roles <= _BARE and bool(units or roles - {"neutral"}) and (bool(name) or bool(numbers))
     kind = "joint" if bare else kinds[0] if kinds else ""
     kind = _RATES.get(kind, "") if "rate" in roles else kind
     by_second = _PER_SECOND.get(" ".join(units), "")
@@ -214,6 +230,33 @@ def _joined(
         kind = next((k for k, units in _BY_UNIT.items() if fits(stated[0], units)), kind)
     index = next(iter(numbers), None)
     return Meaning("reference" if reference else kind, name, index, "motor" in roles, stated[0] if stated else "")
+
+
+def without_prefix(names: Sequence[str], known: Iterable[str]) -> dict[str, str]:
+    """Names without the words that all of them begin with, as those in one struct do, unless these say something."""
+    shared = zip(min(names), max(names), strict=False) if names else ()
+    whole = "".join(first for first, last in takewhile(lambda pair: pair[0] == pair[1], shared))
+    prefix = whole[: re.search(r"[^\W_]*$", whole).start()]  # type: ignore[union-attr]
+    says = {part.rstrip("0123456789") for part in _split(prefix)} & (KNOWN - _NEUTRAL)
+    if says or len(names) < 2 or any(_says(prefix, alias) for alias in known):
+        return {name: name for name in names}
+    return {name: name.removeprefix(prefix) for name in names}
+
+
+def is_output(column: str) -> bool:
+    """Whether a name says a force or a current, whatever else it says."""
+    return bool(kinds_said(column) & {"output", "current"})
+
+
+def may_be_output(column: str) -> bool:
+    """Whether a name says a force or a current, or no other quantity and no command."""
+    return is_output(column) or not kinds_said(column)
+
+
+def kinds_said(column: str) -> set[str]:
+    """The quantities that words in a name stand for, also where other words are not understood."""
+    said = {part.rstrip("0123456789") for part in _split(_HUMPS[1].sub("_", column))} - (_WEAK - {"t"})
+    return {words()[part] for part in said & words().keys()} | ({"reference"} if said & _COMMANDS else set())
 
 
 def words() -> dict[str, str]:

@@ -21,6 +21,7 @@ from echelon.arrays import Floats
 from echelon.errors import InputError, locating
 from echelon.hints import nearest_of, nearest_word
 from echelon.logs.columns.column_map import Channel, ColumnMap, actuators, coordinates, independent_coordinates, units
+from echelon.logs.columns.column_names import kinds_said
 from echelon.logs.files.log_file import Table
 from echelon.logs.finding import listed
 from echelon.logs.recording import Recording
@@ -31,8 +32,6 @@ from echelon.mechanism.motor_side import transmission_matrix
 from echelon.mechanism.stated import symbol_values
 from echelon.signals.clock import GAP, nominal_period
 
-_TIME_WORDS = ("time", "stamp", "t", "ts", "sec", "seconds", "clock")
-
 _GAINED = ("A", "V")  # what drives report instead of forces
 LARGEST = 1e100  # of what sensors measure, in SI units: squares of it still have doubles
 _SMALLEST = 1e-100  # of the largest value of a column that is not zero: its squares still have doubles
@@ -41,12 +40,7 @@ _STATES = {"position": "q", "velocity": "qd", "acceleration": "qdd", "reference"
 
 def time_candidates(names: Sequence[str]) -> list[str]:
     """Columns that by their names could hold time stamps."""
-    found = []
-    for name in names:
-        word = "".join(c if c.isalnum() else " " for c in name.lower()).split()
-        if any(part in _TIME_WORDS or part.startswith("time") or part.endswith("stamp") for part in word):
-            found.append(name)
-    return found
+    return [name for name in names if "time" in kinds_said(name)]
 
 
 @dataclass(frozen=True)

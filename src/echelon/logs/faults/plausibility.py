@@ -5,31 +5,33 @@ fifty times, and are sampled between five and twenty thousand times a second.  W
 column's unit was not stated, reading stops with the unit that would make it right.  To state the unit is to say that
 the number is right; then, and where there is room for doubt, it is a finding.
 
-A wrong sign, unit or column shows as a factor between velocities and the derivatives of positions.  Measured velocities
-are integrated instead of differentiating positions: over windows of many samples noise and resolution count for little,
-and a delay of a few samples for nothing.
+A wrong sign, unit or column shows as a factor between velocities and the derivatives of positions.  That columns are
+exchanged is only said where this explains clearly more than what is stated: where joints move alike, velocities follow
+either.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import dropwhile
 
 import numpy as np
 
-from echelon.arrays import Flags, Floats
+from echelon.arrays import Flags
 from echelon.errors import InputError
-from echelon.logs.columns.by_values import DEGREES, LONG, TURNS, are_numbers, fitting_units
+from echelon.logs.columns.by_values import DEGREES, LONG, NEAR, TURNS, are_numbers, fitting_units
 from echelon.logs.columns.column_map import WRAP, Channel, ColumnMap, Series, motion_of, series
 from echelon.logs.finding import Finding, listed, warning
 from echelon.logs.recording import Recording
 from echelon.logs.units import factor
-from echelon.mechanism.joint import MotionKind, Placement
+from echelon.mechanism.joint import GROUND, MotionKind, Placement, Step
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
-from echelon.signals.clock import GAP, nominal_period
+from echelon.signals.clock import nominal_period
+from echelon.signals.rates import CLEAR, rate
 
 _FARTHEST = 1e5  # rad, that not even a wheel or a spindle turns in a log: hundreds of seconds at hundreds of rad/s
 _ODD_PERIODS = (2e-5, 0.5)
@@ -40,29 +42,6 @@ _WEIGHTS = 50.0
 _WEAK = 1e-4
 _FORWARD = 0.75  # share of steps forward in time from which on their length says something
 _G = 9.81
-
-_WINDOWS = 400
-_LEAST = 4
-_FOLLOWS = 0.9
-_UNRELATED = 0.5
-_OFF = 0.1
-_NEAR = 0.03
-_TURNING = (
-    (180 / math.pi, "as if it were in deg{per} (unit: deg{per})"),
-    (math.pi / 180, "as if the {lower} were in degrees (unit: deg{lower_per})"),
-    (30 / math.pi, "as if it were in rpm (unit: rpm)"),
-    (0.5 / math.pi, "as if it were in turns (unit: rev{per})"),
-    (2 * math.pi, "as if the {lower} were in turns (unit: rev{lower_per})"),
-    (1e3, "as if time were in ms (unit: ms)"),
-    (1e6, "as if time were in µs (unit: us)"),
-    (1e9, "as if time were in ns (unit: ns)"),
-)
-_SLIDING = (
-    (1e3, "as if it were in mm{per} (unit: mm{per}), or time in ms (unit: ms)"),
-    (1e-3, "as if the {lower} were in mm{lower_per} (unit: mm{lower_per})"),
-    (1e6, "as if time were in µs (unit: us)"),
-    (1e9, "as if time were in ns (unit: ns)"),
-)
 
 
 def check_plausible(
@@ -218,19 +197,34 @@ def _check_forces(recording: Recording, mechanism: Mechanism, stated: Mapping[st
 
 
 def _largest_static_torque(mechanism: Mechanism) -> float | None:
-    """Weight of all bodies times the length of the robot stretched out; None where the description is silent."""
-    masses = [body.inertial[9] for body in mechanism.bodies if body.inertial is not None and body.carried]
-    if mechanism.gravity is None or len(masses) < sum(1 for body in mechanism.bodies if body.carried):
+    """Largest moment of the weight about a joint, with all that it carries stretched out; None where nobody states it.
+
+    The moment of a body is its mass times the way to its frame, and the first moments of its mass there.
+    """
+    if mechanism.gravity is None or any(body.carried and body.inertial is None for body in mechanism.bodies):
         return None
-    known, reach = known_values(mechanism), 0.0
-    for body in mechanism.bodies:
-        for step in body.joint.steps:
-            if isinstance(step, Placement):
-                if not all(s in known for entry in step.translation for s in entry.symbols()):
-                    return None
-                parts = [e.at(known) for e in step.translation]
-                reach += math.hypot(*parts)
-    return sum(masses) * _G * reach or None
+    known = known_values(mechanism)
+    whole = [_length(body.joint.steps, known) for body in mechanism.bodies]
+    turned = [_length(dropwhile(_is_placed, body.joint.steps), known) for body in mechanism.bodies]
+    moments = [0.0] * len(whole)
+    for body, inertial in enumerate(body.inertial for body in mechanism.bodies):
+        way, joint = 0.0, body
+        while joint != GROUND and inertial is not None:
+            moments[joint] += inertial[9] * (way + turned[joint]) + math.hypot(*inertial[6:9])
+            way, joint = way + whole[joint], mechanism.bodies[joint].parent
+    largest = _G * max(moments, default=0.0)
+    return largest if 0 < largest < math.inf else None
+
+
+def _is_placed(step: Step) -> bool:
+    return isinstance(step, Placement)
+
+
+def _length(steps: Iterable[Step], known: Mapping[str, float]) -> float:
+    """How far steps lead, at most, m; inf where nobody states it."""
+    ways = [step.translation for step in steps if isinstance(step, Placement)]
+    stated = all(name in known for way in ways for entry in way for name in entry.symbols())
+    return sum(math.hypot(*(entry.at(known) for entry in way)) for way in ways) if stated else math.inf
 
 
 @dataclass(frozen=True)
@@ -242,35 +236,34 @@ class _Pair:
 
 def contradictions(recording: Recording, mechanism: Mechanism, usable: Flags) -> list[Finding]:
     """Velocities that are not the derivatives of positions, and accelerations that are not those of velocities."""
-    time = recording.time
-    if usable.sum() < _LEAST * 10 or not np.any(np.diff(time[usable]) > 0):
-        return []
-    width = max(_LEAST, len(time) // _WINDOWS)
-    inside = _whole_windows(time, usable, width)
-    if inside.sum() < 10:
-        return []
-    found = []
-    pairs = _pairs(recording, mechanism)
+    pairs, found = _pairs(recording, mechanism, usable), []
     for pair in pairs:
-        text = _compared(pair, time, inside, width)
-        if text:
-            text = _exchanged(pair, pairs, time, inside, width) or text
-            where = f"{recording.source}, {pair.upper.label}"
-            found.append(warning("contradiction", where, text))
+        own = rate(pair.lower.values, pair.upper.values, recording.time)
+        if not np.isfinite(own.slope) or not own.slope:  # what never changes is said elsewhere
+            continue
+        is_one = abs(own.slope - 1) <= NEAR + CLEAR * own.error
+        if is_one and own.relative < NEAR:
+            continue
+        others = [some.lower for some in pairs if some.lower.signal == pair.lower.signal]
+        rates = [(rate(lower.values, pair.upper.values, recording.time), lower) for lower in others]
+        better = [(some, lower) for some, lower in rates if abs(some.slope - 1) < NEAR and some.explains_more(own)]
+        where = f"{recording.source}, {pair.upper.label}"
+        if better:
+            other = min(better, key=lambda some: float(some[0].squares.sum()))[1]
+            text = f"follows the {other.label}, and the {pair.lower.label} much less: are columns exchanged?"
+        elif is_one:
+            continue
+        elif own.relative > NEAR:
+            times = f"{own.slope:.2g} ± {2 * own.error:.1g} times its derivative"
+            text = f"does not follow the {pair.lower.label} (it is {times}): is this its column?"
+        else:
+            text = f"is {own.slope:.4g} times the derivative of the {pair.lower.label}: {_reason(pair, own.slope)}"
+        found.append(warning("rates", where, text))
     return found
 
 
-def _exchanged(pair: _Pair, pairs: Sequence[_Pair], time: Floats, inside: Flags, width: int) -> str:
-    """What to say where a velocity follows another coordinate, and that one's velocity follows this coordinate."""
-    for other in pairs:
-        if other is not pair and other.upper.signal == pair.upper.signal and other.sliding == pair.sliding:
-            crossed = (_Pair(pair.lower, other.upper, pair.sliding), _Pair(other.lower, pair.upper, pair.sliding))
-            if not any(_compared(some, time, inside, width) for some in crossed):
-                return f"follows the {other.lower.label}, and the {other.upper.label} this one: they are exchanged"
-    return ""
-
-
-def _pairs(recording: Recording, mechanism: Mechanism) -> list[_Pair]:
+def _pairs(recording: Recording, mechanism: Mechanism, usable: Flags) -> list[_Pair]:
+    """Signals with their rates; NaN where samples are not usable."""
     found = []
     for low, up in (("q", "qd"), ("qd", "qdd")):
         lower = {s.name: s for s in series(recording, mechanism, low)}
@@ -282,48 +275,22 @@ def _pairs(recording: Recording, mechanism: Mechanism) -> list[_Pair]:
             wraps = bool(np.any(np.abs(np.diff(own.values)) > WRAP)) and bool(np.isfinite(own.values).all())
             if low == "q" and motion.kind is MotionKind.ROTATION and wraps:
                 own = Series(own.signal, own.name, np.unwrap(own.values, discont=WRAP))
+            own = Series(own.signal, own.name, np.where(usable, own.values, np.nan))
             found.append(_Pair(own, upper, motion.kind is MotionKind.TRANSLATION))
     return found
 
 
-def _whole_windows(time: Floats, usable: Flags, width: int) -> Flags:
-    """Windows of ``width`` intervals that have only usable samples and no jump of the clock."""
-    count = (len(time) - 1) // width
-    steps = np.diff(time)[: count * width].reshape(count, width)
-    period = nominal_period(time[usable])
-    good = usable[: count * width].reshape(count, width).all(axis=1) & usable[width : count * width + 1 : width]
-    return np.asarray(good & (steps.min(axis=1) >= 0) & (steps.max(axis=1) <= GAP * period))
-
-
-def _compared(pair: _Pair, time: Floats, inside: Flags, width: int) -> str:
-    count = len(inside)
-    ends = np.arange(count + 1) * width
-    moved = np.diff(pair.lower.values[ends])[inside]
-    v = pair.upper.values
-    area = 0.5 * (v[1:] + v[:-1]) * np.diff(time)
-    integral = area[: count * width].reshape(count, width).sum(axis=1)[inside]
-    size, other = float(np.linalg.norm(moved)), float(np.linalg.norm(integral))
-    if size == 0 or other == 0:
-        return ""  # one of them is constant, which is said elsewhere
-    likeness = float(moved @ integral) / (size * other)
-    factor = math.copysign(other / size, likeness)
-    what = pair.lower.label
-    if abs(likeness) < _UNRELATED:
-        return f"does not follow the {what} (correlation {likeness:.2f}): is this its column?"
-    if abs(likeness) < _FOLLOWS or abs(factor - 1) < _OFF:
-        return ""
-    return f"is {factor:.4g} times the derivative of the {what}: {_reason(pair, factor)}"
-
-
-def _reason(pair: _Pair, factor: float) -> str:
-    if abs(factor + 1) < _OFF:
+def _reason(pair: _Pair, slope: float) -> str:
+    """What would explain a slope: a sign, or the units in which one of both, or the time, would be right."""
+    if abs(slope + 1) < NEAR:
         return "one of them has the wrong sign (scale: -1)"
-    words = {
-        "lower": "position" if pair.lower.signal == "q" else "velocity",
-        "per": "/s" if pair.upper.signal == "qd" else "/s²",
-        "lower_per": "" if pair.lower.signal == "q" else "/s",
-    }
-    known: Sequence[tuple[float, str]] = _SLIDING if pair.sliding else _TURNING
-    hint = next((text for value, text in known if abs(abs(factor) / value - 1) < _NEAR), None)
-    sign = ", with the wrong sign" if factor < 0 else ""
-    return hint.format(**words) + sign if hint else "check units, ratio (scale) and the side of the gear"
+    lower, below, above = ("the position", "", "/s") if pair.lower.signal == "q" else ("the velocity", "/s", "/s²")
+    readings = [("time", unit, 1 / factor(unit, "s")) for unit in ("ms", "us", "ns")]
+    for unit in ("mm",) if pair.sliding else ("deg", "rev"):
+        readings += [("it", unit + above, 1 / factor(unit, None)), (lower, unit + below, factor(unit, None))]
+    readings += [] if pair.sliding else [("it", "rpm", 1 / factor("rpm", None))]
+    fitting = [
+        f"{what} were in {unit} (unit: {unit})" for what, unit, size in readings if abs(abs(slope) / size - 1) < NEAR
+    ]
+    sign = ", with the wrong sign" if slope < 0 else ""
+    return f"as if {' or '.join(fitting)}{sign}" if fitting else "check units, ratio (scale) and the side of the gear"
