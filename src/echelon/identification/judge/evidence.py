@@ -49,7 +49,8 @@ class States:
     scale: Floats  # shape (outputs,); outputs by what the model predicts
     gravity: Floats | None = None  # shape (3,), m/s² in the base frame; None where the model has it built in
     band: float = np.inf  # that the fit keeps, Hz
-    drives: Motion | None = None  # positions, velocities and accelerations of drives, where gears are not stiff
+    drives: Motion | None = None  # motion at which effects act, where drives do not move with their joints
+    shared: Floats | None = None  # shape (outputs, outputs); forces of drives in outputs, where drives move several
 
     @staticmethod
     def of(
@@ -138,9 +139,10 @@ class States:
         ahead = replace(self, q=self.drives[0], qd=self.drives[1], qdd=self.drives[2], drives=None)
         bodies = of_bodies(base)
         joints = replace(self, drives=None)
-        return joints.predicted(base, np.where(bodies, values, 0.0)) + ahead.predicted(
-            base, np.where(bodies, 0.0, values)
-        )
+        of_effects = ahead.predicted(base, np.where(bodies, 0.0, values))
+        if self.shared is not None:
+            of_effects = of_effects @ self.shared.T
+        return joints.predicted(base, np.where(bodies, values, 0.0)) + of_effects
 
     @property
     def symbols(self) -> dict[str, float]:
@@ -248,7 +250,7 @@ class Evidence:
         self.base = base
         places, parameters = base.sparsity
         self._entries: list[Integers] = [np.flatnonzero(places == k) for k in range(len(base.mechanism.outputs))]
-        self._columns = [parameters[entries] for entries in self._entries]
+        self._parameters = parameters
         self._of_effects = ~of_bodies(base)[parameters]
         self._last: tuple[States, Floats] | None = None
 
@@ -260,16 +262,30 @@ class Evidence:
     def rows(self, states: States, terms: Sequence[Mapping[int, Floats]] = ()) -> Iterator[OutputRows]:
         """The rows of all outputs."""
         entries, measured = self._filtered_entries(states), states.rows(states.y)
-        for output, chosen in enumerate(self._entries):
+        for output in range(len(self._entries)):
             added, signals = _of_terms(self.base.rank, terms, output)
-            columns = np.append(self._columns[output], added)
+            chosen, shares = self._chosen(states, output)
+            columns = np.append(self._parameters[chosen], added)
             fitted = states.fitted[:, output]
             table = np.empty((np.count_nonzero(fitted), len(columns) + 1))
-            table[:, : len(chosen)] = states.scale[output] * entries[:, chosen][fitted]
+            table[:, : len(chosen)] = states.scale[output] * shares * entries[:, chosen][fitted]
             if signals:
                 table[:, len(chosen) : -1] = states.rows(np.hstack(signals))[fitted]
             table[:, -1] = measured[fitted, output]
             yield OutputRows(columns, table, fitted, _blocks(fitted))
+
+    def _chosen(self, states: States, output: int) -> tuple[Integers, Floats]:
+        """Entries of the regressor that an output depends on, and their shares in it."""
+        own = self._entries[output]
+        if states.shared is None:
+            return own, np.ones(len(own))
+        chosen, shares = [own[~self._of_effects[own]]], [1.0]
+        for drive, share in enumerate(states.shared[output]):
+            if share:
+                entries = self._entries[drive]
+                chosen.append(entries[self._of_effects[entries]])
+                shares.append(float(share))
+        return np.concatenate(chosen), np.repeat(shares, list(map(len, chosen)))
 
     def _filtered_entries(self, states: States) -> Floats:
         """Entries of the regressor after the filter, shape (rows, entries)."""

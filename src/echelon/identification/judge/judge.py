@@ -119,7 +119,9 @@ class Judge:
         while len(taken) < _ROUNDS:
             small, sure = self._small()
             beside = _beside(small, sure)
-            large = self.other_reading() if self.doubtful and not taken else None
+            large = None
+            if not taken:
+                large = self.other_reading() if self.doubtful else self._other_robot()
             if large is not None and (small is None or not self._does_as_well(small, large[0])):
                 self.told = [large[0], *beside]
                 return [large[0]]  # what is left then is judged when the set-up is mended
@@ -287,8 +289,19 @@ class Judge:
         """The reading of the logs with which a robot that can exist explains far more, if there is one."""
         before = self._physical(self.states)
         tried = self._clocks() if only_clock else (*self.readings.all(), *self._clocks())
-        found = self._programmes(tried, inf if before is None else float(before.mean()))
-        if before is None or not found:
+        if before is None:
+            return None
+        return self._best_reading(before, self._programmes(tried, float(before.mean())))
+
+    def _other_robot(self) -> tuple[Judged, Reading] | None:
+        """Another direction of gravity, or coupled drives, with which free parameters explain far more."""
+        products, fit = self._fit(self.states)
+        tried = [(marks, some) for some in self.readings.of_robot() if (marks := self._free(some)) is not None]
+        return self._best_reading(_marks(products, fit.values), tried)
+
+    def _best_reading(self, before: Floats, found: Sequence[tuple[Floats, Reading]]) -> tuple[Judged, Reading] | None:
+        """Of readings with the marks that they get, the best one if it does far better than what is read now."""
+        if not found:
             return None
         best = min((marks for marks, _ in found), key=lambda marks: float(marks.mean()))
         gain = _between(before, best)

@@ -45,6 +45,13 @@ class Readings:
         """Readings that are tried, but for clocks."""
         for change in self._changes():
             yield Reading(change.text, partial(self._changed, change), change.usual)
+        yield from self.of_robot()
+
+    def of_robot(self) -> Iterator[Reading]:
+        """Readings that are about the robot, not its columns: where gravity points, and which joints a drive turns.
+
+        Parameters that no robot has cannot imitate these, so that free ones tell them.
+        """
         yield from self._of_gravity()
         yield from self._of_couplings()
 
@@ -84,7 +91,7 @@ class Readings:
                 order = [names.index(name) for name in self.outputs]
                 forces = matrix.T[np.ix_(order, order)]
                 text = f"the drive of '{one}' turns by {one} {word} {other}: state its drives under 'actuators'"
-                change = _Change(text, positions=np.asarray(np.linalg.inv(matrix)), outputs=forces)
+                change = _Change(text, positions=np.asarray(np.linalg.inv(matrix)), outputs=forces, couples=True)
                 yield Reading(text, partial(self._changed, change), Usual.OFTEN)
 
     def _near(self) -> set[frozenset[str]]:
@@ -225,6 +232,8 @@ class Readings:
 
     def _changed(self, change: _Change, rows: States) -> States:
         """States as a change reads them."""
+        if change.couples:
+            rows = replace(rows, drives=(rows.q, rows.qd, rows.qdd), shared=change.outputs)
         if change.outputs is not None:
             rows = replace(rows, y=rows.y @ change.outputs.T)
         if change.rate != 1.0:  # velocities that were measured do not depend on the clock
@@ -262,6 +271,7 @@ class _Change:
     shift: Floats | None = None  # shape (n,): added to them
     outputs: Floats | None = None  # shape (m, m)
     rate: float = 1.0  # times the rate that was taken
+    couples: bool = False  # whether columns are of drives, at which effects such as friction act
     usual: Usual = Usual.EVERYWHERE
 
 
