@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 import echelon as ec
 from support.robot_files import robot_file
 from support.selection import slow_unless
 from support.trap_logs import ROBOTS, TRAPS, TrapLog, trap_log
+from support.trap_logs import arm as trap_arm
 
-NAMED = ("tilt", "payload_mid", "gravcomp", "temp", "gain", "sign", "exchanged", "stribeck")
+NAMED = (
+    *("tilt", "payload_mid", "gravcomp", "temp", "gain", "sign", "exchanged", "stribeck"),
+    *("sea", "backlash", "coupled", "saturate"),
+)
 UNHARMED = ("clean", "tool", "quant")
 ARMS = ("ur10", "xarm7")
-QUICK = {("ur10", "clean"), ("ur10", "gain"), ("ur10", "stribeck")}
+QUICK = {("ur10", "clean"), ("ur10", "gain"), ("ur10", "stribeck"), ("ur10", "coupled")}
 
 
 def found(arm: str, trap: str) -> tuple[TrapLog, ec.Identification]:
@@ -35,6 +41,29 @@ def test_where_nothing_is_wrong_nothing_is_named(arm: str, trap: str) -> None:
     assert result.reasons == ()
     covered, parameters = log.coverage(result) or (0, 0)
     assert covered > 0.8 * parameters > 0
+
+
+def test_rows_at_a_limit_of_the_sensor_are_left_out() -> None:
+    log, result = found("ur10", "saturate")
+    assert log.named_first(result)
+    covered, parameters = log.coverage(result) or (0, 0)
+    assert covered > 0.9 * parameters > 0
+    assert min(score.r2 for validation in result.validations for score in validation.scores) > 0.999
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arm", ARMS)
+def test_sizes_of_what_gives_way_are_about_right(arm: str) -> None:
+    """Stiffnesses within 15 %: two joints bend by 0.03 rad per standard deviation of their load."""
+    _, result = found(arm, "sea")
+    true = trap_arm(arm, 1)
+    said = {
+        name: float(size)
+        for judged in result.hypotheses
+        for name, size in re.findall(r"'(\w+)' gives way: its stiffness is about (\S+)", judged.words)
+    }
+    for joint in true.strong[:2]:
+        assert said[true.names[joint]] == pytest.approx(true.size[joint] / 0.03, rel=0.15)
 
 
 def test_truth_is_of_the_model_alone() -> None:

@@ -41,6 +41,7 @@ _FINGERS = re.compile("finger|gripper", re.IGNORECASE)
 _SAME = 5e-4  # share of the outputs that a model may leave and still be right, as gravity found to some digits is
 _STATES = 300  # random ones from which true base parameters are computed
 _SMALLEST = 0.01  # of the largest torque: of joints with less the friction is of that size
+_OF_ROWS = ("lost rows", "saturation")  # findings about rows, which name what is wrong as well
 _KINDS = ("missing effect", "changes", "gravity", "gains", "joint", "culprit")  # of findings of hypotheses
 _USUAL = re.compile(r"the acceleration qdd|the velocity qd;|the direction sign\(qd\);|nothing but a constant")
 """What nearly all robots have, and these have too."""
@@ -238,7 +239,7 @@ class TrapLog:
 
 def judged(result: Identification) -> list[Finding]:
     """Findings about hypotheses: warnings first."""
-    found = [f for f in result.findings if (f.kind in _KINDS and f.where == "") or f.kind == "lost rows"]
+    found = [f for f in result.findings if (f.kind in _KINDS and f.where == "") or f.kind in _OF_ROWS]
     return sorted(found, key=lambda finding: finding.severity is not Severity.WARNING)
 
 
@@ -469,7 +470,7 @@ def _quant(arm: Arm) -> TrapLog:
 
 def _saturate(arm: Arm) -> TrapLog:
     joint = arm.strong[0]
-    log = _log(arm, arm.forces(arm.q, arm.qd, arm.qdd), "saturat|limit|clipped")
+    log = _usual(arm, "saturat|limit|clipped")
     column = f"tau_{arm.names[joint]}"
     most = float(np.percentile(np.abs(log.columns[column]), 80))
     return replace(log, columns={**log.columns, column: np.clip(log.columns[column], -most, most)})

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
 from echelon.extras import extra
-from echelon.identification.rows.rows import ModelRows, Numbering, prefetched, rows_taken
+from echelon.identification.rows.rows import ModelRows, Numbering, prefetched, rows_measured, rows_taken
 from echelon.identification.scores import EMPTY, ROLES, Fit, Score, Trace, Validation, fits, verdict
 from echelon.logs.preparation.prepare import speed_rows, velocity_names
 from echelon.logs.recording import Samples
@@ -66,15 +66,19 @@ def _predicted(model: ModelRows, samples: Samples, y: Floats, values: Sequence[F
     signals = np.stack([y, *(model.predict(samples, some) for some in values)], axis=2)
     times, rows, moving = rows_taken(samples, signals)
     inside, outputs = slice(samples.first, samples.stop), range(y.shape[1])
-    flags = np.ones(rows.shape[:2], dtype=bool) if moving is None else moving
+    every = np.ones(rows.shape[:2], dtype=bool)
+    flags = every if moving is None else moving
+    measured = rows_measured(samples)
+    told = every if measured is None else measured
+    true = np.ones(y.shape, dtype=bool) if samples.pinned is None else ~samples.pinned
     return Predicted(
         samples.source,
         segment,
-        (times,) * len(outputs),
-        tuple(rows[:, i, 0] for i in outputs),
-        tuple(rows[:, i, 1:] for i in outputs),
-        tuple(flags.T),
-        tuple((y[inside, i], signals[inside, i, 1:]) for i in outputs),
+        tuple(times[told[:, i]] for i in outputs),
+        tuple(rows[told[:, i], i, 0] for i in outputs),
+        tuple(rows[told[:, i], i, 1:] for i in outputs),
+        tuple(flags[told[:, i], i] for i in outputs),
+        tuple((y[inside, i][true[inside, i]], signals[inside, i, 1:][true[inside, i]]) for i in outputs),
         tuple(_fastest(model.base.mechanism, samples)),
     )
 

@@ -63,6 +63,7 @@ class Samples:
     first: int = 0
     stop: int | None = None
     moving: Flags | None = None  # shape (N, outputs); where the direction of dry friction is known; everywhere if None
+    pinned: Flags | None = None  # shape (N, outputs); where sensors are at a limit; nowhere if None
 
     def __len__(self) -> int:
         return len(self.q)
@@ -85,6 +86,7 @@ class Samples:
             y=None if self.y is None else self.y[some],
             inputs={name: values[some] for name, values in self.inputs.items()},
             moving=None if self.moving is None else self.moving[some],
+            pinned=None if self.pinned is None else self.pinned[some],
         )
 
     @property

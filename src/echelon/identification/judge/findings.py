@@ -35,8 +35,7 @@ def finding(judged: Judged, *, lists_effects: bool, taken: bool = False) -> Find
     if judged.kind in (Kind.READING, Kind.UNIT):
         (before,), (after,) = judged.before, judged.after
         gain = (
-            f"; with this one change what is left of the outputs falls from {before:.2%} to "
-            f"{after:.2%} of their spread"
+            f"; with this one change what is left of the outputs falls from {before:.2%} to {after:.2%} of their spread"
         )
         text = judged.words + gain * (before < 1)
         return (note if taken else warning)("gravity" if judged.gravity is not None else name, "", text + _taken(taken))

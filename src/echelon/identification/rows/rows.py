@@ -92,7 +92,7 @@ class Rows(Protocol):
 _WINDOW = 1 << 14
 """Samples whose regressor is held at once: a few tens of megabytes for an arm, and long against filters."""
 _UNKNOWN = 0.05
-"""Weight of samples near standstill in a row, beyond which the direction of its dry friction counts as unknown."""
+"""Weight in a row of samples near standstill, or at a limit of their sensor, beyond which the row is left out."""
 _REACHES = 8  # windows are at least so many times longer than what the filter reaches
 
 
@@ -180,8 +180,8 @@ class ModelRows:
         times = (samples.start + places[inside] / samples.rate,) * len(self._columns)
         matrices = tuple(entries[np.ix_(inside, columns)] for columns in self._columns)
         block = RowBlock(samples.source, segment, times, matrices, tuple(y[inside].T))
-        moving = _moving(samples, slice(low, high))
-        return block if moving is None else block.taken(tuple(moving[inside].T))
+        fitted = _fitted(samples, slice(low, high))
+        return block if fitted is None else block.taken(tuple(fitted[inside].T))
 
     def _entries(self, samples: Samples, low: int, high: int, out: Floats) -> Floats:
         """Entries of the regressor, shape (high − low, entries)."""
@@ -227,9 +227,16 @@ class Numbering:
 def rows_taken(samples: Samples, values: Floats) -> tuple[Floats, Floats, Flags | None]:
     """Times of rows, signals (rows, …) filtered like both sides, and which of them are fitted (rows, outputs)."""
     kept, inside = _kept(samples)
-    moving = _moving(samples, slice(None))
+    fitted = _fitted(samples, slice(None))
     times = samples.start + kept[inside] / samples.rate
-    return times, rows_filtered(samples, values), None if moving is None else moving[inside]
+    return times, rows_filtered(samples, values), None if fitted is None else fitted[inside]
+
+
+def rows_measured(samples: Samples) -> Flags | None:
+    """Rows of whose samples hardly any is at a limit of its sensor, shape (rows, outputs); all if None."""
+    if samples.pinned is None:
+        return None
+    return _rows_without(samples, samples.pinned, slice(None))[_kept(samples)[1]]
 
 
 def rows_filtered(samples: Samples, values: Floats) -> Floats:
@@ -244,12 +251,19 @@ def _kept(samples: Samples) -> tuple[Integers, Flags]:
     return kept, (kept >= samples.first) & (kept < samples.end)
 
 
-def _moving(samples: Samples, some: slice) -> Flags | None:
+def _fitted(samples: Samples, some: slice) -> Flags | None:
     """Rows of some samples that are fitted, shape (rows, outputs); all if None."""
-    if samples.moving is None or samples.reduction is None:
-        return None if samples.moving is None else samples.moving[some]
-    unknown = samples.reduction.apply((~samples.moving[some]).astype(float))
-    return np.asarray(np.abs(unknown) <= _UNKNOWN)
+    if samples.moving is None:
+        return None if samples.pinned is None else _rows_without(samples, samples.pinned, some)
+    left_out = ~samples.moving if samples.pinned is None else ~samples.moving | samples.pinned
+    return _rows_without(samples, left_out, some)
+
+
+def _rows_without(samples: Samples, left_out: Flags, some: slice) -> Flags:
+    """Rows of some samples to which those that are left out hardly contribute, shape (rows, outputs)."""
+    if samples.reduction is None:
+        return ~left_out[some]
+    return np.asarray(np.abs(samples.reduction.apply(left_out[some].astype(float))) <= _UNKNOWN)
 
 
 def observed(layout: Layout, block: RowBlock) -> Observation:
@@ -273,7 +287,7 @@ def _empty(layout: Layout) -> Observation:
 
 def plain(samples: Samples) -> bool:
     """Whether samples need no filter and lose no rows, so that they can be factored without forming rows."""
-    return samples.reduction is None and samples.moving is None
+    return samples.reduction is None and samples.moving is None and samples.pinned is None
 
 
 def _check_outputs(samples: Samples, layout: Layout) -> None:

@@ -183,7 +183,7 @@ def _saturation(recording: Recording, channels: Sequence[Series], usable: Flags,
             count = int((stops - starts).sum())
             text = (
                 f"is pinned at its extreme {limit:.6g} in {counted(count, 'sample')} ({count / len(usable):.2%}), in "
-                f"runs of up to {int((stops - starts).max())}: if the sensor is saturated there, leave these times out"
+                f"runs of up to {int((stops - starts).max())}: rows of this output are left out there"
             )
             findings.append(_at(recording, channel, "saturation", int(starts[0]), text))
 

@@ -27,6 +27,7 @@ from echelon.errors import InputError
 from echelon.extras import extra
 from echelon.formats.schema.schema_log import PreparationEntry
 from echelon.logs.columns.column_map import quaternion_columns, signal_names
+from echelon.logs.faults.examine import pinned
 from echelon.logs.recording import Samples, Segment
 from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import Cut, Mechanism, Output
@@ -271,6 +272,7 @@ class PreparationPlan:
         rows = slice(self.spoilt, len(piece) - self.spoilt)
         q, qd, qdd = states(piece, self.preparation, self.mechanism)
         qd, moving = self._moving(qd, q.shape[1])
+        at_limits = self._at_limits(piece)
         return Samples(
             piece.source,
             piece.start + rows.start / piece.rate,
@@ -282,7 +284,22 @@ class PreparationPlan:
             inputs={name: values[rows] for name, values in piece.inputs.items()},
             reduction=self.reduction,
             moving=None if moving is None else moving[rows],
+            pinned=None if at_limits is None else at_limits[rows],
         )
+
+    def _at_limits(self, piece: Segment) -> Flags | None:
+        """Samples (N, outputs) whose sensor is at a limit while the robot moves; None if there are none."""
+        y, q = piece.signals.get("y"), piece.signals["q"]
+        if y is None:
+            return None
+        found = np.zeros(y.shape, dtype=bool)
+        for column, output in enumerate(self.mechanism.outputs):
+            late = round(self.delays.get(output.name, 0.0))
+            for _, starts, stops in pinned(y[:, column], np.ones(len(y), dtype=bool)):
+                for start, stop in zip(starts, stops, strict=True):
+                    if np.ptp(q[start:stop], axis=0).any():
+                        found[max(start - late, 0) : max(stop - late, 0), column] = True
+        return found if found.any() else None
 
     def _on_time(self, y: Floats) -> Floats:
         if not self.delays:
