@@ -176,11 +176,22 @@ def test_the_values_of_a_robot_file_decide_between_mirrored_robots() -> None:
     assert ", or " not in found[0]
 
 
+def test_robots_with_vertical_slides_and_values_are_judged() -> None:
+    """Gravity's direction is free in the model that judges, and base parameters of its slides depend on it."""
+    _, samples, _ = simple(GANTRY)
+    assert samples.y is not None
+    log = {"t": np.arange(len(samples)) / RATE, "q": samples.q, "qd": samples.qd, "tau": samples.y.copy()}
+    log["tau"][:, 0] *= -1
+    found = [f.text for f in ec.identify(GANTRY, log).findings if f.kind == "culprit"]
+    assert len(found) == 1
+    assert "the sign of the output of 'X'" in found[0] or "'X' turns the other way" in found[0]
+
+
 def test_stiffness_and_play_of_slides_are_in_metres() -> None:
     base, samples, prior = simple(GANTRY)
     states = States.of([samples], np.inf, base, prior)
     said: dict[str, list[str]] = {}
-    for term in turned(base, states, prior):
+    for term in turned(base, states, prior, velocities=False):
         if term.kind is Kind.JOINT and term.knob is not None:
             words, _ = term.knob.says(np.array([1e-4]), np.array([1e-5]))
             said.setdefault(term.place, []).append(words)

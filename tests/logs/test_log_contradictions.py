@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 import echelon as ec
-from echelon.logs.faults.examine import examine
+from echelon.logs.faults.examine import examine, pinned
 from echelon.logs.faults.plausibility import contradictions
 from echelon.logs.recording import Recording
 from support.faulty_logs import ARM, COUNT, RATE, changed, clean, one
@@ -41,6 +41,20 @@ def test_velocities_that_contradict_positions(ratio: float, hint: str) -> None:
     assert found.where == "run, velocity of 'j2'"
     assert hint in found.text
     assert float(found.text.split()[1]) == pytest.approx(ratio, rel=1e-3)
+
+
+def test_a_clock_that_all_measured_velocities_contradict() -> None:
+    recorded = clean()
+    slower = replace(recorded, time=recorded.time * 1.03, signals={n: recorded.signals[n] for n in ("q", "qd", "y")})
+    found = one(examine(slower, ARM)[0], "rates")
+    assert found.where == "run"
+    assert "velocities of all joints are 1.03 ±" in found.text
+    assert "is the rate 1.03 times that of the time stamps?" in found.text
+
+
+def test_outputs_that_are_constant_in_a_stretch_are_not_at_a_limit() -> None:
+    assert not list(pinned(np.full(500, 5.0), np.ones(500, dtype=bool)))
+    assert not list(pinned(np.zeros(0), np.ones(0, dtype=bool)))
 
 
 def test_velocities_of_another_joint_and_accelerations() -> None:

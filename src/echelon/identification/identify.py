@@ -422,7 +422,7 @@ def _judge(plan: Plan, samples: Iterable[Samples], values: Floats, setup: Setup,
     states = States.of(samples, preparation.band or np.inf, base, values, gravity)
     columns = setup.columns[0] if setup.columns else ColumnMap()
     readings = Readings(free, states, columns, "qd" in (preparation.measured or ()))
-    return Judge(free, states, readings, prior=None if prior is None else prior.base_values(free))
+    return Judge(free, states, readings, prior=None if prior is None else prior.base_values(free, states.symbols))
 
 
 def _validations(data: PassesOverData, models: Models, unseen_logs: Sequence[Path]) -> tuple[Validation, ...]:

@@ -29,7 +29,7 @@ from echelon.identification.judge.held_out import Beside, HeldOut
 from echelon.identification.judge.hypothesis import CONTINUOUS, Kind, Reading, Term, Usual
 from echelon.identification.judge.knobs import gain, load_of, slopes, turned
 from echelon.identification.judge.readings import Readings
-from echelon.identification.judge.settled import Turned, read_with, settled, settled_with_loads
+from echelon.identification.judge.settled import Turned, jackknifed, read_with, settled, settled_with_loads
 from echelon.identification.physics.feasibility import nearest_physical
 
 _ROUNDS = 8  # hypotheses that are taken at most
@@ -136,6 +136,11 @@ class Judge:
         kept = [self._is_still_worth(some) for some in taken]
         said = list(compress(self._said(taken), kept))
         self.told = [some for one, beside in zip(said, compress(others, kept), strict=True) for some in (one, *beside)]
+        if taken and self.states.drives is None:  # what was taken may have hidden it
+            robot = self._other_robot()
+            if robot is not None:
+                said.append(robot[0])
+                self.told.append(robot[0])
         return said
 
     def _does_as_well(self, small: _Candidate, large: Judged) -> bool:
@@ -157,7 +162,7 @@ class Judge:
             *effects(self.base.mechanism, self.states, self.states.predicted(self.base, values)),
             *payloads(self.base, self.states),
             *warming(self.base, self.states),
-            *turned(self.base, self.states, values),
+            *turned(self.base, self.states, values, self.readings.velocities),
         ]
         tried = [term for term in tried if term.words not in self.turned]
         held, rows = HeldOut(model, first.noise), list(self.evidence.rows(self.states, self._signals))
@@ -167,14 +172,33 @@ class Judge:
             candidate = trial.candidate(trial.columns)
             if candidate is not None:
                 found.append(candidate)
-        found += self._foreign_gains(model, first, held)
+        found += [c for c in self._foreign_gains(model, first, held) if c.terms[0].words not in self.turned]
         sure = [c for c in found if c.judged.gain.ratio > _SURE]
         if not sure:
             return None, []
         best = max(sure, key=lambda c: c.judged.gain.mean)
         alike = [c for c in sure if c is best or Gain.of(c.left, best.left, _floor(model)).is_none]
         chosen = min(alike, key=self._simple)
+        if chosen.judged.kind is Kind.GAIN and self.prior is not None:  # of two outputs either may be wrong
+            gains = [c for c in alike if c.judged.kind is Kind.GAIN]
+            chosen = min(gains, key=lambda c: self._unlike_prior(c, model)) if len(gains) > 1 else chosen
         return _of_position(_pruned(chosen), alike), sure
+
+    def _unlike_prior(self, some: _Candidate, model: Products) -> float:
+        """Spread of the ratios of outputs to what the prior predicts, in logarithms, once gains are taken off."""
+        assert self.prior is not None
+        prior = np.append(self.prior, np.zeros(model.size - self.base.rank))
+        ratios = np.full(len(model.grams), np.nan)
+        for output, (columns, gram) in enumerate(zip(model.columns, model.together().grams, strict=True)):
+            predicted, whole = prior[columns], gram[0]
+            ratio = (predicted @ whole[:-1, -1]) / max(predicted @ whole[:-1, :-1] @ predicted, _TINY)
+            if ratio > 0:
+                ratios[output] = log(ratio)
+        sizes = self._settled(some)[0][-1].sizes
+        names = [output.name for output in self.base.mechanism.outputs]
+        ratios[[names.index(name) for name in some.judged.places]] -= sizes
+        told = ratios[np.isfinite(ratios)]
+        return float(told.std()) if len(told) else inf
 
     def _rival(self, chosen: _Candidate, sure: Sequence[_Candidate]) -> _Candidate:
         """The joint that leaves least if it gives way or has play in earnest: derivatives do not tell these apart."""
@@ -213,6 +237,8 @@ class Judge:
             return True
         self.turned.append(chosen.terms[0].words)
         knobs, states = self._settled(chosen)
+        if not (np.abs(knobs[-1].sizes) > _SURE * knobs[-1].errors).any():  # an output of pure noise has no gain
+            return False
         (before, old), (after, new) = self._fit(self.states), self._fit(states)
         gain = _between(_marks(before, old.values), _marks(after, new.values))
         if gain.is_none or gain.ratio < _SURE:
@@ -244,7 +270,8 @@ class Judge:
     def _said(self, taken: Sequence[_Candidate]) -> list[Judged]:
         """Hypotheses that were taken, those that are continuous with the sizes that were found in the end."""
         if self.knobs:
-            self.knobs = settled_with_loads(self.base, self.start, self.knobs, self._left)
+            found = settled_with_loads(self.base, self.start, self.knobs, self._left)
+            self.knobs = jackknifed(self.base, self.start, found, self.evidence, self._signals)
             self.states = read_with(self.start, self.knobs)
         knobs = iter(self.knobs)
         judged = (some.judged for some in taken)
@@ -370,7 +397,7 @@ class Judge:
             values, rank = fit.values.copy(), self.base.rank
             if self.values is None and rank <= _LARGEST:
                 covariance = fit.covariance[:rank, :rank]
-                standard, _ = nearest_physical(self.base, values[:rank], covariance)
+                standard, _ = nearest_physical(self.base, values[:rank], covariance, states.symbols)
                 values[:rank] = self.base.B_float(states.symbols) @ standard
         except (EchelonError, np.linalg.LinAlgError):
             return None

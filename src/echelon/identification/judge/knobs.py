@@ -14,10 +14,15 @@ from echelon.identification.judge.effects import Place, places
 from echelon.identification.judge.evidence import States, of_bodies
 from echelon.identification.judge.hypothesis import Kind, Knob, Term, Usual
 
+_RATIO = "what it should be beside the others, for data tell ratios of outputs only"
 
-def turned(base: BaseModel, states: States, values: Floats) -> Iterator[Term]:
-    """Terms of all knobs: derivatives of the prediction with some base parameters."""
-    for kind, words, place, usual, outputs, knob in _knobs(base, states):
+
+def turned(base: BaseModel, states: States, values: Floats, velocities: bool) -> Iterator[Term]:
+    """Terms of all knobs: derivatives of the prediction with some base parameters.
+
+    ``velocities`` says whether they were measured, so that they do not depend on the clock.
+    """
+    for kind, words, place, usual, outputs, knob in _knobs(base, states, velocities):
         load = load_of(base, states, values, knob)
         signals = slopes(base, states, values, knob, np.zeros(knob.count), load)
         columns, positive = {k: signals[k] for k in outputs}, kind is Kind.JOINT
@@ -43,7 +48,9 @@ def load_of(base: BaseModel, states: States, values: Floats, knob: Knob) -> Floa
     return states.y - states.predicted(base, np.where(of_bodies(base), 0.0, values))
 
 
-def _knobs(base: BaseModel, states: States) -> Iterator[tuple[Kind, str, str, Usual, list[int], Knob]]:
+def _knobs(
+    base: BaseModel, states: States, velocities: bool
+) -> Iterator[tuple[Kind, str, str, Usual, list[int], Knob]]:
     mechanism = base.mechanism
     names = [output.name for output in mechanism.outputs]
     every = list(range(len(names)))
@@ -52,7 +59,7 @@ def _knobs(base: BaseModel, states: States) -> Iterator[tuple[Kind, str, str, Us
     for k, name in enumerate(names):
         words = f"the gain of the output of '{name}'"
         yield Kind.GAIN, words, name, Usual.OFTEN, [k], gain([k], [name])
-    yield Kind.RATE, "the rate", "", Usual.OFTEN, every, _rate()
+    yield Kind.RATE, "the rate", "", Usual.OFTEN, every, _rate(velocities)
     for place in places(mechanism, states.q.shape[1], states.qd.shape[1]):
         for words, knob in gears(base, place):
             yield Kind.JOINT, words, place.name, Usual.RARELY, every, knob
@@ -100,19 +107,20 @@ def gain(outputs: Sequence[int], names: Sequence[str]) -> Knob:
         each = [f"that of '{name}' is {factor:.3g} ± {error:.1g} times" for name, factor, error in several]
         line = ", ".join(f"{name}: {1 / factor:.4g}" for name, factor in zip(names, factors, strict=True))
         if len(each) > 1:
-            return f"outputs are in units of their own: {', '.join(each)} what it should be", f"scales of {line}"
-        return f"the output{each[0].removeprefix('that')} what it should be", f"scale: {1 / factors[0]:.4g}"
+            return f"outputs are in units of their own: {', '.join(each)} {_RATIO}", f"scales of {line}"
+        return f"the output{each[0].removeprefix('that')} {_RATIO}", f"scale: {1 / factors[0]:.4g}"
 
     return Knob(1e-2, len(outputs), moved, says)
 
 
-def _rate() -> Knob:
+def _rate(velocities: bool) -> Knob:
     def moved(states: States, sizes: Floats, _: Floats) -> States:
         faster = float(np.exp(sizes[0]))
+        first = 1.0 if velocities else faster
         drives = states.drives
         if drives is not None:
-            drives = drives[0], faster * drives[1], faster**2 * drives[2]
-        return replace(states, qd=faster * states.qd, qdd=faster**2 * states.qdd, drives=drives)
+            drives = drives[0], first * drives[1], first * faster * drives[2]
+        return replace(states, qd=first * states.qd, qdd=first * faster * states.qdd, drives=drives)
 
     def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
         return f"the clock is wrong: the rate is about {np.exp(sizes[0]):.4g} ± {errors[0]:.1g} times that", ""

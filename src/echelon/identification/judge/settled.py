@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from echelon.arrays import Floats
 from echelon.base.model import BaseModel
-from echelon.identification.judge.evidence import States, WeightedFit
+from echelon.identification.judge.evidence import BLOCKS, Evidence, States, WeightedFit, fitted
 from echelon.identification.judge.hypothesis import Knob
 from echelon.identification.judge.knobs import load_of, slopes
 
@@ -57,9 +57,28 @@ def settled(base: BaseModel, start: States, turned: Sequence[Turned], fit: FitWi
         sizes = np.abs(np.concatenate([some.sizes for some in turned]))
         before = left
         turned, left, found = _stepped(start, turned, changes, errors, left, fit)
-        if left > before - _STANDS or (np.abs(changes) < _STANDS * np.maximum(errors, sizes)).all():
+        if left >= before or (np.abs(changes) < _STANDS * np.maximum(errors, sizes)).all():
             break
     return turned, left
+
+
+def jackknifed(
+    base: BaseModel, start: States, turned: Sequence[Turned], evidence: Evidence, terms: Sequence[Mapping[int, Floats]]
+) -> tuple[Turned, ...]:
+    """Knobs with standard errors from leaving out one block of time after another: residuals resemble their neighbours.
+
+    ``terms`` are columns that are fitted beside them.
+    """
+    states = read_with(start, turned)
+    values = fitted(evidence.products(states, terms)).values[: base.rank]
+    columns = [_slopes(base, start, values, turned, k) for k in range(len(turned))]
+    products = evidence.products(states, [*terms, *columns])
+    count = sum(some.knob.count for some in turned)
+    others = [[other for other in range(BLOCKS) if other != block] for block in range(BLOCKS)]
+    found = np.array([fitted(products.together(some)).values[-count:] for some in others])
+    errors = np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((found - found.mean(axis=0)) ** 2, axis=0))
+    ends = np.cumsum([some.knob.count for some in turned])[:-1]
+    return tuple(replace(some, errors=mine) for some, mine in zip(turned, np.split(errors, ends), strict=True))
 
 
 def settled_with_loads(base: BaseModel, start: States, turned: Sequence[Turned], fit: FitWith) -> tuple[Turned, ...]:

@@ -11,6 +11,7 @@ inside.  Then all constraints are checked with plain linear algebra, not with th
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -70,10 +71,16 @@ def physical_lift(base: BaseModel, values: npt.ArrayLike) -> Floats | None:
 
 
 def nearest_physical(
-    base: BaseModel, values: npt.ArrayLike, covariance: npt.ArrayLike | None = None
+    base: BaseModel,
+    values: npt.ArrayLike,
+    covariance: npt.ArrayLike | None = None,
+    symbols: Mapping[str, float] | None = None,
 ) -> tuple[Floats, float]:
-    """Standard parameters, shape (p,), of the robot whose base parameters are nearest to given ones, and how near."""
-    target, B = checked_values(base, values), base.B_float()
+    """Standard parameters, shape (p,), of the robot whose base parameters are nearest to given ones, and how near.
+
+    ``symbols`` are values of those that the model's file does not state.
+    """
+    target, B = checked_values(base, values), base.B_float(symbols)
     root = _root(base, target, covariance)
     problem = EchelonError("the solver found no nearest physical robot")
     for unit in _UNITS:

@@ -161,10 +161,13 @@ class Prior:
     values: Floats  # shape (p,); standard parameters in the set-up's frames, SI units; nan where it says nothing
     findings: tuple[Finding, ...]  # what is missing, was repaired, or was taken as fixed
 
-    def base_values(self, base: BaseModel) -> Floats | None:
-        """Base parameters, shape (r,); unknown friction counts as none, unknown bodies make it useless."""
+    def base_values(self, base: BaseModel, symbols: Mapping[str, float] | None = None) -> Floats | None:
+        """Base parameters, shape (r,); unknown friction counts as none, unknown bodies make it useless.
+
+        ``symbols`` are values of those that the model's file does not state.
+        """
         inertial = [column.body is not None for column in base.mechanism.columns]
-        return None if np.isnan(self.values[inertial]).any() else base.values(np.nan_to_num(self.values))
+        return None if np.isnan(self.values[inertial]).any() else base.values(np.nan_to_num(self.values), symbols)
 
     def __repr__(self) -> str:
         known = int(np.isfinite(self.values).sum())

@@ -19,6 +19,7 @@ from typing import Literal
 
 import numpy as np
 
+from echelon.arrays import Flags
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.rows.rows import ModelRows
@@ -108,12 +109,18 @@ def _slower(samples: Samples, factor: int, band: float) -> Samples:
     assert samples.y is not None
     return replace(
         samples.cut(slice(None, None, factor)),
+        pinned=None if samples.pinned is None else _any_of(samples.pinned, factor),
         rate=rate,
         y=low_passed(samples.y, 1 / factor)[::factor],
         reduction=reduction(band, rate),
         first=-(-samples.first // factor),
         stop=-(-samples.end // factor),
     )
+
+
+def _any_of(flags: Flags, factor: int) -> Flags:
+    """Whether any of some samples in a row is flagged, shape (samples / factor, outputs)."""
+    return np.asarray(np.logical_or.reduceat(flags, np.arange(0, len(flags), factor), axis=0))
 
 
 Part = Literal["all", "first", "last"]  # which part of a log: all of it, what is fitted, or what is held out
@@ -144,7 +151,9 @@ class Plan:
                 samples = prepare(segment, self.preparation, mechanism)
                 if reference:
                     asked = prepare(_along_reference(segment), self.preparation, mechanism)
-                    samples = replace(asked, moving=samples.moving, first=samples.first, stop=samples.stop)
+                    samples = replace(
+                        asked, moving=samples.moving, pinned=samples.pinned, first=samples.first, stop=samples.stop
+                    )
                 yield from self.parts(samples, part)
         if short is not None and not any_left:
             PreparationPlan(self.preparation, mechanism, short.rate).check(short)

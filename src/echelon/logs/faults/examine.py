@@ -440,7 +440,9 @@ def _abrupt(values: Floats, start: int, stop: int, usual: float, fast: float) ->
 def pinned(values: Floats, usable: Flags) -> Iterator[tuple[float, Integers, Integers]]:
     """Extremes at which samples of a channel that changes pile up, with starts and stops of their stretches."""
     good = values[usable]
-    span = float(np.ptp(good))
+    span = float(np.ptp(good)) if len(good) else 0.0
+    if not span:
+        return
     low, high = float(good.min()), float(good.max())
     # a coarse sensor repeats every value for a while, so that one visit to an extreme proves nothing
     starts, stops = _equal_runs(values, usable & (values > low) & (values < high))

@@ -227,6 +227,10 @@ def _length(steps: Iterable[Step], known: Mapping[str, float]) -> float:
     return sum(math.hypot(*(entry.at(known) for entry in way)) for way in ways) if stated else math.inf
 
 
+_CLOCK = 0.005  # relative difference of velocities and derivatives of positions that calibration explains
+_SEVERAL = 2  # joints that a clock is told by
+
+
 @dataclass(frozen=True)
 class _Pair:
     lower: Series
@@ -259,7 +263,28 @@ def contradictions(recording: Recording, mechanism: Mechanism, usable: Flags) ->
         else:
             text = f"is {own.slope:.4g} times the derivative of the {pair.lower.label}: {_reason(pair, own.slope)}"
         found.append(warning("rates", where, text))
-    return found
+    return found or _common_rate(recording, pairs)
+
+
+def _common_rate(recording: Recording, pairs: Sequence[_Pair]) -> list[Finding]:
+    """Velocities of all joints that are the same times what they should be, as with a wrong clock."""
+    told = [rate(p.lower.values, p.upper.values, recording.time) for p in pairs if p.upper.signal == "qd"]
+    told = [some for some in told if np.isfinite(some.slope) and 0 < some.error < NEAR]
+    if len(told) < _SEVERAL:
+        return []
+    weights = np.array([some.error**-2 for some in told])
+    slopes = np.array([some.slope for some in told])
+    mean = float(weights @ slopes / weights.sum())
+    scatter = float(np.sum(weights * (slopes - mean) ** 2) / (len(told) - 1))
+    # jitter of the stamps errs all joints alike, so that many of them are no surer than one
+    error = float(np.sqrt(max(scatter, 1.0) / weights.mean()))
+    if abs(mean - 1) < max(_CLOCK, CLEAR * error):
+        return []
+    text = (
+        f"velocities of all joints are {mean:.4g} ± {2 * error:.1g} times the derivatives of their positions: is the "
+        f"rate {mean:.4g} times that of the time stamps?"
+    )
+    return [warning("rates", recording.source, text)]
 
 
 def _pairs(recording: Recording, mechanism: Mechanism, usable: Flags) -> list[_Pair]:
