@@ -14,7 +14,7 @@ from support.trap_logs import arm as trap_arm
 
 NAMED = (
     *("tilt", "payload_mid", "gravcomp", "temp", "gain", "sign", "exchanged", "stribeck"),
-    *("sea", "backlash", "coupled", "saturate"),
+    *("sea", "backlash", "coupled", "saturate", "negative"),
 )
 UNHARMED = ("clean", "tool", "quant")
 ARMS = ("ur10", "xarm7")

@@ -427,6 +427,11 @@ def _gain50(arm: Arm) -> TrapLog:
     return _gain_of(arm, arm.strong[1], 0.5)
 
 
+def _negative(arm: Arm) -> TrapLog:
+    """A wrong sign and another unit at once."""
+    return _gain_of(arm, arm.strong[1], -0.5)
+
+
 def _gain2(arm: Arm) -> TrapLog:
     return _gain_of(arm, arm.strong[0], 0.8)
 
@@ -503,6 +508,7 @@ TRAPS: dict[str, Callable[[Arm], TrapLog]] = {
     "gain": _gain,
     "gain50": _gain50,
     "gain2": _gain2,
+    "negative": _negative,
     "currents": _currents,
     "sign": _sign,
     "exchanged": _exchanged,

@@ -25,7 +25,7 @@ _MEETING = 1e-9  # singular value, relative to the largest, below which directio
 
 
 def own_gains(base: BaseModel, products: Products) -> dict[int, float]:
-    """Outputs with gains of their own, and how many times they are what they should be."""
+    """Outputs with gains of their own, and how many times they are what they should be, which may be negative."""
     observation = _observation(base, products)
     used = [k for k, count in enumerate(observation.counts) if count]
     found: dict[int, float] = {}
@@ -85,8 +85,10 @@ def _apart(observation: Observation, units: Sequence[str], group: Sequence[int])
         return {}
     gains = np.array([1.0, *found.values[len(layout.parameters) :]])
     deviations = np.array([0.0, *found.std[len(layout.parameters) :]])
-    told = (gains > 0) & (deviations < _TOLD * np.abs(gains))
-    factors = gains / _usual_gain(np.sort(gains[told]))
+    told = deviations < _TOLD * np.abs(gains)
+    if not (told & (gains > 0)).any():
+        return {}
+    factors = gains / _usual_gain(np.sort(gains[told & (gains > 0)]))
     some = zip(group, factors, told, strict=True)
     return {k: float(1 / f) for k, f, clear in some if clear and not 1 / APART < f < APART}
 

@@ -221,14 +221,17 @@ class Judge:
             other = other.scaled(output, factor)
         before, after = held.squares, HeldOut(other, fitted(other).noise).squares
         names = tuple(self.readings.outputs[output] for output in gains)
-        knob, load = gain(list(gains), names), np.zeros_like(self.states.y)
+        knob, load = (
+            gain(list(gains), names, [float(np.sign(factor)) for factor in gains.values()]),
+            np.zeros_like(self.states.y),
+        )
         signals = slopes(self.base, self.states, fit.values[: self.base.rank], knob, np.zeros(len(gains)), load)
         term = Term(Kind.GAIN, "the gains of outputs", ", ".join(names), "", Usual.OFTEN, signals, knob)
         found, spread = Gain.of(before, after, _floor(model)), np.maximum(model.spread, _TINY)
         old, new = (tuple(1 - squares.sum(axis=0)[k] / spread[k] for k in gains) for squares in (before, after))
         entries = ("",) * len(names)
         judged = Judged(Kind.GAIN, term.words, "", term.usual, found, names, entries, old, new)
-        return [_Candidate(judged, (term,), after, np.log(list(gains.values())))]
+        return [_Candidate(judged, (term,), after, np.log(np.abs(list(gains.values()))))]
 
     def _takes(self, chosen: _Candidate) -> bool:
         """Takes a hypothesis into the model, unless it gains nothing where it is not a derivative any more."""

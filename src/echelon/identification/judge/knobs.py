@@ -93,17 +93,18 @@ def _tilt(gravity: Floats) -> Knob:
     return Knob(1e-3, 2, moved, says)
 
 
-def gain(outputs: Sequence[int], names: Sequence[str]) -> Knob:
-    """Outputs that are some times what they should be; sizes are logarithms."""
+def gain(outputs: Sequence[int], names: Sequence[str], signs: Sequence[float] = ()) -> Knob:
+    """Outputs that are some times what they should be, with signs, 1 if omitted; sizes are logarithms."""
+    sign = np.array(signs or [1.0] * len(outputs))
 
     def moved(states: States, sizes: Floats, _: Floats) -> States:
         scale = states.scale.copy()
-        scale[list(outputs)] *= np.exp(sizes)
+        scale[list(outputs)] *= sign * np.exp(sizes)
         return replace(states, scale=scale)
 
     def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
-        factors = np.exp(sizes)
-        several = zip(names, factors, factors * errors, strict=True)
+        factors = sign * np.exp(sizes)
+        several = zip(names, factors, np.abs(factors) * errors, strict=True)
         each = [f"that of '{name}' is {factor:.3g} ± {error:.1g} times" for name, factor, error in several]
         line = ", ".join(f"{name}: {1 / factor:.4g}" for name, factor in zip(names, factors, strict=True))
         if len(each) > 1:
