@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,9 @@ import numpy.typing as npt
 import pytest
 
 import echelon as ec
+from support.robot_files import robot_file
 from support.simulated_motions import RATE, fourier
+from support.trap_logs import ROBOTS, arm, usual_log
 
 Floats = npt.NDArray[np.float64]
 
@@ -79,3 +82,14 @@ def test_log_in_which_the_payload_is_attached_is_named(tmp_path: Path) -> None:
     assert said is not None, first
     assert float(said[1]) == pytest.approx(1000 + 1500 / RATE, abs=length / 5)
     assert re.search(rf"cut '.*attached\.csv' at {said[1]} s", first)
+
+
+@pytest.mark.parametrize("mass", [0.0, pytest.param(0.07, id="with a load")])
+def test_a_load_in_a_log_that_only_validates_is_named(mass: float) -> None:
+    first, other = arm("ur10", 1), arm("ur10", 2)
+    second = replace(first, q=other.q, qd=other.qd, qdd=other.qdd).with_load(mass)
+    logs = [usual_log(some).columns for some in (first, second)]
+    found = ec.identify(robot_file(ROBOTS["ur10"]), *logs).findings
+    said = [f.text for f in found if f.kind in ("changes", "culprit")]
+    words = "in this log, other than in those that were fitted, 'wrist_3_link' carries another load"
+    assert said == ([words] if mass else [])

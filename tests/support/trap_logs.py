@@ -267,7 +267,7 @@ def _log(
     return TrapLog(columns, arm.names, (arm.q, arm.qd, arm.qdd), names, forces)
 
 
-def _usual(arm: Arm, names: str | None = None, **more: Any) -> TrapLog:
+def usual_log(arm: Arm, names: str | None = None, **more: Any) -> TrapLog:
     """The log of an arm as the model has it."""
     return _log(arm, arm.forces(arm.q, arm.qd, arm.qdd), names, arm.forces, **more)
 
@@ -282,27 +282,27 @@ def _of(words: str, names: list[str], *, every: bool = False) -> str:
 
 
 def _clean(arm: Arm) -> TrapLog:
-    return _usual(arm)
+    return usual_log(arm)
 
 
 def _tool(arm: Arm) -> TrapLog:
-    return _usual(arm.with_load(0.05))
+    return usual_log(arm.with_load(0.05))
 
 
 def _tilt(arm: Arm) -> TrapLog:
     turn = pin.rpy.rpyToMatrix(*np.radians(arm.random(3).choice([-5, 5], 2)), 0)
-    return _usual(arm.under(turn @ [0, 0, -9.81]), "gravity: the base is tilted")
+    return usual_log(arm.under(turn @ [0, 0, -9.81]), "gravity: the base is tilted")
 
 
 def _side(arm: Arm) -> TrapLog:
-    return _usual(arm.under(np.array([9.81, 0, 0])), r"gravity: gravity is along x of the base")
+    return usual_log(arm.under(np.array([9.81, 0, 0])), r"gravity: gravity is along x of the base")
 
 
 def _jitter(arm: Arm) -> TrapLog:
     times = np.sort(arm.time + arm.random(3).normal(0, 0.3 / RATE, len(arm.time)))
     q, qd, qdd = (_at(arm.time, x, times) for x in (arm.q, arm.qd, arm.qdd))
     moved = replace(arm, q=q, qd=qd, qdd=qdd)
-    return _usual(moved)
+    return usual_log(moved)
 
 
 def _at(time: Floats, values: Floats, times: Floats) -> Floats:
@@ -319,7 +319,7 @@ def _length(arm: Arm) -> TrapLog:
         place = model.jointPlacements[k]
         place.translation = 1.02 * place.translation
         model.jointPlacements[k] = place
-    return _usual(replace(arm, model=model), "link length|lengths of|geometr|kinematic|dimension")
+    return usual_log(replace(arm, model=model), "link length|lengths of|geometr|kinematic|dimension")
 
 
 def _payload_mid(arm: Arm) -> TrapLog:
@@ -330,7 +330,7 @@ def _payload_mid(arm: Arm) -> TrapLog:
 
 
 def _gravcomp(arm: Arm) -> TrapLog:
-    return _usual(arm.under(np.zeros(3)), "without the weight")
+    return usual_log(arm.under(np.zeros(3)), "without the weight")
 
 
 def _gaspring(arm: Arm) -> TrapLog:
@@ -470,12 +470,12 @@ def _stribeck(arm: Arm) -> TrapLog:
 
 
 def _quant(arm: Arm) -> TrapLog:
-    return _usual(arm, step=3e-3)
+    return usual_log(arm, step=3e-3)
 
 
 def _saturate(arm: Arm) -> TrapLog:
     joint = arm.strong[0]
-    log = _usual(arm, "saturat|limit|clipped")
+    log = usual_log(arm, "saturat|limit|clipped")
     column = f"tau_{arm.names[joint]}"
     most = float(np.percentile(np.abs(log.columns[column]), 80))
     return replace(log, columns={**log.columns, column: np.clip(log.columns[column], -most, most)})
@@ -483,7 +483,7 @@ def _saturate(arm: Arm) -> TrapLog:
 
 def _dropout(arm: Arm) -> TrapLog:
     """Lost samples that the time stamps do not show, as they are counted by a logger."""
-    log = _usual(arm, "lost|missing|clock|rate is")
+    log = usual_log(arm, "lost|missing|clock|rate is")
     kept = arm.random(3).random(len(arm.time)) > 0.03
     columns = {name: values[kept] for name, values in log.columns.items()}
     columns["t"] = np.arange(int(kept.sum())) / RATE

@@ -449,10 +449,13 @@ def _misread_elsewhere(
             states = States.of(data.samples(log, "all"), preparation.band or np.inf, base, values)
             columns = setup.columns[0] if setup.columns else ColumnMap()
             readings = Readings(base, states, columns, "qd" in (preparation.measured or ()))
-            mistake = Judge(base, states, readings, values=values).other_reading()
-            if mistake is not None:
-                text = f"in this log, other than in those that were fitted, {mistake[0].words}"
-                found.append(warning("culprit", str(log), text))
+            judge = Judge(base, states, readings, values=values)
+            mistake = judge.other_reading()
+            words = judge.other_load() if mistake is None else mistake[0].words
+            if words is not None:
+                kind = "changes" if mistake is None else "culprit"
+                text = f"in this log, other than in those that were fitted, {words}"
+                found.append(warning(kind, str(log), text))
     return found
 
 

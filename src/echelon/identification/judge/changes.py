@@ -22,6 +22,21 @@ _ROUNDING = 1e-9  # relative size of directions of a body's parameters that are 
 
 def payloads(base: BaseModel, states: States) -> Iterator[Term]:
     """Another load from some time on, at each body that carries none."""
+    for name, forces in _loads(base, states):
+        for change in _changes(states):
+            words = f"'{name}' carries another load {change.words}"
+            later = _Later(forces, change.first)
+            yield Term(Kind.CHANGE, words, name, change.write, Usual.OFTEN, later)
+
+
+def whole_loads(base: BaseModel, states: States) -> Iterator[Term]:
+    """Another load all the time, at each body that carries none."""
+    for name, forces in _loads(base, states):
+        yield Term(Kind.CHANGE, f"'{name}' carries another load", name, "", Usual.OFTEN, _Later(forces, 0))
+
+
+def _loads(base: BaseModel, states: States) -> Iterator[tuple[str, Floats]]:
+    """Bodies that carry none, with forces of what they may carry, shape (samples, outputs, k)."""
     mechanism = base.mechanism
     carriers = {body.parent for body in mechanism.bodies}
     B = base.B_float(states.symbols)
@@ -32,11 +47,7 @@ def payloads(base: BaseModel, states: States) -> Iterator[Term]:
         left, sizes, _ = np.linalg.svd(B[:, mine], full_matrices=False)
         told = sizes > _ROUNDING * sizes.max(initial=1e-300)
         directions = (left[:, told] * sizes[told]).T
-        forces = np.stack([states.predicted(base, direction) for direction in directions], axis=2)
-        for change in _changes(states):
-            words = f"'{body.name}' carries another load {change.words}"
-            later = _Later(forces, change.first)
-            yield Term(Kind.CHANGE, words, body.name, change.write, Usual.OFTEN, later)
+        yield body.name, np.stack([states.predicted(base, direction) for direction in directions], axis=2)
 
 
 @dataclass(frozen=True, eq=False)

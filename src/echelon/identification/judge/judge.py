@@ -21,9 +21,9 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.errors import EchelonError
-from echelon.identification.judge.changes import payloads, warming
+from echelon.identification.judge.changes import payloads, warming, whole_loads
 from echelon.identification.judge.effects import effects
-from echelon.identification.judge.evidence import Evidence, Gain, Products, States, WeightedFit, fitted
+from echelon.identification.judge.evidence import Evidence, Gain, Products, States, WeightedFit, fitted, ridged_solution
 from echelon.identification.judge.gains import own_gains
 from echelon.identification.judge.held_out import Beside, HeldOut
 from echelon.identification.judge.hypothesis import CONTINUOUS, Kind, Reading, Term, Usual
@@ -405,6 +405,22 @@ class Judge:
         except (EchelonError, np.linalg.LinAlgError):
             return None
         return _marks(products, self._known(values))
+
+    def other_load(self) -> str | None:
+        """The body that carries another load than in the logs whose parameters are known, if that explains far more."""
+        if self.values is None:
+            return None
+        rank, found = self.base.rank, []
+        for term in whole_loads(self.base, self.states):
+            products = self.evidence.products(self.states, [term.signals])
+            without = np.append(self.values, np.zeros(term.width))
+            noise = products.squares(without).sum(axis=0) / np.maximum(products.counts.sum(axis=0), 1)
+            matrix, right = products.together().normal_equations(1 / np.maximum(noise, _TINY))
+            load = ridged_solution(matrix[rank:, rank:], right[rank:] - matrix[rank:, :rank] @ self.values)
+            gain = _between(_marks(products, without), _marks(products, np.append(self.values, load)))
+            found.append((gain, term.words))
+        gain, words = max(found, key=lambda entry: entry[0].mean, default=(Gain(0.0, inf), ""))
+        return words if gain.mean > _READ_ELSEWHERE and gain.ratio > _SURE else None
 
     def _known(self, values: Floats) -> Floats:
         return values if self.values is None else np.append(self.values, values[self.base.rank :])
