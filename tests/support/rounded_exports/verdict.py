@@ -67,7 +67,10 @@ def answered_set(file: Path, floating: bool) -> tuple[int, str]:
 
 
 def names(doubt: str, count: float) -> bool:
-    """Whether a text has a count among its whole numbers."""
+    """Whether a text has a count among its whole numbers, or within a range that it states, as in 6 to 30."""
+    ranges = re.findall(r"(?<![\d.])(\d+) to (\d+)(?![\d]|\.\d)", doubt)
+    if any(int(low) <= count <= int(high) for low, high in ranges):
+        return True
     return re.search(rf"(?<![\d.]){count:.0f}(?![\d]|\.\d)", doubt) is not None
 
 
