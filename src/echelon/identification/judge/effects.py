@@ -37,7 +37,7 @@ class Place:
 
 
 def places(mechanism: Mechanism, q: int, qd: int) -> Iterator[Place]:
-    """Outputs that are forces of one drive or joint, with states of so many positions and velocities."""
+    """Outputs that are forces of one drive or joint, for states with numbers of positions and velocities."""
     positions, velocities = signal_names(mechanism, "q", q), signal_names(mechanism, "qd", qd)
     known, drives = known_values(mechanism), {a.name: a.terms for a in mechanism.transmission.actuators}
     for k, output in enumerate(mechanism.outputs):

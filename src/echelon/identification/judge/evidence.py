@@ -191,7 +191,7 @@ class Products:
 
     @staticmethod
     def of(size: int, outputs: Iterable[OutputRows]) -> Products:
-        """Products of the rows of all outputs, with so many parameters."""
+        """Products of the rows of all outputs; ``size`` is the number of parameters."""
         columns, grams, counts, sums = [], [], [], []
         for rows in outputs:
             columns.append(rows.columns)
@@ -214,7 +214,7 @@ class Products:
         return replace(self, grams=grams, counts=counts, sums=sums)
 
     def scaled(self, output: int, factor: float) -> Products:
-        """The products where an output is so many times what the model says."""
+        """The products of a model whose prediction of one output is multiplied by a factor."""
         scale = np.append(np.full(len(self.columns[output]), factor), 1.0)
         grams = list(self.grams)
         grams[output] = grams[output] * np.outer(scale, scale)
@@ -377,7 +377,7 @@ def _ridged(matrix: Floats) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True)
 class Gain:
-    """How much better one prediction is than another: logarithms of ratios of residuals, mean of all outputs."""
+    """A comparison of two predictions: logarithms of ratios of residuals, averaged over all outputs."""
 
     mean: float
     error: float  # standard error, from blocks

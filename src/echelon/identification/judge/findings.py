@@ -1,4 +1,4 @@
-"""What is said of hypotheses that were taken: what residuals follow, what explains them, and what states it."""
+"""Findings about hypotheses: what residuals follow, what explains them, and what states it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _NAMES = {
 
 
 def finding(judged: Judged, *, lists_effects: bool, taken: bool = False) -> Finding:
-    """What is said of a hypothesis, to users of set-ups that list effects, or that have only the usual ones.
+    """A finding about a hypothesis, for users of set-ups that list effects, or that have only the usual ones.
 
     What was ``taken`` into the model at once is said with how to state it.
     """

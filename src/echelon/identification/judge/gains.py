@@ -72,7 +72,7 @@ def _one_scale(observation: Observation, outputs: Sequence[int]) -> list[list[in
 
 
 def _apart(observation: Observation, units: Sequence[str], group: Sequence[int]) -> dict[int, float]:
-    """Of outputs with one scale: each unit is an unknown gain, but for one; gains are compared with the usual one."""
+    """Gains of outputs that have one scale: every unit but one is unknown, and each is compared with the usual one."""
     layout, scaled = observation.layout, group[1:]
     names = tuple(f"gain of {layout.outputs[k]}" for k in scaled)
     try:
@@ -94,7 +94,7 @@ def _apart(observation: Observation, units: Sequence[str], group: Sequence[int])
 
 
 def _usual_gain(gains: Floats) -> float:
-    """Of gains in their order the one that half of them or more are like, else the median."""
+    """The gain that half of the sorted gains or more are like, else the median."""
     alike = np.sum(np.abs(np.log(np.divide.outer(gains, gains))) < 0.5 * np.log(APART), axis=1)
     return float(gains[np.argmax(alike) if 2 * alike.max() >= len(gains) else (len(gains) - 1) // 2])
 

@@ -23,7 +23,7 @@ class Usual(IntEnum):
 
 
 class Kind(StrEnum):
-    """What a hypothesis is about."""
+    """Subjects of hypotheses."""
 
     EFFECT = "effect"  # a force that the model lacks
     ROTOR = "rotor"  # such a force: the inertia of rotors

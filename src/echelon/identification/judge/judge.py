@@ -299,7 +299,7 @@ class Judge:
         return turned, read_with(self.start, turned)
 
     def _left(self, states: States, columns: Sequence[Mapping[int, Floats]]) -> tuple[float, WeightedFit]:
-        """What the model with the columns that were taken and some others leaves, and its fit."""
+        """Logarithm of the residuals of the model with the columns that were taken and some others, and its fit."""
         products = self.evidence.products(states, [*self._signals, *columns])
         found = fitted(products)
         return float(_marks(products, found.values).mean()), found
@@ -330,7 +330,7 @@ class Judge:
         return self._best_reading(_marks(products, fit.values), tried)
 
     def _best_reading(self, before: Floats, found: Sequence[tuple[Floats, Reading]]) -> tuple[Judged, Reading] | None:
-        """Of readings with the marks that they get, the best one if it does far better than what is read now."""
+        """The best of some readings, given with their marks, if it does far better than the present one."""
         if not found:
             return None
         best = min((marks for marks, _ in found), key=lambda marks: float(marks.mean()))
@@ -365,7 +365,7 @@ class Judge:
         return found
 
     def _likely(self, alike: list[Reading]) -> list[Reading]:
-        """Those of several readings with which the prior predicts best: a mirrored robot can exist as well."""
+        """Readings with which the prior predicts best: a mirrored robot can exist as well."""
         if self.prior is None or len(alike) < 2:
             return alike
         products = [self.evidence.products(reading.read(self.states)) for reading in alike]

@@ -32,7 +32,7 @@ def turned(base: BaseModel, states: States, values: Floats, velocities: bool) ->
 def slopes(
     base: BaseModel, start: States, values: Floats, knob: Knob, sizes: Floats, load: Floats
 ) -> dict[int, Floats]:
-    """What the prediction changes by the sizes of a knob, by central differences; by output, shape (samples, k)."""
+    """Derivatives of the prediction by the sizes of a knob, from central differences; by output, shape (samples, k)."""
     columns = []
     for step in knob.step * np.eye(knob.count):
         ahead, back = (knob.moved(start, sizes + sign * step, load).predicted(base, values) for sign in (1, -1))
@@ -66,7 +66,7 @@ def _knobs(
 
 
 def gears(base: BaseModel, place: Place) -> Iterator[tuple[str, Knob]]:
-    """What may be between an encoder and its joint, with words for it."""
+    """Knobs for what may be between an encoder and its joint, with words for them."""
     if len(place.ratios) == 1:
         sliding = slides(base.mechanism, place.name)
         yield f"a joint '{place.name}' that gives way", _elastic(place, sliding)

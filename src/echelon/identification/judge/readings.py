@@ -56,7 +56,7 @@ class Readings:
         yield from self._of_couplings()
 
     def clock(self, rate: float) -> Reading:
-        """A clock that is so many times faster than what was taken."""
+        """A clock that is faster by a factor than the one that was taken."""
         stated = self.columns.rate
         words = f", {stated * rate:.4g} Hz in place of {stated:g} Hz" if stated else ""
         text = f"the clock is wrong: the rate is about {rate:.3g} times that{words}"
@@ -198,7 +198,7 @@ class Readings:
 
     @cached_property
     def _keys(self) -> tuple[str, ...]:
-        """What the columns of positions are of: coordinates, or drives."""
+        """Names of what the columns of positions measure: coordinates, or drives."""
         stated = self.columns.positions
         return tuple(stated) if len(stated) == len(self.names) else self.names
 
