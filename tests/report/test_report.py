@@ -20,6 +20,7 @@ from scipy.signal import welch
 import echelon as ec
 from echelon.errors import MissingExtraError
 from echelon.identification.result import Identification
+from echelon.identification.scores import Trace, Validation
 from echelon.report.drawing import drawable_pose, drawing, pose_at, seen_bodies
 from echelon.report.matrix_picture import matrix_picture, mergings
 from echelon.report.page import plotly_source, script_safe, significant, with_uncertainty
@@ -360,3 +361,26 @@ def test_what_is_seen_of_each_body() -> None:
     assert first.counts == {"alone": 1, "combined": 2, "unseen": 7}
     assert second.counts == {"alone": 3, "combined": 1, "unseen": 6}
     assert [b.level for b in seen_bodies(base_of("panda"))] == [1, 3, 4, 4, 4, 4, 4]
+
+
+def test_residuals_against_speed_show_friction_that_is_lacking() -> None:
+    """Means in bins of speed are the friction that the prediction leaves out; outputs without speeds have none."""
+    time = np.arange(4000) / 200
+    speed = np.sin(time) + 0.3 * np.sin(2.7 * time)
+    left = np.tanh(speed / 0.1) + 0.05 * np.random.default_rng(1).normal(size=time.shape)
+    measured = np.cos(time) + left
+    traces = (
+        Trace("drive", "N", time, measured, measured - left, None, speed),
+        Trace("cut", "N", time, measured, measured),
+    )
+    empty = Validation("run", "validation", (), (), (), traces)
+    of_drive, of_cut = (payload([empty])["traces"][f"0/{k}"]["speeds"] for k in range(2))
+    assert of_cut is None
+    assert of_drive["unit"] == "m/s"
+    middle, mean, low, high = (
+        np.frombuffer(b64decode(of_drive[name]), dtype="<f4") for name in ("speed", "mean", "low", "high")
+    )
+    assert np.all(np.diff(middle) > 0)
+    clear = np.abs(middle) > 0.3
+    np.testing.assert_allclose(mean[clear], np.sign(middle[clear]), atol=0.03)
+    np.testing.assert_allclose((high - low)[clear] / 2, 0.05, atol=0.02)

@@ -36,6 +36,7 @@ class Trace:
     measured: Floats  # shape (k,)
     predicted: Floats  # shape (k,)
     prior: Floats | None = None  # shape (k,); prediction of the model one had before
+    speed: Floats | None = None  # shape (k,), rad/s or m/s; of the output's first joint or drive, None for wrenches
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
 from echelon.extras import extra
-from echelon.identification.rows.rows import ModelRows, Numbering, prefetched, rows_measured, rows_taken
+from echelon.identification.rows.rows import ModelRows, Numbering, prefetched, rows_filtered, rows_measured, rows_taken
 from echelon.identification.scores import EMPTY, ROLES, Fit, Score, Trace, Validation, fits, verdict
 from echelon.logs.preparation.prepare import speed_rows, velocity_names
 from echelon.logs.recording import Samples
@@ -51,6 +51,7 @@ class Predicted:
     moving: tuple[Flags, ...]  # shape (k_i,)
     samples: tuple[tuple[Floats, Floats], ...] = ()  # shapes (N,) and (N, models): without a filter
     fastest: tuple[float, ...] = ()  # largest speeds, rad/s or m/s
+    speeds: tuple[Floats | None, ...] = ()  # shape (k_i,), filtered like both sides; None for wrenches
 
 
 def predicted(model: ModelRows, samples: Iterable[Samples], values: Sequence[Floats]) -> Iterator[Predicted]:
@@ -66,6 +67,7 @@ def _predicted(model: ModelRows, samples: Samples, y: Floats, values: Sequence[F
     signals = np.stack([y, *(model.predict(samples, some) for some in values)], axis=2)
     times, rows, moving = rows_taken(samples, signals)
     inside, outputs = slice(samples.first, samples.stop), range(y.shape[1])
+    speeds = list(_speeds(model.base.mechanism, samples))
     every = np.ones(rows.shape[:2], dtype=bool)
     flags = every if moving is None else moving
     measured = rows_measured(samples)
@@ -79,16 +81,20 @@ def _predicted(model: ModelRows, samples: Samples, y: Floats, values: Sequence[F
         tuple(rows[told[:, i], i, 1:] for i in outputs),
         tuple(flags[told[:, i], i] for i in outputs),
         tuple((y[inside, i][true[inside, i]], signals[inside, i, 1:][true[inside, i]]) for i in outputs),
-        tuple(_fastest(model.base.mechanism, samples)),
+        tuple(_NAN if some is None else float(np.abs(some).max(initial=0.0)) for some in speeds),
+        tuple(
+            None if some is None else rows_filtered(samples, some[:, :1])[told[:, i], 0]
+            for i, some in enumerate(speeds)
+        ),
     )
 
 
-def _fastest(mechanism: Mechanism, samples: Samples) -> Iterator[float]:
-    """The largest speed that each output's joint or actuator has; nan for a wrench."""
+def _speeds(mechanism: Mechanism, samples: Samples) -> Iterator[Floats | None]:
+    """Speeds (N, joints or drives) of every output; None for a wrench."""
     names = velocity_names(mechanism, samples.q.shape[1])
     for output in mechanism.outputs:
         rows = speed_rows(mechanism, output, names)
-        yield _NAN if rows is None else float(np.abs(samples.qd @ rows.T).max(initial=0.0))
+        yield None if rows is None else samples.qd @ rows.T
 
 
 def validated(
@@ -177,7 +183,9 @@ class _Tally:
             where: Hashable = (some.source, some.segment)
             self._correlations.add(times, y - guesses[:, 0], where)
             shown = [0] if self.prior is None else [0, self.prior]
-            self._trace.add(np.column_stack([times, y, guesses[:, shown]]))
+            speed = some.speeds[output] if some.speeds else None
+            speeds = np.full(len(y), _NAN) if speed is None else speed
+            self._trace.add(np.column_stack([times, y, guesses[:, shown], speeds]))
 
     def score(self, model: int, output: str, unit: str) -> Score:
         """Score of a model; how white its residual is, is known of the first one."""
@@ -191,9 +199,10 @@ class _Tally:
 
     def trace(self, output: str, unit: str) -> Trace:
         """What is kept to look at."""
-        kept = self._trace.rows(4 if self.prior is not None else 3)
+        kept = self._trace.rows(5 if self.prior is not None else 4)
         time, measured, predicted = kept[:, :3].T
-        return Trace(output, unit, time, measured, predicted, None if self.prior is None else kept[:, 3])
+        speed = kept[:, -1] if np.isfinite(kept[:, -1]).any() else None
+        return Trace(output, unit, time, measured, predicted, None if self.prior is None else kept[:, 3], speed)
 
 
 def _checked(model: ModelRows, values: npt.ArrayLike, name: str) -> Floats:

@@ -34,6 +34,7 @@ _GAP = 4.0  # times the usual step
 
 _BINS = 48
 _WIDTH = 4.0  # standard deviations to either side of a histogram
+_SPEEDS, _FEWEST = 40, 8  # bins of speed, and samples in each of them at least
 _LAGS, _SHOWN = 512, 120  # of the autocorrelation, and how many of them are drawn
 _FREQUENCIES = 256
 _WHITE = 1.96  # of a standard normal variable, two-sided 95 %
@@ -79,7 +80,32 @@ def _packed(trace: Trace, buckets: int) -> dict[str, Any]:
         "drawn": max(int(np.isfinite(e.values).sum()) for e in kept.values()),
         "signals": {name: [packed(e.time - start), packed(e.values)] for name, e in kept.items()},
         "residual": _residual(trace.time, difference),
+        "speeds": _by_speed(trace, difference),
     }
+
+
+def _by_speed(trace: Trace, difference: Floats) -> dict[str, Any] | None:
+    """Means and standard deviations of a residual in bins of speed that hold as many samples; None without speeds."""
+    if trace.speed is None:
+        return None
+    finite = np.isfinite(trace.speed) & np.isfinite(difference)
+    order = np.argsort(trace.speed[finite], kind="stable")
+    speed, left = trace.speed[finite][order], difference[finite][order]
+    bins = min(_SPEEDS, len(speed) // _FEWEST)
+    if not bins:
+        return None
+    parts = list(zip(np.array_split(speed, bins), np.array_split(left, bins), strict=True))
+    middle, mean, deviation = (
+        np.array([function(part) for part in some])
+        for function, some in (
+            (np.mean, [s for s, _ in parts]),
+            (np.mean, [e for _, e in parts]),
+            (np.std, [e for _, e in parts]),
+        )
+    )
+    unit = "m/s" if trace.unit == "N" else "rad/s"
+    arrays = {"speed": middle, "mean": mean, "low": mean - deviation, "high": mean + deviation}
+    return {name: packed(values) for name, values in arrays.items()} | {"unit": unit}
 
 
 def _residual(time: Floats, values: Floats) -> dict[str, Any] | None:

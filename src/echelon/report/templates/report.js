@@ -48,23 +48,34 @@
       line("white", [f[0], f[f.length - 1]], [r.white, r.white], c.soft, { line: { color: c.soft, dash: "dash", width: 1 } }),
     ], layout(230, { xaxis: axis("frequency / Hz", { type: "log", dtick: 1, exponentformat: "none" }), yaxis: axis(plain(trace.unit) + " / √Hz", { rangemode: "tozero" }) })];
   }
-  const kinds = { trace: tracePlot, histogram, correlation, spectrum };
+  function speed(trace) {
+    const c = colours(), s = trace.speeds, v = floats(s.speed);
+    const edge = { line: { color: c.soft, width: 0.5 }, hoverinfo: "skip" };
+    return [[
+      line("mean − deviation", v, floats(s.low), c.soft, edge),
+      line("mean + deviation", v, floats(s.high), c.soft, { ...edge, fill: "tonexty", fillcolor: c.band }),
+      line("mean", v, floats(s.mean), c.predicted),
+    ], layout(230, { xaxis: axis("speed / (" + s.unit + ")"), yaxis: axis(plain(trace.unit)) })];
+  }
+  const kinds = { trace: tracePlot, histogram, correlation, spectrum, speed };
 
   function draw(node) {
     const trace = data.traces[log.value + "/" + node.dataset.output];
     const caption = node.parentElement.querySelector(".caption");
-    const missing = !trace || (node.dataset.plot !== "trace" && !trace.residual);
+    const needed = { trace: "signals", speed: "speeds" }[node.dataset.plot] || "residual";
+    const missing = !trace || !trace[needed];
     node.classList.toggle("empty", missing);
     if (missing) {
       Plotly.purge(node);
-      node.textContent = trace ? "There is no residual to analyse: too few samples, or all alike." : "This log has no signal of this output.";
+      const none = node.dataset.plot === "speed" ? "This output has no speed, or too few samples." : "There is no residual to analyse: too few samples, or all alike.";
+      node.textContent = trace ? none : "This log has no signal of this output.";
       if (caption) caption.textContent = "";
       return;
     }
     if (!node.classList.contains("js-plotly-plot")) node.textContent = "";
     const [lines, shape] = kinds[node.dataset.plot](trace);
     // px of a page, which no script can measure
-    if (page.printing) Object.assign(shape, node.dataset.plot === "trace" ? { width: 700, height: 330 } : { width: 226, height: 200 });
+    if (page.printing) Object.assign(shape, { trace: { width: 700, height: 330 }, speed: { width: 700, height: 200 } }[node.dataset.plot] || { width: 226, height: 200 });
     Plotly.react(node, lines, shape, options(node.dataset.plot === "trace"));
     if (caption) {
       const thinned = trace.drawn < trace.samples;
