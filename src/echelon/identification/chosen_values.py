@@ -44,7 +44,8 @@ def chosen_values(
     if settings.predict != "auto":
         return settings.predict, []
     plain = settings.estimator in LEAST_SQUARES and not settings.known
-    if not plain or physical is None or (physical.advantage is not None and physical.advantage.is_loss):
+    told = bool(np.isfinite(estimate.covariance).all())  # what data leave open is said elsewhere
+    if not plain or not told or physical is None or (physical.advantage is not None and physical.advantage.is_loss):
         return "estimate", []
     ratio = _uncertainty(data, unseen_logs, estimate, noise)
     if ratio <= 1:
