@@ -95,10 +95,13 @@ class States:
 
     def derivative(self, values: Floats) -> Floats:
         """Rates of signals (samples, …), by central differences within stretches."""
+        rates = [np.gradient(part, axis=0) * piece.rate for piece, part in self._stretches(values)]
+        return np.asarray(np.concatenate(rates))
+
+    def _stretches(self, values: Floats) -> Iterator[tuple[Samples, Floats]]:
+        """Stretches, each with its part of signals (samples, …)."""
         ends = np.cumsum([len(piece) for piece in self.pieces])
-        parts = zip(self.pieces, np.split(values, ends[:-1]), strict=True)
-        rates: Floats = np.concatenate([np.gradient(part, axis=0) * piece.rate for piece, part in parts])
-        return rates
+        return zip(self.pieces, np.split(values, ends[:-1]), strict=True)
 
     @property
     def rate(self) -> Floats:
@@ -107,18 +110,15 @@ class States:
 
     def smoothed(self, values: Floats) -> Floats:
         """Signals (samples,) after the low-pass that measured positions have passed."""
-        ends = np.cumsum([len(piece) for piece in self.pieces])
-        parts = zip(self.pieces, np.split(values, ends[:-1]), strict=True)
         cutoff = ROOM * self.band
-        return np.concatenate(
-            [part if cutoff > WORTH * piece.rate else lowpass(part, cutoff, piece.rate, ORDER) for piece, part in parts]
-        )
+        found = []
+        for piece, part in self._stretches(values):
+            found.append(part if cutoff > WORTH * piece.rate else lowpass(part, cutoff, piece.rate, ORDER))
+        return np.concatenate(found)
 
     def rows(self, values: Floats) -> Floats:
         """Signals (samples, …) after the filter of both sides, shape (rows, …)."""
-        ends = np.cumsum([len(piece) for piece in self.pieces])
-        parts = zip(self.pieces, np.split(values, ends[:-1]), strict=True)
-        return np.concatenate([rows_filtered(piece, part) for piece, part in parts])
+        return np.concatenate([rows_filtered(piece, part) for piece, part in self._stretches(values)])
 
     @cached_property
     def fitted(self) -> Flags:

@@ -67,7 +67,7 @@ class Judged:
     entries: tuple[str, ...] = ()  # what states it, by place
     before: tuple[float, ...] = ()  # R² on held-out rows, by place
     after: tuple[float, ...] = ()
-    size: float = 1.0  # of a continuous change: times a rate or gain
+    size: float = 1.0  # of a continuous change: times a rate, or the first of some gains
     gravity: tuple[float, ...] | None = None  # that it finds, m/s² in the base frame
     taken: bool = True
 
@@ -133,7 +133,7 @@ class Judge:
             if self._takes(small):
                 taken.append(small)
                 others.append(beside)
-        kept = [self._is_still_worth(some) for some in taken]
+        kept = [self._keeps(some) for some in taken]
         said = list(compress(self._said(taken), kept))
         self.told = [some for one, beside in zip(said, compress(others, kept), strict=True) for some in (one, *beside)]
         if taken and self.states.drives is None:  # what was taken may have hidden it
@@ -221,10 +221,9 @@ class Judge:
             other = other.scaled(output, factor)
         before, after = held.squares, HeldOut(other, fitted(other).noise).squares
         names = tuple(self.readings.outputs[output] for output in gains)
-        knob, load = (
-            gain(list(gains), names, [float(np.sign(factor)) for factor in gains.values()]),
-            np.zeros_like(self.states.y),
-        )
+        signs = [float(np.sign(factor)) for factor in gains.values()]
+        knob = gain(list(gains), names, signs)
+        load = np.zeros_like(self.states.y)
         signals = slopes(self.base, self.states, fit.values[: self.base.rank], knob, np.zeros(len(gains)), load)
         term = Term(Kind.GAIN, "the gains of outputs", ", ".join(names), "", Usual.OFTEN, signals, knob)
         found, spread = Gain.of(before, after, _floor(model)), np.maximum(model.spread, _TINY)
@@ -249,8 +248,8 @@ class Judge:
         self.knobs, self.states = knobs, states
         return True
 
-    def _is_still_worth(self, some: _Candidate) -> bool:
-        """Whether a hypothesis explains what those that were taken after it leave; if not, its columns are given up."""
+    def _keeps(self, some: _Candidate) -> bool:
+        """Gives up the columns of a hypothesis, unless it explains what those that were taken after it leave."""
         if some.terms[0].knob is not None:
             return True
         others = [term for term in self.terms if all(term is not mine for mine in some.terms)]
@@ -285,7 +284,8 @@ class Judge:
         gravity = None
         if judged.kind is Kind.GRAVITY and self.states.gravity is not None:
             gravity = tuple(self.states.gravity.tolist())
-        size = float(np.exp(turned.sizes[0])) if judged.kind in (Kind.GAIN, Kind.RATE) else 1.0
+        scaled = judged.kind in (Kind.GAIN, Kind.RATE)
+        size = turned.knob.sign * float(np.exp(turned.sizes[0])) if scaled else 1.0
         return replace(judged, words=words, write=write, size=size, gravity=gravity)
 
     def _settled(self, chosen: _Candidate) -> tuple[tuple[Turned, ...], States]:

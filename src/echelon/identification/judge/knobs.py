@@ -42,7 +42,11 @@ def slopes(
 
 
 def load_of(base: BaseModel, states: States, values: Floats, knob: Knob) -> Floats:
-    """Loads of gears: what was measured, less the effects of drives, such as friction; shape (samples, outputs)."""
+    """Loads of gears, without the effects of drives such as friction, shape (samples, outputs).
+
+    Those that the model predicts, which are smooth enough to be differentiated twice; or the measured ones where a knob
+    turns by their signs, which are right whatever the model lacks.
+    """
     if not knob.by_measured_load:
         return states.predicted(base, np.where(of_bodies(base), values, 0.0))
     return states.y - states.predicted(base, np.where(of_bodies(base), 0.0, values))
@@ -111,7 +115,7 @@ def gain(outputs: Sequence[int], names: Sequence[str], signs: Sequence[float] = 
             return f"outputs are in units of their own: {', '.join(each)} {_RATIO}", f"scales of {line}"
         return f"the output{each[0].removeprefix('that')} {_RATIO}", f"scale: {1 / factors[0]:.4g}"
 
-    return Knob(1e-2, len(outputs), moved, says)
+    return Knob(1e-2, len(outputs), moved, says, float(sign[0]))
 
 
 def _rate(velocities: bool) -> Knob:
