@@ -146,7 +146,7 @@ def test_sensor_between_a_body_and_its_parent_sees_what_would_move(on_parent: bo
 def test_sensor_in_a_weighted_sum_is_watched_too() -> None:
     arm = arms.rx90()
     cut = Cut(4, arms.place(), False, 2, False)
-    total = Output("sum", "N·m", ((Force("q1", Side.JOINT), ONE), (cut, ONE)))
+    total = Output("sum", "N·m", forces=((Force("q1", Side.JOINT), ONE),), cuts=((cut, ONE),))
     agree(replace(arm, measured=(total, *arm.outputs[1:])))
 
 

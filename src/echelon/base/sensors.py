@@ -22,7 +22,7 @@ from echelon.errors import ClosedFormError, DegenerateSampleError, DoubtWarning,
 from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank
 from echelon.exact.unknown_functions import SOLVING, Work, persistent
 from echelon.mechanism.joint import GROUND, Placement
-from echelon.mechanism.mechanism import Cut, Mechanism, Output, wrench_output
+from echelon.mechanism.mechanism import Mechanism, Output, wrench_output
 from echelon.mechanism.sources import Readable, mechanism_of
 from echelon.regressor.linear_forms import LinearForms, virtual_power_form
 
@@ -134,8 +134,7 @@ def _candidates(mechanism: Mechanism) -> dict[str, tuple[Output, ...]]:
         outputs += [wrench_output("base", f"{letter}{axis}", GROUND, Placement()) for axis in "xyz" for letter in "ft"]
     groups: dict[str, list[Output]] = {}
     for output in outputs:
-        is_wrench = all(isinstance(channel, Cut) for channel, _ in output.terms)
-        groups.setdefault(output.name.rpartition(".")[0] if is_wrench else output.name, []).append(output)
+        groups.setdefault(output.sensor, []).append(output)
     return {name: tuple(group) for name, group in groups.items()}
 
 

@@ -26,7 +26,7 @@ from echelon.errors import DegenerateSampleError, EchelonError, SingularPoseErro
 from echelon.exact.field import PrimeField, by_pivots
 from echelon.exact.unknown_functions import persistent
 from echelon.mechanism.joint import ALL, GROUND, Body, Joint, Motion, Placement, Step, floating_motions
-from echelon.mechanism.mechanism import Cut, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.program.schedule import FieldSampler
 from echelon.regressor.linear_forms import FEW_COLUMNS, LinearForms, Rows, energy_changes, energy_form, rows_of
 
@@ -283,7 +283,7 @@ def _dependent_by_joint(mechanism: Mechanism, rng: np.random.Generator) -> dict[
     cache: dict[object, tuple[int, ...]] = {}
     dependent = {}
     # a sensor between a body and its parent sees what moves from one to the other
-    watched = {c.body for output in mechanism.outputs for c, _ in output.terms if isinstance(c, Cut)}
+    watched = {cut.body for cut in mechanism.cuts}
     for index, body in enumerate(mechanism.bodies):
         if body.parent == GROUND or body.massless or index in watched:
             continue

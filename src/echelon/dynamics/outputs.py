@@ -32,7 +32,7 @@ from echelon.exact.polynomial import Polynomial
 from echelon.inertia import Array, pseudo_inertia
 from echelon.mechanism.effect import Side
 from echelon.mechanism.joint import GROUND, ORIGIN, Joint, MotionKind, Placement, Step, Vector, merge
-from echelon.mechanism.mechanism import Cut, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.steps import EffectRecorder, Probes, Recorder, VirtualMotion, motion_of_joints, virtual_motion
 from echelon.mechanism.steps import Step as Recorded
 from echelon.program.derivatives import derivatives
@@ -287,7 +287,7 @@ class Reframed:
 def reframed(mechanism: Mechanism) -> Reframed:
     """Put bodies' frames directly behind their joints, and along rotation axes to where the joint has no offset."""
     # a mechanism with sensors between bodies stays as it is, because these are placed in its frames
-    if any(isinstance(channel, Cut) for output in mechanism.outputs for channel, _ in output.terms):
+    if mechanism.cuts:
         return Reframed(mechanism, {})
     frames: dict[int, Placement] = {}
     bodies = []
@@ -346,7 +346,7 @@ def grouped_inertias(reframed: Reframed, recorder: Recorder, parameters: Mapping
         found[index] = pseudo_inertia(values)[0]
         if index in reframed.frames:
             found[index] = _before(recorder.placement(reframed.frames[index].inverse()), found[index])
-    cuts = {channel.body for output in mechanism.outputs for channel, _ in output.terms if isinstance(channel, Cut)}
+    cuts = {cut.body for cut in mechanism.cuts}
     for index in reversed(range(len(mechanism.bodies))):
         body = mechanism.bodies[index]
         axes = _movable(body.joint)

@@ -179,7 +179,8 @@ class _Builder:
             yield from (wrench_output(sensor.name, f"{letter}{axis}", body, frame) for axis in "xyz")
         elif sensor.joint in motions:
             unit = "N" if motions[sensor.joint].kind is MotionKind.TRANSLATION else "N·m"
-            yield Output(sensor.name, unit, ((Force(sensor.joint, Side.JOINT), Polynomial.constant(sensor.weight)),))
+            force = Force(sensor.joint, Side.JOINT), Polynomial.constant(sensor.weight)
+            yield Output(sensor.name, unit, forces=(force,))
         else:
             self.notes.append(f"{sensor.element} is left out: joint '{sensor.joint}' does not move freely")
 

@@ -14,7 +14,7 @@ from math import isfinite
 
 from echelon.mechanism.effect import KINDS, Effect, Side, ready_made
 from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Force, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.names import symbol_stem
 
 DriveNumbers = Mapping[str, Mapping[str, float]]
@@ -56,8 +56,7 @@ def _with(mechanism: Mechanism, effects: tuple[Effect, ...]) -> Mechanism:
 def _measured_places(mechanism: Mechanism) -> Iterator[tuple[str, Side]]:
     """Drives whose force is measured, and joints whose torque is; a floating base has neither."""
     free, seen = floating_velocities(mechanism), set[str]()
-    channels = [channel for output in mechanism.outputs for channel, _ in output.terms]
-    forces = [channel for channel in channels if isinstance(channel, Force)]
+    forces = [force for output in mechanism.outputs for force, _ in output.forces]
     for force in sorted(forces, key=lambda force: force.side is Side.JOINT):
         if force.at not in free | seen:
             yield force.at, force.side

@@ -20,7 +20,7 @@ from echelon.errors import InputError
 from echelon.loops.closures import ClosureEquations, record_closures
 from echelon.mechanism.closed_pose import shown_loops
 from echelon.mechanism.joint import Motion, MotionKind, Symbol
-from echelon.mechanism.mechanism import Cut, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import characteristic_length, symbol_values
 from echelon.mechanism.steps import Probes, Recorder, cut_names, quaternion_times, virtual_motion
 from echelon.program.schedule import FloatArithmetic, Schedule, StagedSchedule
@@ -275,7 +275,7 @@ class ClosedMotion:
         if not off.any():
             return
         output = self.mechanism.outputs[int(off.argmax())]
-        if any(isinstance(channel, Cut) for channel, _ in output.terms):
+        if output.cuts:
             raise InputError(
                 f"output '{output.name}' is not determined by the motion: "
                 f"{shown_loops(self.mechanism)} have redundant constraints, between which rigid-body dynamics does "

@@ -14,7 +14,7 @@ from echelon.hints import nearest_of
 from echelon.mechanism.coupling import Coupling, Spline
 from echelon.mechanism.effect import Effect
 from echelon.mechanism.joint import Body, Joint, Motion, MotionKind, Placement, merge, moved_by
-from echelon.mechanism.mechanism import Actuator, Cut, Mechanism, Output
+from echelon.mechanism.mechanism import Actuator, Mechanism, Output
 from echelon.mechanism.stated import known_values
 
 _DENOMINATOR = 10**8  # of tangents of half angles: a rational point of the circle within 2e-8 rad of any angle
@@ -153,8 +153,6 @@ def _still(mechanism: Mechanism, gone: set[str], positions: Mapping[str, float])
 
 def _outputs(outputs: Iterable[Output], gone: set[str]) -> Iterable[Output]:
     for output in outputs:
-        terms = tuple(
-            (channel, weight) for channel, weight in output.terms if isinstance(channel, Cut) or channel.at not in gone
-        )
-        if terms:
-            yield replace(output, terms=terms)
+        left = replace(output, forces=tuple((force, weight) for force, weight in output.forces if force.at not in gone))
+        if left.forces or left.cuts:
+            yield left

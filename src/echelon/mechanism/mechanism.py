@@ -37,6 +37,10 @@ class Force:
     # and of the effects in the drive
     side: Side
 
+    def output(self, name: str, unit: str) -> Output:
+        """The output that is this force."""
+        return Output(name, unit, forces=((self, _ONE),))
+
 
 @dataclass(frozen=True)
 class Cut:
@@ -48,32 +52,52 @@ class Cut:
     axis: int  # 0, 1, 2 for x, y, z of the sensor's frame
     angular: bool  # moment (N·m) or force (N)
 
+    @property
+    def component(self) -> str:
+        """Its name on a force/torque sensor, such as ``fx`` or ``tz``."""
+        return ("t" if self.angular else "f") + "xyz"[self.axis]
 
-Channel = Force | Cut
+    def output(self, name: str, unit: str) -> Output:
+        """The output that is this component."""
+        return Output(name, unit, cuts=((self, _ONE),))
 
 
 @dataclass(frozen=True)
 class Output:
-    """One measured output, a row of X."""
+    """One measured output, a row of X: y = Σ weight · force + Σ weight · cut.
+
+    Forces and cuts span all that is linear in the bodies' wrenches, so that every kind of sensor is such a sum.
+    """
 
     name: str
     unit: str
-    terms: tuple[tuple[Channel, Polynomial], ...]  # y = Σ weight · channel
+    forces: tuple[tuple[Force, Polynomial], ...] = ()
+    cuts: tuple[tuple[Cut, Polynomial], ...] = ()
+
+    @property
+    def sensor(self) -> str:
+        """Name of the sensor that it belongs to: one component of a wrench is named after its sensor."""
+        alone = not self.forces and len(self.cuts) == 1
+        return (self.name.rpartition(".")[0] if alone else "") or self.name
 
 
 _ONE = Polynomial.constant(1)
 
 
-def plain(name: str, unit: str, channel: Channel) -> Output:
-    """The output that is one channel."""
-    return Output(name, unit, ((channel, _ONE),))
+def plain(name: str, unit: str, channel: Force | Cut) -> Output:
+    """The output that is one force or one component of a wrench."""
+    return channel.output(name, unit)
+
+
+def cut_of(component: str, body: int, frame: Placement, *, on_parent: bool = False) -> Cut:
+    """One component of the wrench of a body, such as ``fx`` or ``tz``."""
+    return Cut(body, frame, on_parent, "xyz".index(component[1]), component[0] == "t")
 
 
 def wrench_output(name: str, component: str, body: int, frame: Placement, *, on_parent: bool = False) -> Output:
-    """One component of a force/torque sensor, such as ``fx`` or ``tz``."""
-    angular = component[0] == "t"
-    cut = Cut(body, frame, on_parent, "xyz".index(component[1]), angular)
-    return plain(f"{name}.{component}", "N·m" if angular else "N", cut)
+    """One component of a force/torque sensor."""
+    cut = cut_of(component, body, frame, on_parent=on_parent)
+    return cut.output(f"{name}.{component}", "N·m" if cut.angular else "N")
 
 
 @dataclass(frozen=True)
@@ -315,6 +339,11 @@ class Mechanism:
             for a in self.transmission.actuators
         )
 
+    @cached_property
+    def cuts(self) -> tuple[Cut, ...]:
+        """Components of wrenches between bodies that some output measures."""
+        return tuple(dict.fromkeys(cut for output in self.measured or () for cut, _ in output.cuts))
+
     @property
     def measures_every_force(self) -> bool:
         """Whether the outputs are the forces of all independent coordinates, through a transmission or not."""
@@ -389,16 +418,15 @@ class Reading:
 
 def setup_placements(mechanism: Mechanism) -> list[Placement]:
     """Placements beside those of the joints: of sensors and closures."""
-    cuts = [channel for output in mechanism.measured or () for channel, _ in output.terms if isinstance(channel, Cut)]
     frames = [frame for closure in mechanism.closures for frame in closure.placements]
-    return [*(cut.frame for cut in cuts), *frames]
+    return [*(cut.frame for cut in mechanism.cuts), *frames]
 
 
 def setup_ratios(mechanism: Mechanism) -> list[Polynomial]:
     """Expressions beside those of placements and of gravity: ratios and weights."""
     found = [value for coupling in mechanism.couplings for _, f in coupling.terms for value in f.expressions]
     found += [ratio for actuator in mechanism.actuators for _, ratio in actuator.terms]
-    return found + [weight for output in mechanism.measured or () for _, weight in output.terms]
+    return found + [weight for output in mechanism.measured or () for _, weight in (*output.forces, *output.cuts)]
 
 
 def _check_tree(mechanism: Mechanism) -> None:
@@ -488,15 +516,14 @@ def _check_outputs(mechanism: Mechanism) -> None:
         raise InputError("two outputs have this name", element=f"output '{twice}'")
     drives = [actuator.name for actuator in mechanism.transmission.actuators]
     for output in mechanism.outputs:
-        for channel, _ in output.terms:
-            if isinstance(channel, Cut):
-                if not GROUND <= channel.body < len(mechanism.bodies):
-                    raise InputError("it is at a body that does not exist", element=f"output '{output.name}'")
-                continue
-            valid = mechanism.independent_velocities if channel.side is Side.JOINT else drives
-            if channel.at not in valid:
-                problem = f"'{channel.at}' is not measurable here (valid: {', '.join(valid) or 'none'})"
-                raise InputError(problem, element=f"output '{output.name}'")
+        where = f"output '{output.name}'"
+        if not all(GROUND <= cut.body < len(mechanism.bodies) for cut, _ in output.cuts):
+            raise InputError("it is at a body that does not exist", element=where)
+        for force, _ in output.forces:
+            valid = mechanism.independent_velocities if force.side is Side.JOINT else drives
+            if force.at not in valid:
+                problem = f"'{force.at}' is not measurable here (valid: {', '.join(valid) or 'none'})"
+                raise InputError(problem, element=where)
 
 
 def _check_names(mechanism: Mechanism) -> None:

@@ -240,12 +240,7 @@ def into_frame(step: Step, v: Vec) -> Vec:
 
 def cut_names(mechanism: Mechanism) -> dict[Cut, str]:
     """Names of the freedoms of sensors, which no coordinate can have."""
-    names: dict[Cut, str] = {}
-    for output in mechanism.outputs:
-        for cut, _ in output.terms:
-            if isinstance(cut, Cut):
-                names.setdefault(cut, f"output '{output.name}' #{len(names)}")
-    return names
+    return {cut: f"cut*{number}" for number, cut in enumerate(mechanism.cuts)}
 
 
 class Probes:
@@ -301,17 +296,17 @@ def virtual_motion(
     for output in mechanism.outputs:
         if output.name not in speeds:
             continue
-        for channel, weight in output.terms:
+        for cut, weight in output.cuts:
+            increase(freedoms, probes.names[cut], speeds[output.name] * program.polynomial(weight))
+        for force, weight in output.forces:
             speed = speeds[output.name] * program.polynomial(weight)
-            if isinstance(channel, Cut):
-                increase(freedoms, probes.names[channel], speed)
-            elif channel.side is Side.JOINT:
-                increase(freedoms, channel.at, speed)
-            else:
-                increase(drives, channel.at, speed)
-                for joint, inverse in mechanism.transmission.inverse[channel.at].items():
-                    factor = program.polynomial(inverse.numerator) / program.polynomial(inverse.denominator)
-                    increase(freedoms, joint, speed * factor)
+            if force.side is Side.JOINT:
+                increase(freedoms, force.at, speed)
+                continue
+            increase(drives, force.at, speed)
+            for joint, inverse in mechanism.transmission.inverse[force.at].items():
+                factor = program.polynomial(inverse.numerator) / program.polynomial(inverse.denominator)
+                increase(freedoms, joint, speed * factor)
     chosen = dict(freedoms)
     names = mechanism.dependent_velocities
     freedoms.update({n: program.input(f"v[{n}]") for n in names} if solved is None else solved(chosen))

@@ -317,7 +317,7 @@ GENERIC = gravity_vector("generic", ORIGIN)  # gravity of unknown direction; its
 
 def cut_off(robot: RobotDescription) -> tuple[str, ...]:
     """Names of the parts that force/torque sensors carry, which are bodies even where they are fixed."""
-    return tuple(w for w in (getattr(output, "wrench", BASE) for output in robot.outputs or ()) if w != BASE)
+    return tuple(name for sensor in robot.outputs or () for name in sensor.carried if name != BASE)
 
 
 def declared_symbols(robot: RobotDescription, document: Document) -> tuple[dict[str, Symbol], frozenset[str]]:

@@ -21,14 +21,10 @@ from echelon.formats.met_frames import at_zero, second_frame
 from echelon.formats.rounding import COARSEST, rounding_of_mechanism
 from echelon.formats.schema.robot_schema import RobotDescription
 from echelon.formats.schema.schema_setup import (
-    ActuatorOutput,
-    JointOutput,
     LinearTerms,
-    OutputEntry,
     OwnEffect,
     ReadyEffect,
     RotorEntry,
-    WrenchOutput,
 )
 from echelon.formats.schema.schema_types import Frame, LoopEntry
 from echelon.formats.snapping import ReadingOptions
@@ -41,12 +37,10 @@ from echelon.mechanism.effect import Action, Effect, Side, ready_made
 from echelon.mechanism.joint import GROUND, Body, Joint, Motion, MotionKind, Placement, merge
 from echelon.mechanism.mechanism import (
     Actuator,
-    Channel,
+    Cut,
     Force,
     Mechanism,
-    Output,
-    plain,
-    wrench_output,
+    cut_of,
 )
 from echelon.names import symbol_stem
 
@@ -84,7 +78,7 @@ class Additions:
         self.mechanism = replace(self.mechanism, effects=tuple(self._effects()))
         if self.robot.outputs is not None:
             entries = enumerate(self.robot.outputs)
-            measured = tuple(o for k, entry in entries for o in self._outputs(entry, f"outputs[{k}]"))
+            measured = tuple(output for k, entry in entries for output in entry.outputs(self, f"outputs[{k}]"))
             self.mechanism = replace(self.mechanism, measured=measured)
         return replace(self.mechanism, symbols={**self.mechanism.symbols, **self.expressions.named})
 
@@ -183,46 +177,29 @@ class Additions:
         self.expressions.check(at, valid, path, stated or "coordinate")
         return Side(stated) if stated else Side.ACTUATOR if at in drives else Side.JOINT
 
-    # -- outputs ---------------------------------------------------------------------------------------------------
+    # -- what the entries of sensors ask for -----------------------------------------------------------------------
 
-    def _outputs(self, entry: OutputEntry, path: str) -> Sequence[Output]:
-        if isinstance(entry, WrenchOutput):
-            return self._wrench(entry, path)
-        if isinstance(entry, JointOutput):
-            return self._plain(Side.JOINT, entry.joint, entry.name, f"{path}.joint")
-        if isinstance(entry, ActuatorOutput):
-            return self._plain(Side.ACTUATOR, entry.actuator, entry.name, f"{path}.actuator")
-        terms: list[tuple[Channel, Polynomial]] = []
-        for k, term in enumerate(entry.sum):
-            where = f"{path}.sum[{k}]"
-            side = Side.ACTUATOR if term.joint is None else Side.JOINT
-            force = self._force(side, term.joint or term.actuator or "", where)
-            terms.append((force, self.expressions.polynomial(term.weight, f"{where}.weight")))
-        return [Output(entry.name, entry.unit, tuple(terms))]
-
-    def _plain(self, side: Side, stated: str, name: str | None, path: str) -> list[Output]:
-        """The force at one place, or those at all places, each as an output."""
-        places = self._places(side) if stated == EVERY else (stated,)
-        forces = {at: self._force(side, at, path) for at in places}
-        names = {at: at if name is None else name if len(places) == 1 else f"{name}.{at}" for at in places}
-        return [plain(names[at], "N" if slides(self.mechanism, at) else "N·m", force) for at, force in forces.items()]
-
-    def _places(self, side: Side) -> tuple[str, ...]:
-        """Coordinates or actuators whose forces can be measured."""
-        return self.mechanism.independent_velocities if side is Side.JOINT else self._drives
-
-    def _force(self, side: Side, at: str, path: str) -> Force:
+    def forces(self, side: Side, at: str, path: str) -> dict[str, tuple[Force, str]]:
+        """The force at a place, or at all of them, and its unit, by place."""
+        valid = self.mechanism.independent_velocities if side is Side.JOINT else self._drives
         kind = "actuator" if side is Side.ACTUATOR else "joint coordinate"
-        loops = "independent " * (side is Side.JOINT and bool(self.mechanism.closures))
-        self.expressions.check(at, self._places(side), path, f"{loops}{kind}")
-        return Force(at, side)
+        if side is Side.JOINT and self.mechanism.closures:
+            kind = f"independent {kind}"
+        found: dict[str, tuple[Force, str]] = {}
+        for name in valid if at == EVERY else (at,):
+            self.expressions.check(name, valid, path, kind)
+            found[name] = Force(name, side), "N" if slides(self.mechanism, name) else "N·m"
+        return found
 
-    def _wrench(self, entry: WrenchOutput, path: str) -> list[Output]:
-        body, rides = self.find(entry.wrench, f"{path}.wrench")
-        frame = rides @ self.expressions.frame(entry.frame, f"{path}.frame", symbol_stem(entry.name or entry.wrench))
-        name = entry.name or entry.wrench
-        on_parent = entry.fixed_to == "parent"
-        return [wrench_output(name, component, body, frame, on_parent=on_parent) for component in entry.components]
+    def cut(self, component: str, body: str, frame: Frame, fixed_to: str, stem: str, path: str) -> Cut:
+        """One component of the wrench of a body, in a frame whose angles are named after ``stem``."""
+        index, rides = self.find(body, f"{path}.wrench")
+        placed = rides @ self.expressions.frame(frame, f"{path}.frame", symbol_stem(stem))
+        return cut_of(component, index, placed, on_parent=fixed_to == "parent")
+
+    def weight(self, text: str, path: str) -> Polynomial:
+        """A number or an expression in symbols."""
+        return self.expressions.polynomial(text, path)
 
     # -- loops -----------------------------------------------------------------------------------------------------
 

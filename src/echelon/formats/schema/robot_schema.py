@@ -13,10 +13,10 @@ from pydantic import BeforeValidator, ConfigDict, Tag
 
 from echelon.formats.schema.schema_excite import ExcitationEntry
 from echelon.formats.schema.schema_log import IdentificationEntry, LogEntry, PreparationEntry
+from echelon.formats.schema.schema_outputs import OutputEntry
 from echelon.formats.schema.schema_setup import (
     EffectEntry,
     LinearTerms,
-    OutputEntry,
     RobotFile,
     RotorEntry,
     effect_list,

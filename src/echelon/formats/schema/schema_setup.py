@@ -1,4 +1,4 @@
-"""What is measured on a machine, and its drives and effects, as data models of the description format."""
+"""Drives and effects of a machine, as data models of the description format."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from echelon.formats.schema.schema_types import (
     Frame,
     Model,
     Name,
-    exactly_one,
     optional,
     refusal,
     required,
@@ -21,8 +20,6 @@ from echelon.formats.schema.schema_types import (
 from echelon.mechanism.effect import CONSTANTS, KINDS
 
 Side = Literal["joint", "actuator"]
-Component = Literal["fx", "fy", "fz", "tx", "ty", "tz"]
-COMPONENTS: tuple[Component, ...] = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 
 class FileJoint(Model):
@@ -197,63 +194,3 @@ class RotorEntry(Model):
     axis: Direction = optional("z", "Axis in the rotor's frame.", "z")
     frame: Frame = optional(Frame.model_construct(), "The rotor's frame on its carrier.", {"rpy": ["pi/2", 0, 0]})
     label: Name | None = optional(None, "Ends the names of its parameters.", "m3")
-
-
-# -- outputs --------------------------------------------------------------------------------------------------------
-
-
-class WeightedForce(Model):
-    """A joint's or an actuator's force with a weight."""
-
-    joint: Name | None = optional(None, "Joint coordinate.", "j1")
-    actuator: Name | None = optional(None, "Actuator.", "m5")
-    weight: Expression = optional("1", "Its weight.", "1/2")
-
-    _one_place = exactly_one("joint", "actuator")
-
-
-class JointOutput(Model):
-    """A torque or force sensor in a joint, on the joint's side of the drive."""
-
-    joint: Name = required("Joint coordinate, or all.", "j1", "all")
-    name: Name | None = optional(None, "Name of the output; default: the coordinate.", "tau1")
-
-
-class ActuatorOutput(Model):
-    """Torque, force or current of an actuator."""
-
-    actuator: Name = required("Actuator, or all.", "m5", "all")
-    name: Name | None = optional(None, "Name of the output; default: the actuator.", "i5")
-
-
-class WrenchOutput(Model):
-    """A force/torque sensor between a body and its parent, or under the base."""
-
-    wrench: Name = required("Body that is carried by the sensor; base for all of them.", "hand")
-    name: Name | None = optional(None, "Name of the sensor; default: the body.", "ft")
-    frame: Frame = optional(Frame.model_construct(), "The sensor's frame.", {"xyz": [0, 0, "0.05"]})
-    fixed_to: Literal["body", "parent"] = optional("body", "What the sensor's frame is fixed to.", "parent")
-    components: Annotated[tuple[Component, ...], AS_LIST] = optional(
-        COMPONENTS, "Forces and torques along the axes of the frame.", ["tz"]
-    )
-
-
-class SumOutput(Model):
-    """A weighted sum of forces."""
-
-    name: Name = required("Name of the output.", "differential")
-    unit: str = optional("N·m", "Its SI unit.", "N·m")
-    sum: Annotated[tuple[WeightedForce, ...], AS_LIST] = required(
-        "What is added up.", [{"joint": "j5"}, {"joint": "j6", "weight": "-1"}]
-    )
-
-
-_MEASURED = ("joint", "actuator", "wrench", "sum")
-OutputEntry = Annotated[
-    Annotated[JointOutput, Tag("joint")]
-    | Annotated[ActuatorOutput, Tag("actuator")]
-    | Annotated[WrenchOutput, Tag("wrench")]
-    | Annotated[SumOutput, Tag("sum")],
-    # the key that says what it measures
-    Discriminator(lambda value: next((key for key in _MEASURED if isinstance(value, dict) and key in value), None)),
-]

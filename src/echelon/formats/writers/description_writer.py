@@ -14,7 +14,6 @@ from echelon.exact.expressions import decimal_text
 from echelon.exact.polynomial import Polynomial, format_polynomial
 from echelon.formats.bodies import BASE
 from echelon.formats.description.document import GENERIC
-from echelon.formats.schema.schema_setup import COMPONENTS
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.coupling import Spline
 from echelon.mechanism.effect import Effect
@@ -34,7 +33,6 @@ from echelon.mechanism.joint import (
 )
 from echelon.mechanism.mechanism import (
     Cut,
-    Force,
     Mechanism,
     Output,
     setup_placements,
@@ -113,21 +111,29 @@ def _effect(effect: Effect) -> dict[str, Any]:
 
 
 def _output(output: Output, mechanism: Mechanism) -> dict[str, Any]:
-    channel, weight = output.terms[0]
-    if isinstance(channel, Cut):
-        component = COMPONENTS[channel.axis + (3 if channel.angular else 0)]
-        return {
-            "wrench": BASE if channel.body == GROUND else mechanism.bodies[channel.body].name,
-            "name": output.name.removesuffix(f".{component}"),
-            "frame": frame_data(channel.frame),
-            "fixed_to": "parent" if channel.on_parent else "body",
-            "components": [component],
-        }
-    if len(output.terms) == 1 and weight == 1:
-        return {channel.side.value: channel.at, "name": output.name}
-    terms = [(c, expression_text(weight)) for c, weight in output.terms if isinstance(c, Force)]
-    summed = [{force.side.value: force.at, "weight": weight} for force, weight in terms]
-    return {"name": output.name, "unit": output.unit, "sum": summed}
+    weights = [weight for _, weight in (*output.forces, *output.cuts)]
+    if weights == [1] and output.forces:
+        force, _ = output.forces[0]
+        return {force.side.value: force.at, "name": output.name}
+    if weights == [1]:
+        cut, _ = output.cuts[0]
+        if output.name.endswith(f".{cut.component}"):
+            name = output.name.removesuffix(f".{cut.component}")
+            return {"name": name, **_wrench(cut, mechanism), "components": [cut.component]}
+    terms: list[dict[str, Any]] = []
+    for force, weight in output.forces:
+        terms.append({force.side.value: force.at, "weight": expression_text(weight)})
+    for cut, weight in output.cuts:
+        terms.append({**_wrench(cut, mechanism), "component": cut.component, "weight": expression_text(weight)})
+    return {"name": output.name, "unit": output.unit, "sum": terms}
+
+
+def _wrench(cut: Cut, mechanism: Mechanism) -> dict[str, Any]:
+    return {
+        "wrench": BASE if cut.body == GROUND else mechanism.bodies[cut.body].name,
+        "frame": frame_data(cut.frame),
+        "fixed_to": "parent" if cut.on_parent else "body",
+    }
 
 
 _TYPES = (

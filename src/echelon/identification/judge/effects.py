@@ -12,7 +12,7 @@ from echelon.identification.judge.evidence import States
 from echelon.identification.judge.hypothesis import Kind, Term, Usual
 from echelon.logs.columns.column_map import signal_names
 from echelon.mechanism.effect import Side
-from echelon.mechanism.mechanism import Force, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
 
 _HARMONICS = range(1, 13)
@@ -41,9 +41,9 @@ def places(mechanism: Mechanism, q: int, qd: int) -> Iterator[Place]:
     positions, velocities = signal_names(mechanism, "q", q), signal_names(mechanism, "qd", qd)
     known, drives = known_values(mechanism), {a.name: a.terms for a in mechanism.transmission.actuators}
     for k, output in enumerate(mechanism.outputs):
-        force = output.terms[0][0]
-        if len(output.terms) > 1 or not isinstance(force, Force):
+        if len(output.forces) != 1 or output.cuts:
             continue
+        force, _ = output.forces[0]
         ratios = {force.at: 1.0}
         if force.side is Side.ACTUATOR:
             ratios = {n: r.at(known) for n, r in drives[force.at] if known.keys() >= set(r.symbols())}

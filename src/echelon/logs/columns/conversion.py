@@ -27,7 +27,7 @@ from echelon.logs.finding import listed
 from echelon.logs.recording import Recording
 from echelon.logs.units import factor
 from echelon.mechanism.effect import KINDS, Side
-from echelon.mechanism.mechanism import Cut, Force, Mechanism, Output
+from echelon.mechanism.mechanism import Force, Mechanism, Output
 from echelon.mechanism.motor_side import transmission_matrix
 from echelon.mechanism.stated import symbol_values
 from echelon.signals.clock import GAP, nominal_period
@@ -337,29 +337,32 @@ def _columns(channels: Sequence[Floats]) -> Floats:
 
 def _from_motors(mechanism: Mechanism, output: Output, motors: Given, used: set[str]) -> Floats:
     total = np.zeros(len(next(iter(motors.values()))))
-    for channel, weight in output.terms:
+    where = f"output '{output.name}'"
+    if output.cuts:
+        raise InputError(_ONLY_JOINTS, element=where)
+    for force, weight in output.forces:
         known = symbol_values(mechanism, weight.symbols())
         scale = weight.at(known)
-        for name, ratio in _shares(mechanism, output, channel).items():
+        for name, ratio in _shares(mechanism, where, force).items():
             if name not in motors:
                 problem = f"a column is missing for it, or for the actuator '{name}'"
-                raise InputError(problem, element=f"output '{output.name}'")
+                raise InputError(problem, element=where)
             used.add(name)
             total = total + scale * ratio * motors[name]
     return total
 
 
-def _shares(mechanism: Mechanism, output: Output, channel: Force | Cut) -> dict[str, float]:
-    """Actuators whose forces make a channel, with their ratios."""
-    where = f"output '{output.name}'"
-    if not isinstance(channel, Force) or channel.side is not Side.JOINT:
-        raise InputError(
-            "a column is missing for it; only forces of joints follow from those of actuators", element=where
-        )
+_ONLY_JOINTS = "a column is missing for it; only forces of joints follow from those of actuators"
+
+
+def _shares(mechanism: Mechanism, where: str, force: Force) -> dict[str, float]:
+    """Actuators whose forces make a joint's force, with their ratios."""
+    if force.side is not Side.JOINT:
+        raise InputError(_ONLY_JOINTS, element=where)
     driven, matrix = transmission_matrix(mechanism)
-    found = {channel.at: 1.0}
-    if channel.at in driven:
-        column = matrix[:, driven.index(channel.at)]
+    found = {force.at: 1.0}
+    if force.at in driven:
+        column = matrix[:, driven.index(force.at)]
         found = {a.name: float(r) for a, r in zip(mechanism.actuators, column, strict=True) if r}
     for effect in mechanism.effects:
         lossy = next((a.at for a in effect.actions if a.side is Side.ACTUATOR and a.at in found), None)

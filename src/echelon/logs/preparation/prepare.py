@@ -30,7 +30,7 @@ from echelon.logs.columns.column_map import quaternion_columns, signal_names
 from echelon.logs.faults.examine import pinned
 from echelon.logs.recording import Samples, Segment
 from echelon.mechanism.effect import Side
-from echelon.mechanism.mechanism import Cut, Mechanism, Output
+from echelon.mechanism.mechanism import Mechanism, Output
 from echelon.mechanism.stated import symbol_values
 from echelon.signals.clock import shift_reach, shifted
 from echelon.signals.filters import (
@@ -178,16 +178,14 @@ def _by_kind(x: Floats, xd: Floats, xdd: Floats, mechanism: Mechanism) -> States
 
 def speed_rows(mechanism: Mechanism, output: Output, names: Sequence[str]) -> Floats | None:
     """Speeds of the joints or actuators of an output as combinations (speeds, velocities); None for a wrench."""
-    if any(isinstance(channel, Cut) for channel, _ in output.terms):
+    if output.cuts:
         return None
-    rows = np.zeros((len(output.terms), len(names)))
-    for row, (channel, _) in zip(rows, output.terms, strict=True):
-        if isinstance(channel, Cut):
-            continue
-        if channel.side is Side.JOINT:
-            row[names.index(channel.at)] = 1.0
+    rows = np.zeros((len(output.forces), len(names)))
+    for row, (force, _) in zip(rows, output.forces, strict=True):
+        if force.side is Side.JOINT:
+            row[names.index(force.at)] = 1.0
         else:
-            actuator = next(a for a in mechanism.transmission.actuators if a.name == channel.at)
+            actuator = next(a for a in mechanism.transmission.actuators if a.name == force.at)
             for name, ratio in actuator.terms:
                 known = symbol_values(mechanism, sorted(ratio.symbols()))
                 row[names.index(name)] = ratio.at(known)
@@ -197,13 +195,11 @@ def speed_rows(mechanism: Mechanism, output: Output, names: Sequence[str]) -> Fl
 def rubs(mechanism: Mechanism, output: Output) -> bool:
     """Whether dry friction is in an output: an effect with a sign that it can see."""
     dry = {(a.at, a.side) for effect in mechanism.effects for a in effect.actions if "sign(" in a.term}
-    for channel, _ in output.terms:
-        if isinstance(channel, Cut):
-            continue
+    for force, _ in output.forces:
         if mechanism.dependent_velocities:  # which move with the output, too
             return bool(dry)
-        moved = mechanism.transmission.inverse[channel.at] if channel.side is Side.ACTUATOR else ()
-        if (channel.at, channel.side) in dry or any((name, Side.JOINT) in dry for name in moved):
+        moved = mechanism.transmission.inverse[force.at] if force.side is Side.ACTUATOR else ()
+        if (force.at, force.side) in dry or any((name, Side.JOINT) in dry for name in moved):
             return True
     return False
 
