@@ -258,7 +258,9 @@ def test_a_set_up_survives_saving(tmp_path: Path) -> None:
         effects=[{"type": "viscous", "at": "all"}, {"type": "rotor_inertia", "at": "m5"}],
         rotors=[{"name": "r3", "on": "link2", "drives": "100*joint3"}],
         outputs=[{"actuator": "m5"}, {"joint": "joint1"}, {"wrench": "link4", "components": ["fx", "tz"]},
-                 {"name": "sum", "sum": [{"joint": "joint2"}, {"actuator": "m6", "weight": "1/2"}]}],
+                 {"name": "sum", "sum": [{"joint": "joint2"}, {"actuator": "m6", "weight": "1/2"}]},
+                 {"name": "pin", "unit": "N", "sum": [{"wrench": "link6", "component": "fx", "weight": "3/5"},
+                                                      {"wrench": "base", "component": "fz", "weight": "4/5"}]}],
     )  # fmt: skip
     again = read_description(json.dumps(write_description(robot)), "again", ReadingOptions())
     for field in ("bodies", "couplings", "actuators", "effects", "measured"):

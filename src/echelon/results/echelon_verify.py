@@ -145,20 +145,17 @@ class Robot:
         misses = map(self.plus, self.times([x, y, z, cross(x, y)], R), 4 * [-1], [row[:3] for row in (*ONE[:3], ONE[2])])
         need(not any(self.rest(x) for row in misses for x in row), "a matrix that is not a rotation")
         return [[*row, self.read(t)] for row, t in zip(R, data.get("xyz", "000"), strict=True)] + [ONE[3]]
-    def output(self, entry):  # the name of an output, and weights of the displacements along which it measures
-        ending = "".join(f".{c}" for c in only(entry, "name unit sum joint actuator wrench frame fixed_to components").get("components", []))
-        return entry["name"] + ending, unique([(self.place(t), self.read(t.get("weight", "1"))) for t in entry.get("sum", [entry])])
-    def place(self, term):  # of a displacement: a coordinate, a drive or the next sensor
-        if "wrench" not in only(term, "name unit joint actuator wrench frame fixed_to components component weight"):
-            side = "joint" if "joint" in term else "actuator"
-            cover(term[side] in (self.driven if side == "joint" else self.drives), "a sensor there")
-            return side, term[side]
-        frame, ((kind, letter),), place = self.frame(term["frame"]), term.get("components", [term.get("component")]), term["wrench"]
-        cover((place == "base") + [body["name"] for body in self.model["bodies"]].count(place) == 1, f"a sensor at {place!r}")
+    def output(self, data):  # the name of an output, and weights of the displacements along which it measures
+        terms = only(data, "name unit sum")["sum"] if "sum" in data else [data]
+        return ".".join([data["name"], *data.get("components", [])]), unique([(self.at(t), self.read(t.get("weight", "1"))) for t in terms])
+    def at(self, term):  # of a displacement: along a joint, along a drive, or of a sensor between bodies
+        (side,) = {*only(term, "name joint actuator wrench frame fixed_to components component weight")} & {"joint", "actuator", "wrench"}
+        names = {"joint": self.driven, "actuator": self.drives, "wrench": ["base", *(body["name"] for body in self.model["bodies"])]}[side]
+        if cover([*names].count(term[side]) == 1, f"a sensor at {term[side]!r}") and side != "wrench": return side, term[side]
+        frame, ((kind, letter),), body = self.frame(term["frame"]), term.get("components", [term.get("component")]), term["wrench"]
         *axis, _ = [row["xyz".index(letter)] for row in frame]
         motion = [*axis, *cross([row[3] for row in frame], axis)] if kind == "t" else [0, 0, 0, *axis]
-        self.sensed[place != "base" and place, term["fixed_to"], len(self.sensed)] = motion
-        return [*self.sensed][-1]
+        return self.sensed.update({(key := (body != "base" and body, term["fixed_to"], len(self.sensed))): motion}) or key
     def step(self, data):  # the matrix S of a frame or an elementary motion, and by coordinate the twists behind it
         if "motion" not in data: return self.frame(data), {}
         kind, name, letters = only(data, "motion name axis pitch")["motion"], data["name"], data["axis"]
