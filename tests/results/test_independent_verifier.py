@@ -127,13 +127,14 @@ SETUPS = {
     "sensor before": "outputs: [{wrench: two, fixed_to: parent, components: [tz, fx]}, {wrench: base}]",
     "sums of rates": "effects: [{parameter: P, unit: N·m, acts: [{at: one, term: 'abs(2*qd + qd[two])'}]}]",
     "ratios of symbols": "actuators: {m1: n*one + two, m2: one - two}\neffects: [{type: viscous, at: all}]",
-    "load cell": "outputs: [{name: pin, unit: N, sum: [{wrench: three, component: fx, frame: {xyz: [0.1, 0, a]}, weight: a},"
-    "{wrench: three, component: tz, weight: -2}, {joint: one}]}, {wrench: two, components: ty}]",
     "sum": "outputs: [{name: s, unit: N·m, sum: [{joint: one}, {joint: two, weight: -1/2}]}, {joint: three}]",
     "mimic": "couplings: [{three: 2*one - two/3}]",
     "rotor": "rotors: [{name: r, on: two, drives: 50*three, axis: x, frame: {rpy: [pi/2, 0, 0]}}]",
     "no gravity": "gravity: none",
     "any gravity": "gravity: generic",
+    "some torques": "outputs: [{wrench: two, components: [ty]}, {wrench: three, components: [tx], frame: {xyz: [0, b, a]}}]",
+    "load cell": "outputs: [{name: pin, unit: N, sum: [{wrench: three, component: fx, frame: {xyz: [0.1, 0, a]}, weight: a},"
+    "{wrench: three, component: tz, weight: -2}, {joint: one}]}, {wrench: two, components: [ty]}]",
 }
 
 

@@ -154,7 +154,7 @@ class Robot:
         if cover([*names].count(term[side]) == 1, f"a sensor at {term[side]!r}") and side != "wrench": return side, term[side]
         frame, ((kind, letter),), body = self.frame(term["frame"]), term.get("components", [term.get("component")]), term["wrench"]
         *axis, _ = [row["xyz".index(letter)] for row in frame]
-        motion = [*axis, *cross([row[3] for row in frame], axis)] if kind == "t" else [0, 0, 0, *axis]
+        motion = [*axis, *cross([row[3] for row in frame[:3]], axis)] if kind == "t" else [0, 0, 0, *axis]
         return self.sensed.update({(key := (body != "base" and body, term["fixed_to"], len(self.sensed))): motion}) or key
     def step(self, data):  # the matrix S of a frame or an elementary motion, and by coordinate the twists behind it
         if "motion" not in data: return self.frame(data), {}
