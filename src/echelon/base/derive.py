@@ -403,7 +403,7 @@ def model_at_stated_values(mechanism: Mechanism, recorded: LinearForms | None = 
     rounded = [name for name in inexact_symbols(mechanism) if mechanism.symbols[name].tangent_squared is None]
     approximate = tuple(sorted(rounded))
     everywhere = has_values(mechanism)
-    terms = " ".join(action.term for effect in mechanism.effects for action in effect.actions)
-    plain = recorded is not None and not any(name in terms for name in values.names)
+    in_effects = {name for effect in mechanism.effects for name in effect.symbols}
+    plain = recorded is not None and in_effects.isdisjoint(values.names)
     drawn = (recorded, values) if recorded is not None and plain else None
     return AtStatedValues(record, texts, bool(values.names), everywhere, fractions_of_pi, approximate, drawn)

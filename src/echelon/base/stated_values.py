@@ -210,9 +210,9 @@ def at_stated_values(mechanism: Mechanism) -> Mechanism:
     if not values.names:
         return mechanism
     put_in = with_values(mechanism, values.put_in(values.names))
-    terms = " ".join(action.term for effect in put_in.effects for action in effect.actions)
+    in_effects = {name for effect in put_in.effects for name in effect.symbols}
     in_geometry = symbol_roles(put_in).symbols
-    used = {name for name in values.units if name in in_geometry or (name in UNITS and name in terms)}
+    used = {name for name in values.units if name in in_geometry or (name in UNITS and name in in_effects)}
     left = {name: symbol for name, symbol in put_in.symbols.items() if name not in values.units}
     return replace(put_in, symbols={**left, **{name: values.units[name] for name in used}})
 

@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from math import isfinite
 
-from echelon.mechanism.effect import KINDS, Effect, Side, ready_made
+from echelon.mechanism.effect import Effect, Side, ready_made
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.names import symbol_stem
@@ -22,7 +22,6 @@ DriveNumbers = Mapping[str, Mapping[str, float]]
 
 EVERYWHERE = ("viscous", "coulomb", "offset")
 _WHERE_STATED = ("rotor_inertia", "spring")
-_ROTOR = KINDS["rotor_inertia"][0].term
 _ONLY_FIRST = ("spring",)  # its preload is the offset
 
 
@@ -41,7 +40,7 @@ def with_usual_effects(mechanism: Mechanism, stated: DriveNumbers) -> Mechanism:
 
 def with_rotors(mechanism: Mechanism, drives: Collection[str] | None = None) -> Mechanism:
     """The mechanism with the inertia of rotors in some drives as well, or in all that have none."""
-    rotors = {action.at for effect in mechanism.effects for action in effect.actions if action.term == _ROTOR}
+    rotors = {a.at for effect in mechanism.effects for a in effect.actions if a.kind == "rotor_inertia"}
     chosen = drives if drives is not None else {name for name, _ in _measured_places(mechanism)} - rotors
     places = [(name, side) for name, side in _measured_places(mechanism) if name in chosen]
     found = [effect for place in places for effect in _made(mechanism, "rotor_inertia", *place, {})]

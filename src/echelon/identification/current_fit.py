@@ -7,7 +7,6 @@ squares on the triangles, however many rows there were.  Each drive's noise is e
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -26,16 +25,10 @@ _ROUNDING = 1e-11  # step in parts of the currents that is rounding
 _HALVINGS = 30
 
 
-_GAIN = re.compile(r"-\s*i(\[.*\])?")
-
-
 def gain_names(base: BaseModel) -> tuple[str, ...]:
     """Base parameters that are drive gains: effects that multiply a measured current."""
-    gains = {
-        e.parameter
-        for e in base.mechanism.effects
-        if e.actions and all(_GAIN.fullmatch(a.term.strip()) for a in e.actions)
-    }
+    effects = base.mechanism.effects
+    gains = {e.parameter for e in effects if e.actions and all(a.kind == "drive_gain" for a in e.actions)}
     return tuple(name for name in base.pivots if name in gains)
 
 

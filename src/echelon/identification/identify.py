@@ -176,9 +176,9 @@ def _lifted(result: Identification) -> set[str]:
     """Slides with a constant force that a rotor would explain: gravity acts along them, and not on its inertia."""
     mechanism, estimate = result.base.mechanism, result.estimate
     actions = [(effect.parameter, action) for effect in mechanism.effects for action in effect.actions]
-    rotors = {action.at for _, action in actions if action.term == "qdd"}
+    rotors = {action.at for _, action in actions if action.kind == "rotor_inertia"}
     clear = dict(zip(estimate.parameters, np.abs(estimate.values) > _CLEARLY * estimate.std, strict=True))
-    offsets = {a.at: name for name, a in actions if a.term == "1" and clear.get(name) and slides(mechanism, a.at)}
+    offsets = {a.at: name for name, a in actions if a.kind == "offset" and clear.get(name) and slides(mechanism, a.at)}
     offsets = {at: name for at, name in offsets.items() if at not in rotors}
     if not offsets:
         return set()
@@ -387,7 +387,7 @@ def _weights(noise: Floats) -> Floats:
 def _without_friction(base: BaseModel, observation: Observation, noise: Floats) -> Floats | None:
     """Base parameters of a model fitted without friction, offsets and springs, shape (r,); None if there are none."""
     mechanism = base.mechanism
-    inertial = {e.parameter for e in mechanism.effects if all("qdd" in action.term for action in e.actions)}
+    inertial = {e.parameter for e in mechanism.effects if all(action.read.is_inertial for action in e.actions)}
     kept = [
         k
         for k, p in enumerate(base.matrix.pivots)

@@ -1,13 +1,18 @@
 """Effects: forces in joints and drives that are linear in parameters of their own (friction, springs, rotor inertia).
 
 Every effect is one parameter times a known function of the state, acting along one or more coordinates.  The usual
-ones are ready-made; any other is an expression.
+ones are ready-made; any other is an expression.  What an effect is follows from its expression, whoever wrote it: a row
+of :data:`KINDS` if it has the shape of one, and the properties of :class:`~echelon.mechanism.term.Term`.
 """
 
 from __future__ import annotations
 
+import ast
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache, cached_property
+
+from echelon.mechanism.term import Term, has_shape, read_term
 
 
 class Side(StrEnum):
@@ -27,6 +32,23 @@ class Action:
     # ``qd[j5]`` those of another coordinate or actuator, ``i[name]`` a measured input; symbols as in the geometry
     term: str
 
+    @cached_property
+    def read(self) -> Term:
+        """The term as it is written for the place itself: ``qd`` for ``qd[j5]`` at j5, ``i`` for any input."""
+        written = read_term(self.term)
+        own = [reference for reference in written.references if reference.at == self.at or reference.name == "i"]
+        return read_term(written.replaced({reference: reference.name for reference in own}))
+
+    @property
+    def kind(self) -> str:
+        """The kind of ready-made effect that it is; empty for others."""
+        return _row_of(self.read)[0]
+
+    @property
+    def is_positive(self) -> bool:
+        """Whether its parameter cannot be negative."""
+        return _row_of(self.read)[1]
+
 
 @dataclass(frozen=True)
 class Effect:
@@ -37,6 +59,11 @@ class Effect:
     actions: tuple[Action, ...]
     value: float | None = None  # value stated by the file
 
+    @property
+    def symbols(self) -> frozenset[str]:
+        """Names that its terms use, geometry symbols among them."""
+        return frozenset(name for action in self.actions for name in read_term(action.term).symbols)
+
 
 @dataclass(frozen=True)
 class EffectTerm:
@@ -46,29 +73,30 @@ class EffectTerm:
     torque_unit: str
     force_unit: str
     term: str
+    positive: bool = False  # whether the parameter cannot be negative: it takes energy away, or stores it
 
 
 KINDS: dict[str, tuple[EffectTerm, ...]] = {
-    "viscous": (EffectTerm("Fv", "N·m·s/rad", "N·s/m", "qd"),),
-    "coulomb": (EffectTerm("Fc", "N·m", "N", "sign(qd)"),),
+    "viscous": (EffectTerm("Fv", "N·m·s/rad", "N·s/m", "qd", positive=True),),
+    "coulomb": (EffectTerm("Fc", "N·m", "N", "sign(qd)", positive=True),),
     "asymmetric_viscous": (
-        EffectTerm("Fvp", "N·m·s/rad", "N·s/m", "(1 + sign(qd))/2*qd"),
-        EffectTerm("Fvn", "N·m·s/rad", "N·s/m", "(1 - sign(qd))/2*qd"),
+        EffectTerm("Fvp", "N·m·s/rad", "N·s/m", "(1 + sign(qd))/2*qd", positive=True),
+        EffectTerm("Fvn", "N·m·s/rad", "N·s/m", "(1 - sign(qd))/2*qd", positive=True),
     ),
     "asymmetric_coulomb": (
-        EffectTerm("Fcp", "N·m", "N", "(1 + sign(qd))/2"),
-        EffectTerm("Fcn", "N·m", "N", "(sign(qd) - 1)/2"),
+        EffectTerm("Fcp", "N·m", "N", "(1 + sign(qd))/2", positive=True),
+        EffectTerm("Fcn", "N·m", "N", "(sign(qd) - 1)/2", positive=True),
     ),
     "offset": (EffectTerm("Fo", "N·m", "N", "1"),),
     "stribeck": (EffectTerm("Fs", "N·m", "N", "sign(qd)*exp(-(abs(qd)/({velocity}))**({exponent}))"),),
-    "load_friction": (EffectTerm("Fl", "", "", "sign(qd)*abs(i)"),),
+    "load_friction": (EffectTerm("Fl", "", "", "sign(qd)*abs(i)", positive=True),),
     "temperature_friction": (
         EffectTerm("FvT", "N·m·s/(rad·K)", "N·s/(m·K)", "i*qd"),
         EffectTerm("FcT", "N·m/K", "N/K", "i*sign(qd)"),
     ),
-    "rotor_inertia": (EffectTerm("Ia", "kg·m²", "kg", "qdd"),),
+    "rotor_inertia": (EffectTerm("Ia", "kg·m²", "kg", "qdd", positive=True),),
     "spring": (
-        EffectTerm("Ks", "N·m/rad", "N/m", "q"),
+        EffectTerm("Ks", "N·m/rad", "N/m", "q", positive=True),
         EffectTerm("Ps", "N·m", "N", "1"),
     ),
     "counterbalance": (EffectTerm("Kb", "N·m", "N", "sin(q + ({phase}))"),),
@@ -112,3 +140,20 @@ def ready_made(
         )
         for entry in KINDS[kind]
     )
+
+
+@cache
+def _templates() -> list[tuple[str, EffectTerm, ast.expr]]:
+    found = []
+    for kind, entries in KINDS.items():
+        constants = {name: name for name in CONSTANTS.get(kind, {})}
+        found += [(kind, entry, read_term(entry.term.format(**constants)).tree) for entry in entries]
+    return found
+
+
+def _row_of(term: Term) -> tuple[str, bool]:
+    """Kind of the first row of the table whose shape a term has, and whether its parameter is positive."""
+    for kind, entry, template in _templates():
+        if has_shape(template, term.tree, CONSTANTS.get(kind, {})):
+            return kind, entry.positive
+    return "", False

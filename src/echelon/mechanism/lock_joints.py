@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from fractions import Fraction
@@ -16,10 +15,9 @@ from echelon.mechanism.effect import Effect
 from echelon.mechanism.joint import Body, Joint, Motion, MotionKind, Placement, merge, moved_by
 from echelon.mechanism.mechanism import Actuator, Mechanism, Output
 from echelon.mechanism.stated import known_values
+from echelon.mechanism.term import read_term
 
 _DENOMINATOR = 10**8  # of tangents of half angles: a rational point of the circle within 2e-8 rad of any angle
-_REFERENCE = re.compile(r"\b(qdd|qd|q)\[([^\]]*)\]")
-_INPUT = re.compile(r"\bi\[([^\]]*)\]")
 
 
 def lock_joints(mechanism: Mechanism, positions: Mapping[str, float]) -> Mechanism:
@@ -124,20 +122,17 @@ def _effects(mechanism: Mechanism, gone: set[str], positions: Mapping[str, float
     """Effects where something moves, with what does not move standing still."""
     still = _still(mechanism, gone, positions)
 
-    def written(found: re.Match[str]) -> str:
-        kind, name = found[1], found[2].strip()
-        if name not in gone:
-            return found[0]
-        return f"({still.get(name, 0.0)!r})" if kind == "q" else "0"
-
     for effect in mechanism.effects:
-        actions = tuple(
-            replace(action, term=_REFERENCE.sub(written, action.term))
-            for action in effect.actions
-            if action.at not in gone and not gone.intersection(_INPUT.findall(action.term))
-        )
+        actions = []
+        for action in effect.actions:
+            term = read_term(action.term)
+            held = [reference for reference in term.references if reference.at in gone]
+            if action.at in gone or any(reference.name == "i" for reference in held):
+                continue
+            texts = {r: f"({still.get(r.at or '', 0.0)!r})" if r.name == "q" else "0" for r in held}
+            actions.append(replace(action, term=term.replaced(texts)) if held else action)
         if actions:
-            yield replace(effect, actions=actions)
+            yield replace(effect, actions=tuple(actions))
 
 
 def _still(mechanism: Mechanism, gone: set[str], positions: Mapping[str, float]) -> dict[str, float]:

@@ -25,6 +25,7 @@ from echelon.mechanism.coupling import Coupling
 from echelon.mechanism.effect import Effect, Side
 from echelon.mechanism.impossible import warn_of_impossible
 from echelon.mechanism.joint import GROUND, Body, Motion, MotionKind, Placement, Symbol, Vector
+from echelon.mechanism.term import read_term
 from echelon.names import check_distinct, check_identifier, check_text, check_title, symbol_stem
 
 
@@ -503,6 +504,10 @@ def _check_effects(mechanism: Mechanism) -> None:
             raise InputError("another parameter or symbol has this name; choose another label", element=where)
         taken.add(effect.parameter)
         for action in effect.actions:
+            try:
+                read_term(action.term)
+            except InputError as error:
+                raise InputError(error.problem, element=where) from None
             valid = drives if action.side is Side.ACTUATOR else joints
             if action.at not in valid:
                 names = ", ".join(valid) or "none"

@@ -5,7 +5,6 @@ With loops, ratios of gears become numbers, because the sine of n·q is algebrai
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import fields, is_dataclass, replace
 from fractions import Fraction
@@ -24,10 +23,10 @@ from echelon.exact.polynomial import (
 )
 from echelon.mechanism.joint import Joint, MotionKind, merge
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.term import read_term
 
 _WITH_EXPRESSIONS = ("bodies", "gravity", "couplings", "closures", "actuators", "measured")
 """Fields of a mechanism that hold expressions."""
-_NAMES = re.compile(r"\[[^\]]*\]|[^\W\d]\w*")  # coordinates in brackets, which are no symbols, and names
 
 
 def substituted(mechanism: Mechanism, values: Mapping[str, Polynomial]) -> Mechanism:
@@ -75,7 +74,9 @@ def _mapped(value: Any, put: Callable[[Polynomial], Polynomial]) -> Any:
 def _text(term: str, values: Mapping[str, Polynomial]) -> str:
     """A term of an effect, where expressions are text."""
     plain = {name: value for name, value in values.items() if not is_trigonometric(name)}
-    return _NAMES.sub(lambda m: f"({format_polynomial(plain[m[0]])})" if m[0] in plain else m[0], term)
+    read = read_term(term)
+    named = [reference for reference in read.references if reference.at is None and reference.name in plain]
+    return read.replaced({r: f"({format_polynomial(plain[r.name])})" for r in named}) if named else term
 
 
 def with_numeric_ratios(mechanism: Mechanism) -> Mechanism:

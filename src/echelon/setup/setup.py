@@ -24,7 +24,6 @@ from echelon.formats.snapping import ReadingOptions
 from echelon.formats.usual_effects import with_usual_effects
 from echelon.hints import in_quotes, nearest, nearest_of
 from echelon.logs.columns.column_map import Channel, ColumnMap
-from echelon.mechanism.effect import KINDS
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
 
@@ -154,11 +153,10 @@ def with_usual(setup: Setup) -> Setup:
 
 def _assumed(mechanism: Mechanism) -> tuple[str, ...]:
     """What is said of effects that nobody stated."""
-    kinds = {KINDS[kind][0].term: kind for kind in ("viscous", "rotor_inertia", "spring")}
-    places: dict[str, list[str]] = {kind: [] for kind in kinds.values()}
+    places: dict[str, list[str]] = {"viscous": [], "rotor_inertia": [], "spring": []}
     for action in (effect.actions[0] for effect in mechanism.effects):
-        if action.term in kinds:
-            places[kinds[action.term]].append(action.at)
+        if action.kind in places:
+            places[action.kind].append(action.at)
     if not places.pop("viscous"):
         return ()
     text = "no effects are stated, so every measured drive got viscous and Coulomb friction and an offset"

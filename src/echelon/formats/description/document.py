@@ -407,8 +407,8 @@ def check_use(mechanism: Mechanism, robot: RobotDescription, document: Document)
             raise document.error(
                 f"symbols.{name}", f"'{name}' is a component of the generic gravity: rename the symbol"
             )
-    terms = " ".join(action.term for effect in mechanism.effects for action in effect.actions)
-    used = {symbol_of(g) for g in geometry | gravity} | set(re.findall(r"\w+", terms))
+    used = {symbol_of(g) for g in geometry | gravity}
+    used |= {name for effect in mechanism.effects for name in effect.symbols}
     unused = [name for name in robot.symbols if name not in used]
     put_in = [name for name in unused if name not in mechanism.symbols and robot.symbols[name] is not None]
     return [

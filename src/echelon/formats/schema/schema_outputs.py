@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, Self, Union
+from functools import reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, Self
 
 from pydantic import Discriminator, Tag, model_validator
 
@@ -176,6 +178,5 @@ def _kind(value: Any) -> str | None:
 if TYPE_CHECKING:
     OutputEntry = Sensor
 else:
-    OutputEntry = Annotated[
-        Union[tuple(Annotated[model, Tag(key)] for key, model in SENSORS.items())], Discriminator(_kind)
-    ]
+    _tagged = [Annotated[model, Tag(key)] for key, model in SENSORS.items()]
+    OutputEntry = Annotated[reduce(or_, _tagged), Discriminator(_kind)]

@@ -23,7 +23,7 @@ from echelon.errors import InputError
 from echelon.formats.writers.xml_editor import comment
 from echelon.hints import in_quotes
 from echelon.inertia import convert, pseudo_inertia
-from echelon.mechanism.effect import KINDS, Action, Side
+from echelon.mechanism.effect import Action, Side
 from echelon.mechanism.joint import ALL, Body
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
@@ -165,7 +165,6 @@ CALLED = {
     "offset": "constant forces",
 }
 """Kinds of effects that files may state as one number of a joint, and their names in notes."""
-_TERMS = {KINDS[kind][0].term: kind for kind in CALLED}
 
 
 @dataclass(frozen=True)
@@ -224,19 +223,18 @@ def kept_notes(stated: Mapping[str, Mapping[str, float]], written: Mapping[str, 
 
 def _simple(mechanism: Mechanism, action: Action, value: float) -> _Simple | None:
     """An effect as one number of one joint; None for effects of other kinds, or on several joints."""
-    term = "".join(action.term.split()).replace(f"[{action.at}]", "")
-    kind = _TERMS.get(term)
-    if kind is None:
+    if action.kind not in CALLED:
         return None
     if action.side is Side.JOINT:
-        return _Simple(kind, action.at, value)
+        return _Simple(action.kind, action.at, value)
     terms = next(a.terms for a in mechanism.transmission.actuators if a.name == action.at)
     known = known_values(mechanism)
     if len(terms) != 1 or not known.keys() >= set(terms[0][1].symbols()):
         return None
     coordinate, ratio = terms[0]
     gear = ratio.at(known)
-    return _Simple(kind, coordinate, value * {"coulomb": abs(gear), "offset": gear}.get(kind, gear * gear))
+    scale = {"coulomb": abs(gear), "offset": gear}.get(action.kind, gear * gear)
+    return _Simple(action.kind, coordinate, value * scale)
 
 
 def _obstacle(

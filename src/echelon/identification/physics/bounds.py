@@ -4,9 +4,9 @@
 - A body that carries some of them gave the others to another body (a rotor's mass counts to the link it sits on, a
   payload's shape to its carrier), so only what each single parameter must satisfy is required: M, XX, YY, ZZ ≥ 0.
 - Among effects, viscous and Coulomb friction (also for each direction of motion), rotor inertia and spring stiffness
-  are not negative.  They are recognised by what they do, not by their names: one action whose term is ``qd``,
-  ``sign(qd)``, ``qdd`` or ``q``.  The Stribeck amplitude, offsets, preloads, drive gains and forces of one's own may
-  have any sign, unless the user bounds them.
+  are not negative: the rows of :data:`echelon.mechanism.effect.KINDS` say so, and an effect is recognised by what it
+  does.  The Stribeck amplitude, offsets, preloads, drive gains and forces of one's own may have any sign, unless the
+  user bounds them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from echelon.arrays import Floats
 from echelon.conventions import PER_BODY
 from echelon.errors import InputError
 from echelon.hints import nearest_of
-from echelon.mechanism.effect import KINDS, Effect
+from echelon.mechanism.effect import Effect
 from echelon.mechanism.mechanism import Mechanism
 
 if TYPE_CHECKING:
@@ -55,7 +55,6 @@ class Bounds:
                 )
 
 
-_SIGNED_KINDS = ("viscous", "asymmetric_viscous", "coulomb", "asymmetric_coulomb", "load_friction", "rotor_inertia")
 _DIAGONAL = (0, 3, 5, 9)  # XX, YY, ZZ and M, which cannot be negative by themselves
 
 # parameters (of XX … M) that vanish, and pairs that are equal, for each plane and axis of symmetry
@@ -117,8 +116,7 @@ def roles(mechanism: Mechanism) -> Roles:
 
 def _is_signed(effect: Effect) -> bool:
     """Whether an effect is friction, inertia or stiffness, none of which is negative."""
-    terms = {entry.term for kind in _SIGNED_KINDS for entry in KINDS[kind]} | {KINDS["spring"][0].term}
-    return bool(effect.actions) and {action.term for action in effect.actions} <= terms
+    return bool(effect.actions) and all(action.is_positive for action in effect.actions)
 
 
 @dataclass(frozen=True)

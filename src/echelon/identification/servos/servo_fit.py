@@ -337,7 +337,7 @@ def _scales(
 
 
 def _damping(mechanism: Mechanism, names: Sequence[str]) -> tuple[str, ...]:
-    rubbing = [e.parameter for e in mechanism.effects if any(a.term == "qd" and a.at in names for a in e.actions)]
+    rubbing = [e.parameter for e in mechanism.effects if any(a.kind == "viscous" and a.at in names for a in e.actions)]
     return (f"{', '.join(rubbing)} hold the servos' damping gains as well as viscous friction",) if rubbing else ()
 
 

@@ -15,7 +15,6 @@ else.  The fit takes Gauss–Newton steps with Levenberg's damping.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -30,6 +29,7 @@ from echelon.identification.servos.servo_limits import Limits
 from echelon.identification.validation import CorrelationSums
 from echelon.logs.recording import Segment
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.term import read_term
 
 Slopes = tuple[Floats, Floats, Floats]
 """Newton's matrix, and derivatives of the forces by positions and velocities, shapes (W, n, n)."""
@@ -38,7 +38,6 @@ _STEP = 5e-3
 """Longest step, s: a servo's bandwidth is some 10 Hz."""
 _NEWTON, _KEPT = 60, 6
 _CONVERGED = 1e-6
-_SIGN = re.compile(r"sign\(")
 
 
 def smooth(mechanism: Mechanism, speed: float) -> Mechanism:
@@ -51,16 +50,12 @@ def smooth(mechanism: Mechanism, speed: float) -> Mechanism:
 
 
 def _smoothed(term: str, speed: float) -> str:
-    """``sign(x)`` as ``tanh((x)*k)``, also where x has parentheses."""
-    found = _SIGN.search(term)
-    if found is None:
-        return term
-    depth, end = 1, found.end()
-    while depth:
-        depth += {"(": 1, ")": -1}.get(term[end], 0)
-        end += 1
-    inner = term[found.end() : end - 1]
-    return f"{term[: found.start()]}tanh(({inner})*{1 / speed:.6g}){_smoothed(term[end:], speed)}"
+    """``sign(x)`` as ``tanh((x)*k)``."""
+    read = read_term(term)
+    while calls := read.calls("sign"):
+        inner = read.source(calls[0].args[0])
+        read = read_term(read.spliced({calls[0]: f"tanh(({inner})*{1 / speed:.6g})"}))
+    return read.text
 
 
 @dataclass(frozen=True)

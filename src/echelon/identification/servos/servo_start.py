@@ -13,7 +13,6 @@ from echelon.errors import InputError
 from echelon.extras import extra
 from echelon.identification.servos.servo_limits import LIMITS, Limits
 from echelon.logs.recording import Segment
-from echelon.mechanism.effect import KINDS
 from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.setup import Setup
 from echelon.signals.filters import derivatives, lowpass
@@ -27,7 +26,6 @@ _SATURATED = (0.995, 0.98, 0.95, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2, 0.1)
 _IDLE = (0.1, 0.2, 0.35, 0.5)  # and within a dead band
 _FAR_LESS = 0.7  # of a row's squares that a limit leaves
 _CERTAIN = 10.0  # standard errors of a gain that is a good start
-_SERVO = KINDS["servo"][0].term
 
 
 def servo_joints(mechanism: Mechanism) -> dict[str, str]:
@@ -35,7 +33,7 @@ def servo_joints(mechanism: Mechanism) -> dict[str, str]:
     return {
         effect.actions[0].at: effect.parameter
         for effect in mechanism.effects
-        if len(effect.actions) == 1 and effect.actions[0].term == _SERVO
+        if len(effect.actions) == 1 and effect.actions[0].kind == "servo"
     }
 
 
@@ -199,8 +197,9 @@ class _Row:
 
 def positive_parameters(base: BaseModel) -> Flags:
     """Base parameters that are positive: gains, friction and rotor inertia."""
-    terms = {e.parameter: {a.term for a in e.actions} for e in base.mechanism.effects}
-    return np.array([bool(terms.get(p, {""}) <= {"qd", "sign(qd)", "qdd", _SERVO}) for p in base.pivots])
+    effects = base.mechanism.effects
+    positive = {e.parameter for e in effects if all(a.is_positive or a.kind == "servo" for a in e.actions)}
+    return np.array([name in positive for name in base.pivots])
 
 
 def prior_rows(setup: Setup, base: BaseModel) -> Floats:

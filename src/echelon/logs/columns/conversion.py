@@ -26,7 +26,7 @@ from echelon.logs.files.log_file import Table
 from echelon.logs.finding import listed
 from echelon.logs.recording import Recording
 from echelon.logs.units import factor
-from echelon.mechanism.effect import KINDS, Side
+from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import Force, Mechanism, Output
 from echelon.mechanism.motor_side import transmission_matrix
 from echelon.mechanism.stated import symbol_values
@@ -183,8 +183,7 @@ def recording(table: Table, columns: ColumnMap, mechanism: Mechanism) -> Recordi
 
 def _loaded(mechanism: Mechanism) -> set[str]:
     """Places with friction that grows with the load, which is what is measured there unless another input is stated."""
-    term = KINDS["load_friction"][0].term
-    return {action.at for effect in mechanism.effects for action in effect.actions if action.term == term}
+    return {a.at for effect in mechanism.effects for a in effect.actions if a.kind == "load_friction"}
 
 
 def _aligned(table: Table, columns: ColumnMap) -> Alignment:

@@ -193,8 +193,8 @@ def speed_rows(mechanism: Mechanism, output: Output, names: Sequence[str]) -> Fl
 
 
 def rubs(mechanism: Mechanism, output: Output) -> bool:
-    """Whether dry friction is in an output: an effect with a sign that it can see."""
-    dry = {(a.at, a.side) for effect in mechanism.effects for a in effect.actions if "sign(" in a.term}
+    """Whether an output sees dry friction."""
+    dry = {(a.at, a.side) for effect in mechanism.effects for a in effect.actions if a.read.is_dry}
     for force, _ in output.forces:
         if mechanism.dependent_velocities:  # which move with the output, too
             return bool(dry)
