@@ -122,7 +122,7 @@ def test_javascript_computes_what_the_library_computes(changed: Path) -> None:
     q, qd, qdd = np.random.default_rng(0).uniform(-1, 1, (3, 2))
     values = np.linspace(1, 2, base.rank)
     called = ", ".join(json.dumps(part.tolist()) for part in (q, qd, qdd, values))
-    script = f"import * as arm from './js/{source.stem}.mjs'; console.log(JSON.stringify(arm.inverse_dynamics({called})));"
-    (changed / "call.mjs").write_text(script)
+    call = f"console.log(JSON.stringify(arm.inverse_dynamics({called})));"
+    (changed / "call.mjs").write_text(f"import * as arm from './js/{source.stem}.mjs'; {call}")
     expected = base.regressor(q, qd, qdd) @ values
     np.testing.assert_allclose(json.loads(run(changed, node, "call.mjs")), np.ravel(expected), rtol=1e-12)
