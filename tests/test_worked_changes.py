@@ -37,7 +37,9 @@ def apply_diff(text: str, root: Path) -> None:
             lines = hunk.split("\n")
             old = "\n".join(line[1:] for line in lines if not line.startswith("+"))
             new = "\n".join(line[1:] for line in lines if not line.startswith("-"))
-            assert content.count(old) == 1, f"{name} holds this {content.count(old)} times: {old}"
+            assert content.count(old) == 1, (
+                f"{name} holds this {content.count(old)} times: {old}"
+            )
             content = content.replace(old, new)
         path.write_text(content, encoding="utf-8")
 
@@ -61,7 +63,14 @@ def changed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def run(changed: Path, *command: str) -> str:
     environment = os.environ | {"PYTHONPATH": str(changed / "src")}
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=changed)
+    done = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        check=False,
+        env=environment,
+        cwd=changed,
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -79,7 +88,9 @@ def described(changed: Path, name: str, more: str, text: str = ARM) -> str:
 def test_a_gimbal_sees_what_a_ball_sees(changed: Path) -> None:
     """Under gravity along z: nine base parameters of one body."""
     text = "echelon: 1\nname: top\nbodies: [{name: one, joint: {name: j, type: %s}}]\n"
-    robots = [described(changed, kind, "", text % kind) for kind in ("gimbal", "spherical")]
+    robots = [
+        described(changed, kind, "", text % kind) for kind in ("gimbal", "spherical")
+    ]
     script = f"import echelon as ec; print([ec.base_structure(ec.load(robot)).rank for robot in {robots}])"
     assert json.loads(run(changed, sys.executable, "-c", script)) == [9, 9]
 
@@ -94,10 +105,16 @@ def test_a_load_pin_measures_a_component_of_the_wrench(changed: Path) -> None:
     """Two pins across each other see what force sensors there see; the independent verifier checks the set."""
     outputs = "outputs: [{pin: two, x: 3/5, z: 4/5}, {wrench: two, components: [fz]}]\n"
     saved = changed / "pin.json"
-    saved.write_text(echelon(changed, "derive", described(changed, "pin", outputs), "--json"))
+    saved.write_text(
+        echelon(changed, "derive", described(changed, "pin", outputs), "--json")
+    )
     assert "independent verifier: valid" in echelon(changed, "verify", str(saved))
-    forces = described(changed, "forces", "outputs: [{wrench: two, components: [fx, fz]}]\n")
-    assert json.loads(saved.read_text())["rank"] == ec.base_structure(ec.load(forces)).rank
+    forces = described(
+        changed, "forces", "outputs: [{wrench: two, components: [fx, fz]}]\n"
+    )
+    assert (
+        json.loads(saved.read_text())["rank"] == ec.base_structure(ec.load(forces)).rank
+    )
 
 
 def test_json_lines_are_read(changed: Path) -> None:
@@ -108,7 +125,9 @@ from echelon.logs.files.open_log import open_log
 (table,) = open_log("log.jsonl").tables()
 print(table.columns["q1"].tolist())
 """
-    assert json.loads(run(changed, sys.executable, "-c", script)) == [row["q1"] for row in rows]
+    assert json.loads(run(changed, sys.executable, "-c", script)) == [
+        row["q1"] for row in rows
+    ]
 
 
 def test_javascript_computes_what_the_library_computes(changed: Path) -> None:
@@ -123,6 +142,10 @@ def test_javascript_computes_what_the_library_computes(changed: Path) -> None:
     values = np.linspace(1, 2, base.rank)
     called = ", ".join(json.dumps(part.tolist()) for part in (q, qd, qdd, values))
     call = f"console.log(JSON.stringify(arm.inverse_dynamics({called})));"
-    (changed / "call.mjs").write_text(f"import * as arm from './js/{source.stem}.mjs'; {call}")
+    (changed / "call.mjs").write_text(
+        f"import * as arm from './js/{source.stem}.mjs'; {call}"
+    )
     expected = base.regressor(q, qd, qdd) @ values
-    np.testing.assert_allclose(json.loads(run(changed, node, "call.mjs")), np.ravel(expected), rtol=1e-12)
+    np.testing.assert_allclose(
+        json.loads(run(changed, node, "call.mjs")), np.ravel(expected), rtol=1e-12
+    )

@@ -13,7 +13,15 @@ from echelon.identification.physics.bounds import roles
 from echelon.identification.servos.servo_motion import smooth
 from echelon.logs.preparation.prepare import rubs
 from echelon.mechanism import effect
-from echelon.mechanism.effect import CONSTANTS, KINDS, Action, Effect, EffectTerm, Side, ready_made
+from echelon.mechanism.effect import (
+    CONSTANTS,
+    KINDS,
+    Action,
+    Effect,
+    EffectTerm,
+    Side,
+    ready_made,
+)
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.term import read_term
 from support.pendulum_logs import RATE, pendulum
@@ -51,14 +59,19 @@ def test_rows_of_the_table_are_found_again() -> None:
     same = {("spring", "1"): "offset", ("cable", "q"): "spring"}
     for kind, entries in KINDS.items():
         constants = {name: "0.3" for name in CONSTANTS.get(kind, {})}
-        for made, entry in zip(ready_made(kind, "j", Side.JOINT, "1", sliding=False, constants=constants), entries):
+        for made, entry in zip(
+            ready_made(kind, "j", Side.JOINT, "1", sliding=False, constants=constants),
+            entries,
+        ):
             (action,) = made.actions
             assert action.kind == same.get((kind, entry.term), kind)
 
 
 def test_parts_of_a_text_are_replaced_and_nothing_else() -> None:
     term = read_term("0.10000000000000000001*é*qd[é] + é[é]*sign(é)")
-    symbols = {reference: "(l)" for reference in term.references if reference.at is None}
+    symbols = {
+        reference: "(l)" for reference in term.references if reference.at is None
+    }
     assert term.replaced(symbols) == "0.10000000000000000001*(l)*qd[é] + é[é]*sign((l))"
 
 
@@ -77,7 +90,10 @@ def test_signs_become_smooth_wherever_they_stand() -> None:
     term = "sign(qd + sign(q))*2 + abs(sign((qd)))"
     acting = Effect("P", "N·m", (Action("j1", Side.JOINT, term),))
     smoothed = smooth(with_effect(pendulum().mechanism, acting), 0.5)
-    assert smoothed.effects[0].actions[0].term == "tanh((qd + tanh((q)*2))*2)*2 + abs(tanh((qd)*2))"
+    assert (
+        smoothed.effects[0].actions[0].term
+        == "tanh((qd + tanh((q)*2))*2)*2 + abs(tanh((qd)*2))"
+    )
 
 
 @pytest.fixture
@@ -89,7 +105,14 @@ def smooth_coulomb(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Effect, ..
     effect._templates.cache_clear()
     places = {"j1": "1", "j2": "2"}
     made = [
-        ready_made("smooth_coulomb", at, Side.JOINT, label, sliding=False, constants={"velocity": "0.1"})
+        ready_made(
+            "smooth_coulomb",
+            at,
+            Side.JOINT,
+            label,
+            sliding=False,
+            constants={"velocity": "0.1"},
+        )
         for at, label in places.items()
     ]
     yield tuple(found for effects in made for found in effects)
@@ -100,7 +123,9 @@ def smooth_coulomb(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Effect, ..
 def test_a_new_law_is_friction_everywhere(smooth_coulomb: tuple[Effect, ...]) -> None:
     setup = pendulum()
     robot = with_effect(setup.mechanism, *smooth_coulomb)
-    assert [action.kind for made in robot.effects for action in made.actions] == ["smooth_coulomb"] * 2
+    assert [action.kind for made in robot.effects for action in made.actions] == [
+        "smooth_coulomb"
+    ] * 2
     assert all(rubs(robot, output) for output in robot.outputs)
     columns = [robot.parameters.index(name) for name in ("Fh1", "Fh2")]
     assert set(columns) <= set(roles(robot).positive)
@@ -122,4 +147,6 @@ def test_a_new_law_is_friction_everywhere(smooth_coulomb: tuple[Effect, ...]) ->
     found = ec.identify(replace(setup, mechanism=robot), log)
     estimated = dict(zip(found.estimate.parameters, found.estimate.values, strict=True))
     for name in ("Fh1", "Fh2"):
-        assert estimated[name] == pytest.approx(truth[base.pivots.index(name)], rel=0.02)
+        assert estimated[name] == pytest.approx(
+            truth[base.pivots.index(name)], rel=0.02
+        )

@@ -36,8 +36,14 @@ class Action:
     def read(self) -> Term:
         """The term as it is written for the place itself: ``qd`` for ``qd[j5]`` at j5, ``i`` for any input."""
         written = read_term(self.term)
-        own = [reference for reference in written.references if reference.at == self.at or reference.name == "i"]
-        return read_term(written.replaced({reference: reference.name for reference in own}))
+        own = [
+            reference
+            for reference in written.references
+            if reference.at == self.at or reference.name == "i"
+        ]
+        return read_term(
+            written.replaced({reference: reference.name for reference in own})
+        )
 
     @property
     def kind(self) -> str:
@@ -62,7 +68,9 @@ class Effect:
     @property
     def symbols(self) -> frozenset[str]:
         """Names that its terms use, geometry symbols among them."""
-        return frozenset(name for action in self.actions for name in read_term(action.term).symbols)
+        return frozenset(
+            name for action in self.actions for name in read_term(action.term).symbols
+        )
 
 
 @dataclass(frozen=True)
@@ -88,7 +96,11 @@ KINDS: dict[str, tuple[EffectTerm, ...]] = {
         EffectTerm("Fcn", "N·m", "N", "(sign(qd) - 1)/2", positive=True),
     ),
     "offset": (EffectTerm("Fo", "N·m", "N", "1"),),
-    "stribeck": (EffectTerm("Fs", "N·m", "N", "sign(qd)*exp(-(abs(qd)/({velocity}))**({exponent}))"),),
+    "stribeck": (
+        EffectTerm(
+            "Fs", "N·m", "N", "sign(qd)*exp(-(abs(qd)/({velocity}))**({exponent}))"
+        ),
+    ),
     "load_friction": (EffectTerm("Fl", "", "", "sign(qd)*abs(i)", positive=True),),
     "temperature_friction": (
         EffectTerm("FvT", "N·m·s/(rad·K)", "N·s/(m·K)", "i*qd"),
@@ -105,7 +117,11 @@ KINDS: dict[str, tuple[EffectTerm, ...]] = {
         EffectTerm("Kcc", "N·m/rad²", "N/m²", "q**2"),
         EffectTerm("Kccc", "N·m/rad³", "N/m³", "q**3"),
     ),
-    "stop": (EffectTerm("Kx", "N·m/rad", "N/m", "max(q - ({upper}), 0) + min(q - ({lower}), 0)"),),
+    "stop": (
+        EffectTerm(
+            "Kx", "N·m/rad", "N/m", "max(q - ({upper}), 0) + min(q - ({lower}), 0)"
+        ),
+    ),
     "ripple": (
         EffectTerm("Rs{harmonic}_", "N·m", "N", "sin(({harmonic})*q)"),
         EffectTerm("Rc{harmonic}_", "N·m", "N", "cos(({harmonic})*q)"),
@@ -128,7 +144,13 @@ CONSTANTS: dict[str, dict[str, str | None]] = {
 
 
 def ready_made(
-    kind: str, at: str, side: Side, label: str, *, sliding: bool, constants: dict[str, str] | None = None
+    kind: str,
+    at: str,
+    side: Side,
+    label: str,
+    *,
+    sliding: bool,
+    constants: dict[str, str] | None = None,
 ) -> tuple[Effect, ...]:
     """The parameters of a ready-made effect at one coordinate."""
     stated = constants or {}
@@ -147,7 +169,10 @@ def _templates() -> list[tuple[str, EffectTerm, ast.expr]]:
     found = []
     for kind, entries in KINDS.items():
         constants = {name: name for name in CONSTANTS.get(kind, {})}
-        found += [(kind, entry, read_term(entry.term.format(**constants)).tree) for entry in entries]
+        found += [
+            (kind, entry, read_term(entry.term.format(**constants)).tree)
+            for entry in entries
+        ]
     return found
 
 

@@ -17,7 +17,9 @@ from echelon.errors import InputError, shortened
 from echelon.exact.expressions import expression_tree
 
 _BOUNDED = ("sign", "heaviside", "tanh", "atan", "atan2", "sin", "cos")
-_POWERS = {"abs": 1.0, "max": 1.0, "min": 1.0, "sqrt": 0.5} | dict.fromkeys(_BOUNDED, 0.0)
+_POWERS = {"abs": 1.0, "max": 1.0, "min": 1.0, "sqrt": 0.5} | dict.fromkeys(
+    _BOUNDED, 0.0
+)
 """Power of its argument with which a function grows; the others may grow beyond any power."""
 _REMEMBERED = 4096  # terms; robots have some ten each
 
@@ -42,7 +44,9 @@ class Term:
     @property
     def symbols(self) -> frozenset[str]:
         """Names that stand alone: geometry symbols, and the state of the place itself."""
-        return frozenset(reference.name for reference in self.references if reference.at is None)
+        return frozenset(
+            reference.name for reference in self.references if reference.at is None
+        )
 
     @property
     def is_dry(self) -> bool:
@@ -67,13 +71,21 @@ class Term:
         """The text with other texts in the place of some parts, which do not overlap."""
         found = self.text.encode()  # columns of syntax trees count bytes
         for node in sorted(changes, key=lambda node: node.col_offset, reverse=True):
-            found = found[: node.col_offset] + changes[node].encode() + found[node.end_col_offset :]
+            found = (
+                found[: node.col_offset]
+                + changes[node].encode()
+                + found[node.end_col_offset :]
+            )
         return found.decode()
 
     def calls(self, name: str) -> list[ast.Call]:
         """Calls of a function."""
         calls = [node for node in self._parts(self.tree) if isinstance(node, ast.Call)]
-        return [call for call in calls if isinstance(call.func, ast.Name) and call.func.id == name]
+        return [
+            call
+            for call in calls
+            if isinstance(call.func, ast.Name) and call.func.id == name
+        ]
 
     def _parts(self, node: ast.expr) -> Iterator[ast.expr]:
         """All subexpressions, without names of functions and what stands in brackets."""
@@ -87,12 +99,20 @@ class Term:
                 case ast.Name(id=name):
                     yield Reference(name, None, node)
                 case ast.Subscript(value=ast.Name(id=name), slice=inner):
-                    quoted = isinstance(inner, ast.Constant) and isinstance(inner.value, str)
-                    yield Reference(name, ast.literal_eval(inner) if quoted else self.source(inner), node)
+                    quoted = isinstance(inner, ast.Constant) and isinstance(
+                        inner.value, str
+                    )
+                    yield Reference(
+                        name,
+                        ast.literal_eval(inner) if quoted else self.source(inner),
+                        node,
+                    )
 
     def _growth(self, node: ast.expr) -> float | None:
         """The power of velocities with which a part grows; None if it does not depend on them."""
-        known = [power for power in map(self._growth, _operands(node)) if power is not None]
+        known = [
+            power for power in map(self._growth, _operands(node)) if power is not None
+        ]
         match node:
             case ast.Name(id="qd") | ast.Subscript(value=ast.Name(id="qd")):
                 return 1.0
@@ -102,7 +122,9 @@ class Term:
                 return sum(known)
             case ast.BinOp(left=left, op=ast.Div(), right=right):
                 return (self._growth(left) or 0.0) - (self._growth(right) or 0.0)
-            case ast.BinOp(op=ast.Pow(), right=ast.Constant(value=int() | float() as power)):
+            case ast.BinOp(
+                op=ast.Pow(), right=ast.Constant(value=int() | float() as power)
+            ):
                 return known[0] * power
             case ast.BinOp(op=ast.Pow()):
                 return inf
@@ -133,7 +155,9 @@ def read_term(text: str) -> Term:
     try:
         return Term(text)
     except (SyntaxError, RecursionError):
-        raise InputError(f"'{shortened(text)}' is not an expression such as 2*a*sin(x) - b*x**2") from None
+        raise InputError(
+            f"'{shortened(text)}' is not an expression such as 2*a*sin(x) - b*x**2"
+        ) from None
     except ValueError as error:
         raise InputError(f"in '{shortened(text)}': {error}") from None
 
@@ -147,7 +171,10 @@ def has_shape(template: ast.expr, node: ast.expr, constants: Collection[str]) ->
             return name == other
         case ast.Constant(value=value), ast.Constant(value=other):
             return bool(value == other)
-        case (ast.UnaryOp(op=op), ast.UnaryOp(op=other)) | (ast.BinOp(op=op), ast.BinOp(op=other)):
+        case (ast.UnaryOp(op=op), ast.UnaryOp(op=other)) | (
+            ast.BinOp(op=op),
+            ast.BinOp(op=other),
+        ):
             alike = type(op) is type(other)
         case ast.Call(func=ast.Name(id=name)), ast.Call(func=ast.Name(id=other)):
             alike = name == other
@@ -156,4 +183,7 @@ def has_shape(template: ast.expr, node: ast.expr, constants: Collection[str]) ->
     parts, others = _operands(template), _operands(node)
     if not alike or len(parts) != len(others):
         return False
-    return all(has_shape(part, other, constants) for part, other in zip(parts, others, strict=True))
+    return all(
+        has_shape(part, other, constants)
+        for part, other in zip(parts, others, strict=True)
+    )

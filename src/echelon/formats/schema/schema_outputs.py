@@ -40,7 +40,15 @@ class Places(Protocol):
     def forces(self, side: Side, at: str, path: str) -> Mapping[str, tuple[Force, str]]:
         """The force at a place, or at all of them, and its unit, by place."""
 
-    def cut(self, component: str, body: str, frame: Frame, fixed_to: Fixed, stem: str, path: str) -> Cut:
+    def cut(
+        self,
+        component: str,
+        body: str,
+        frame: Frame,
+        fixed_to: Fixed,
+        stem: str,
+        path: str,
+    ) -> Cut:
         """One component of the wrench of a body, in a frame whose angles are named after ``stem``."""
 
     def weight(self, text: str, path: str) -> Polynomial:
@@ -62,7 +70,10 @@ class Sensor(Model):
 
 def _each(forces: Mapping[str, tuple[Force, str]], name: str | None) -> list[Output]:
     """Forces as outputs, named after their places unless a name is given."""
-    names = {at: at if name is None else name if len(forces) == 1 else f"{name}.{at}" for at in forces}
+    names = {
+        at: at if name is None else name if len(forces) == 1 else f"{name}.{at}"
+        for at in forces
+    }
     return [force.output(names[at], unit) for at, (force, unit) in forces.items()]
 
 
@@ -70,7 +81,9 @@ class JointOutput(Sensor):
     """A torque or force sensor in a joint, on the joint's side of the drive."""
 
     joint: Name = required("Joint coordinate, or all.", "j1", "all")
-    name: Name | None = optional(None, "Name of the output; default: the coordinate.", "tau1")
+    name: Name | None = optional(
+        None, "Name of the output; default: the coordinate.", "tau1"
+    )
 
     def outputs(self, places: Places, path: str) -> Sequence[Output]:
         """One output at every place."""
@@ -81,19 +94,27 @@ class ActuatorOutput(Sensor):
     """Torque, force or current of an actuator."""
 
     actuator: Name = required("Actuator, or all.", "m5", "all")
-    name: Name | None = optional(None, "Name of the output; default: the actuator.", "i5")
+    name: Name | None = optional(
+        None, "Name of the output; default: the actuator.", "i5"
+    )
 
     def outputs(self, places: Places, path: str) -> Sequence[Output]:
         """One output at every place."""
-        return _each(places.forces(Side.ACTUATOR, self.actuator, f"{path}.actuator"), self.name)
+        return _each(
+            places.forces(Side.ACTUATOR, self.actuator, f"{path}.actuator"), self.name
+        )
 
 
 class WrenchOutput(Sensor):
     """A force/torque sensor between a body and its parent, or under the base."""
 
-    wrench: Name = required("Body that is carried by the sensor; base for all of them.", "hand")
+    wrench: Name = required(
+        "Body that is carried by the sensor; base for all of them.", "hand"
+    )
     name: Name | None = optional(None, "Name of the sensor; default: the body.", "ft")
-    frame: Frame = optional(Frame.model_construct(), "The sensor's frame.", {"xyz": [0, 0, "0.05"]})
+    frame: Frame = optional(
+        Frame.model_construct(), "The sensor's frame.", {"xyz": [0, 0, "0.05"]}
+    )
     fixed_to: Fixed = optional("body", "What the sensor's frame is fixed to.", "parent")
     components: Annotated[tuple[Component, ...], AS_LIST] = optional(
         COMPONENTS, "Forces and torques along the axes of the frame.", ["tz"]
@@ -107,8 +128,14 @@ class WrenchOutput(Sensor):
     def outputs(self, places: Places, path: str) -> Sequence[Output]:
         """One output for every component."""
         name = self.name or self.wrench
-        cuts = [places.cut(c, self.wrench, self.frame, self.fixed_to, name, path) for c in self.components]
-        return [cut.output(f"{name}.{cut.component}", "N·m" if cut.angular else "N") for cut in cuts]
+        cuts = [
+            places.cut(c, self.wrench, self.frame, self.fixed_to, name, path)
+            for c in self.components
+        ]
+        return [
+            cut.output(f"{name}.{cut.component}", "N·m" if cut.angular else "N")
+            for cut in cuts
+        ]
 
 
 class WeightedTerm(Model):
@@ -116,10 +143,18 @@ class WeightedTerm(Model):
 
     joint: Name | None = optional(None, "Joint coordinate.", "j1")
     actuator: Name | None = optional(None, "Actuator.", "m5")
-    wrench: Name | None = optional(None, "Body that a force/torque sensor carries, or base.", "hand")
-    component: Component | None = optional(None, "With a wrench, one force or torque along its frame's axes.", "fz")
-    frame: Frame = optional(Frame.model_construct(), "With a wrench, its frame.", {"xyz": [0, 0, "0.05"]})
-    fixed_to: Fixed = optional("body", "With a wrench, what its frame is fixed to.", "parent")
+    wrench: Name | None = optional(
+        None, "Body that a force/torque sensor carries, or base.", "hand"
+    )
+    component: Component | None = optional(
+        None, "With a wrench, one force or torque along its frame's axes.", "fz"
+    )
+    frame: Frame = optional(
+        Frame.model_construct(), "With a wrench, its frame.", {"xyz": [0, 0, "0.05"]}
+    )
+    fixed_to: Fixed = optional(
+        "body", "With a wrench, what its frame is fixed to.", "parent"
+    )
     weight: Expression = optional("1", "Its weight.", "1/2")
 
     _one_place = exactly_one("joint", "actuator", "wrench")
@@ -153,12 +188,21 @@ class SumOutput(Sensor):
             where = f"{path}.sum[{k}]"
             weight = places.weight(term.weight, f"{where}.weight")
             if term.wrench is not None and term.component is not None:
-                cut = places.cut(term.component, term.wrench, term.frame, term.fixed_to, self.name, where)
+                cut = places.cut(
+                    term.component,
+                    term.wrench,
+                    term.frame,
+                    term.fixed_to,
+                    self.name,
+                    where,
+                )
                 cuts.append((cut, weight))
                 continue
             side = Side.ACTUATOR if term.joint is None else Side.JOINT
             at = term.joint or term.actuator or ""
-            forces += [(force, weight) for force, _ in places.forces(side, at, where).values()]
+            forces += [
+                (force, weight) for force, _ in places.forces(side, at, where).values()
+            ]
         return [Output(self.name, self.unit, tuple(forces), tuple(cuts))]
 
 
@@ -172,7 +216,9 @@ SENSORS: dict[str, type[Sensor]] = {
 
 
 def _kind(value: Any) -> str | None:
-    return next((key for key in SENSORS if isinstance(value, dict) and key in value), None)
+    return next(
+        (key for key in SENSORS if isinstance(value, dict) and key in value), None
+    )
 
 
 if TYPE_CHECKING:

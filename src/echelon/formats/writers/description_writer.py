@@ -72,7 +72,10 @@ def _loops(mechanism: Mechanism) -> dict[str, Any]:
         loops=[_loop(closure, mechanism) for closure in mechanism.closures],
         independent=list(mechanism.independent) or None,
         rounding=mechanism.rounding,
-        assembly={name: repr(float(value)) for name, value in mechanism.assembly.items()} or None,
+        assembly={
+            name: repr(float(value)) for name, value in mechanism.assembly.items()
+        }
+        or None,
     )
 
 
@@ -80,7 +83,9 @@ def _loop(closure: Closure, mechanism: Mechanism) -> dict[str, Any]:
     return {
         "name": closure.name,
         "joint": closure.kind.value,
-        "connects": [_part(body, mechanism) for body in (closure.first, closure.second)],
+        "connects": [
+            _part(body, mechanism) for body in (closure.first, closure.second)
+        ],
         "at": frame_data(closure.first_frame),
         "on_second": frame_data(closure.second_frame),
     }
@@ -95,12 +100,17 @@ def _part(body: int, mechanism: Mechanism) -> str | None:
 
 def _setup(mechanism: Mechanism) -> dict[str, Any]:
     """The keys ``actuators``, ``effects`` and ``outputs``, where there are any."""
-    ratios = {a.name: {name: expression_text(ratio) for name, ratio in a.terms} for a in mechanism.actuators}
+    ratios = {
+        a.name: {name: expression_text(ratio) for name, ratio in a.terms}
+        for a in mechanism.actuators
+    }
     measured = mechanism.measured
     return _stated(
         actuators={name: {"terms": terms} for name, terms in ratios.items()} or None,
         effects=[_effect(effect) for effect in mechanism.effects] or None,
-        outputs=None if measured is None else [_output(output, mechanism) for output in measured],
+        outputs=None
+        if measured is None
+        else [_output(output, mechanism) for output in measured],
     )
 
 
@@ -119,12 +129,22 @@ def _output(output: Output, mechanism: Mechanism) -> dict[str, Any]:
         cut, _ = output.cuts[0]
         if output.name.endswith(f".{cut.component}"):
             name = output.name.removesuffix(f".{cut.component}")
-            return {"name": name, **_wrench(cut, mechanism), "components": [cut.component]}
+            return {
+                "name": name,
+                **_wrench(cut, mechanism),
+                "components": [cut.component],
+            }
     terms: list[dict[str, Any]] = []
     for force, weight in output.forces:
         terms.append({force.side.value: force.at, "weight": expression_text(weight)})
     for cut, weight in output.cuts:
-        terms.append({**_wrench(cut, mechanism), "component": cut.component, "weight": expression_text(weight)})
+        terms.append(
+            {
+                **_wrench(cut, mechanism),
+                "component": cut.component,
+                "weight": expression_text(weight),
+            }
+        )
     return {"name": output.name, "unit": output.unit, "sum": terms}
 
 
@@ -142,20 +162,32 @@ _TYPES = (
 )
 
 
-def write_description(mechanism: Mechanism, *, elementary: bool = False) -> dict[str, Any]:
+def write_description(
+    mechanism: Mechanism, *, elementary: bool = False
+) -> dict[str, Any]:
     """A mechanism in the description format, as data for JSON or YAML."""
     names = [body.name for body in mechanism.bodies]
     for name in names:
         if names.count(name) > 1:
-            raise InputError("two bodies have this name; a description needs unique names", element=f"body '{name}'")
+            raise InputError(
+                "two bodies have this name; a description needs unique names",
+                element=f"body '{name}'",
+            )
     joints = None if elementary else _reader(mechanism)
-    terms = {c.coordinate: {name: _function(function) for name, function in c.terms} for c in mechanism.couplings}
+    terms = {
+        c.coordinate: {name: _function(function) for name, function in c.terms}
+        for c in mechanism.couplings
+    }
     return _stated(
         echelon=1,
         name=mechanism.name,
         symbols=_symbols(mechanism) or None,
         gravity=_gravity(mechanism.gravity),
-        couplings=[{coordinate: {"terms": functions}} for coordinate, functions in terms.items()] or None,
+        couplings=[
+            {coordinate: {"terms": functions}}
+            for coordinate, functions in terms.items()
+        ]
+        or None,
         **_loops(mechanism),
         **_setup(mechanism),
         bodies=[_body(body, mechanism, joints) for body in mechanism.bodies],
@@ -165,14 +197,21 @@ def write_description(mechanism: Mechanism, *, elementary: bool = False) -> dict
 def _gravity(gravity: Vector | None) -> str | list[str]:
     if gravity is None:
         return "none"
-    return "generic" if gravity == GENERIC else [expression_text(part) for part in gravity]
+    return (
+        "generic" if gravity == GENERIC else [expression_text(part) for part in gravity]
+    )
 
 
 def _function(function: Spline) -> str | dict[str, Any]:
     if function.ratio is not None:
         return expression_text(function.ratio)
-    knots = [[decimal_text(knot), expression_text(jump)] for knot, jump in function.knots]
-    return _stated(coefficients=[expression_text(c) for c in function.coefficients], knots=knots or None)
+    knots = [
+        [decimal_text(knot), expression_text(jump)] for knot, jump in function.knots
+    ]
+    return _stated(
+        coefficients=[expression_text(c) for c in function.coefficients],
+        knots=knots or None,
+    )
 
 
 # -- symbols --------------------------------------------------------------------------------------------------------
@@ -182,7 +221,12 @@ def _used(mechanism: Mechanism) -> list[str]:
     """Symbols that need a declaration, in order of appearance."""
     found = [name for body in mechanism.bodies for name in body.joint.symbols()]
     found += [name for value in setup_ratios(mechanism) for name in value.symbols()]
-    found += [name for placed in setup_placements(mechanism) for e in placed.entries() for name in e.symbols()]
+    found += [
+        name
+        for placed in setup_placements(mechanism)
+        for e in placed.entries()
+        for name in e.symbols()
+    ]
     if mechanism.gravity != GENERIC:
         found += [name for part in mechanism.gravity or () for name in part.symbols()]
     return list(dict.fromkeys(found))
@@ -191,13 +235,24 @@ def _used(mechanism: Mechanism) -> list[str]:
 def _symbols(mechanism: Mechanism) -> dict[str, Any]:
     # an empty mapping declares a name that the mechanism uses but does not list
     written: dict[str, Any] = {name: {} for name in _used(mechanism)}
-    return written | {name: _symbol(symbol) for name, symbol in mechanism.symbols.items()}
+    return written | {
+        name: _symbol(symbol) for name, symbol in mechanism.symbols.items()
+    }
 
 
 def _symbol(symbol: Symbol) -> str | dict[str, str] | None:
-    approximate = None if symbol.value is None or symbol.exact is not None else repr(float(symbol.value))
+    approximate = (
+        None
+        if symbol.value is None or symbol.exact is not None
+        else repr(float(symbol.value))
+    )
     arc = None if symbol.tangent_squared is None else str(symbol.tangent_squared)
-    entry = _stated(value=symbol.exact, approximate=approximate, tangent_squared=arc, meaning=symbol.meaning or None)
+    entry = _stated(
+        value=symbol.exact,
+        approximate=approximate,
+        tangent_squared=arc,
+        meaning=symbol.meaning or None,
+    )
     return entry.get("value") if set(entry) <= {"value"} else entry
 
 
@@ -205,14 +260,20 @@ def _symbol(symbol: Symbol) -> str | dict[str, str] | None:
 
 
 def _body(body: Body, mechanism: Mechanism, joints: Joints | None) -> dict[str, Any]:
-    inertial = None if body.inertial is None else [repr(float(value)) for value in body.inertial]
+    inertial = (
+        None
+        if body.inertial is None
+        else [repr(float(value)) for value in body.inertial]
+    )
     return _stated(
         name=body.name,
         label=body.label,
         parent=mechanism.bodies[body.parent].name if body.parent != GROUND else None,
         **((joints and _short_form(body, joints)) or {"joint": _custom(body.joint)}),
         massless=body.massless or None,
-        parameters=[PARAMETERS[k] for k in body.carried] if body.carried not in ((), ALL) else None,
+        parameters=[PARAMETERS[k] for k in body.carried]
+        if body.carried not in ((), ALL)
+        else None,
         separate=body.joint.is_fixed or None,
         inertial=None if inertial is None else {"standard": inertial},
     )
@@ -223,7 +284,10 @@ def _axis(motion: Motion) -> str:
 
 
 def _custom(joint: Joint) -> dict[str, Any]:
-    steps = [_motion(step) if isinstance(step, Motion) else frame_data(step) for step in joint.steps]
+    steps = [
+        _motion(step) if isinstance(step, Motion) else frame_data(step)
+        for step in joint.steps
+    ]
     return {"type": "custom", "kind": joint.kind, "name": joint.name, "steps": steps}
 
 
@@ -244,7 +308,10 @@ def _short_form(body: Body, joints: Joints) -> dict[str, Any] | None:
     written = _guess(body.joint)
     entry = BodyEntry.model_validate({"name": body.name, **written})
     try:
-        same = joints.body(entry, "", "") == body.joint.steps and joint_name(entry) == body.joint.name
+        same = (
+            joints.body(entry, "", "") == body.joint.steps
+            and joint_name(entry) == body.joint.name
+        )
     except InputError:
         return None
     return written if same else None
@@ -268,8 +335,14 @@ def _guess(joint: Joint) -> dict[str, Any]:
     if joint.kind == "universal":
         # any other second axis fails the comparison, whatever stands here
         perpendicular = len(motions) > 1 and motions[1].axis != motions[0].axis
-        written["axis2"] = _axis(motions[1]) if perpendicular else "xyz"[(motions[0].axis + 1) % 3]
-    return {"joint": written} if frame.is_identity else {"joint": written, "frame": frame_data(frame)}
+        written["axis2"] = (
+            _axis(motions[1]) if perpendicular else "xyz"[(motions[0].axis + 1) % 3]
+        )
+    return (
+        {"joint": written}
+        if frame.is_identity
+        else {"joint": written, "frame": frame_data(frame)}
+    )
 
 
 def _reader(mechanism: Mechanism) -> Joints:
@@ -279,4 +352,6 @@ def _reader(mechanism: Mechanism) -> Joints:
     from echelon.formats.snapping import ReadingOptions
 
     symbols = {name: Symbol(name) for name in (*_used(mechanism), *mechanism.symbols)}
-    return Joints(Expressions(Document({}, mechanism.name), ReadingOptions(), (), symbols))
+    return Joints(
+        Expressions(Document({}, mechanism.name), ReadingOptions(), (), symbols)
+    )
