@@ -327,7 +327,7 @@ def energy_changes(mechanism: Mechanism) -> BlockRows:
         # the function is called before the loop goes on
         sums = column_sums(
             mechanism, differences, lambda body, kind: differences[body][kind]
-        )  # noqa: B023
+        )
         columns.append(tuple(sums))
         changes.append(_row(sums))
     return BlockRows(
