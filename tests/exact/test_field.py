@@ -5,7 +5,6 @@ Linear algebra modulo p against sympy's DomainMatrix, and solutions against the 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from fractions import Fraction
 
 import numpy as np
@@ -163,9 +162,10 @@ def test_multiple_angles_are_chebyshev_polynomials(
 @given(a=st.integers(-20, 20), b=st.integers(-20, 20))
 def test_angles_add(field: PrimeField, a: int, b: int) -> None:
     point = field.circle(extremes(field))
-    multiple: Callable[[int], tuple[Residues, Residues]] = lambda n: (
-        field.multiply_angle(point, n)
-    )
+
+    def multiple(n: int) -> tuple[Residues, Residues]:
+        return field.multiply_angle(point, n)
+
     for ours, expected in zip(
         field.add_angles(multiple(a), multiple(b)), multiple(a + b), strict=True
     ):

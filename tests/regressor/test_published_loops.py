@@ -101,7 +101,6 @@ def test_a_set_is_derived_from_the_frames_as_stated_and_verified(
     mechanism = load(model)
     base = ec.base_parameters(mechanism, budget=0.02)
     assert base.rank == INTENDED[model.name]
-    assert base.mechanism.closed_in_balls
     saved = tmp_path / "set.json"
     saved.write_text(to_json(base), encoding="utf-8")
     done = CliRunner().invoke(app, ["verify", str(saved)])

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from hashlib import sha256
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -109,12 +109,10 @@ class RationalFunction:
 
     def evaluate(self, values: Mapping[str, T], number: Callable[[Number], T]) -> T:
         """Value over any field; see :meth:`Polynomial.evaluate`."""
-        top: Any = self.numerator.evaluate(values, number)
-        return (
-            top
-            if self.is_polynomial
-            else top / self.denominator.evaluate(values, number)
-        )  # type: ignore[no-any-return]
+        value: Any = self.numerator.evaluate(values, number)
+        if not self.is_polynomial:
+            value = value / self.denominator.evaluate(values, number)
+        return cast("T", value)
 
     def residue(self, generators: Mapping[str, int], field: PrimeField) -> int:
         """The residue for given residues of the generators."""

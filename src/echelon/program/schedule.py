@@ -407,7 +407,10 @@ class FieldSampler:
         )
 
     def _signs(
-        self, field: PrimeField, states: int, geometries: int
+        self,
+        field: PrimeField,  # noqa: ARG002
+        states: int,  # noqa: ARG002
+        geometries: int,  # noqa: ARG002
     ) -> dict[int, Residues]:
         """Values of signs at states of all regions in turn, (geometries · states,)."""
         return {}

@@ -326,7 +326,9 @@ def energy_changes(mechanism: Mechanism) -> BlockRows:
                 differences[index] = [new - old for new, old in pairs]
         # the function is called before the loop goes on
         sums = column_sums(
-            mechanism, differences, lambda body, kind: differences[body][kind]
+            mechanism,
+            differences,
+            lambda body, kind: differences[body][kind],  # noqa: B023
         )
         columns.append(tuple(sums))
         changes.append(_row(sums))

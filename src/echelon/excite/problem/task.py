@@ -242,11 +242,8 @@ class _Resolver:
                     if name in self.names
                     else self.names[int(np.flatnonzero(self.drives[name])[0])]
                 )
-                found.append(
-                    EffortLimit(
-                        name, "N·m" if self.units[first] == "rad" else "N", float(value)
-                    )
-                )  # type: ignore[arg-type]
+                unit = "N·m" if self.units[first] == "rad" else "N"
+                found.append(EffortLimit(name, unit, float(value)))  # type: ignore[arg-type]
         return found
 
 

@@ -221,9 +221,8 @@ def _by_words(text: str, name: str, unit: str) -> Meaning | None:
     units: list[str] = []
     angle = _COLUMN_UNITS.get(unit.lower(), unit) in ("rad", "deg", "°")
     for word in _split(text):
-        letters, digits = (
-            (word, "") if word in _UNITS else re.fullmatch(r"(.*?)(\d*)", word).groups()
-        )  # type: ignore[union-attr]
+        digits = "" if word in _UNITS else word[len(word.rstrip("0123456789")) :]
+        letters = word.removesuffix(digits)
         if len(digits) > _LONGEST_NUMBER:
             return None
         if digits:

@@ -115,10 +115,14 @@ class BlockParser:
     def _numbers(self, column: Any) -> Floats:
         """Numbers, or times in seconds; what is no time is a TypeError."""
         if str(column.type) == "string":
-            found = [stamp(cell) for cell in column.to_pylist()]
-            return np.array(
-                [whole - self.dialect.origin + fraction for whole, fraction in found]
-            )  # type: ignore[misc]
+            cells = column.to_pylist()
+            stamps = [time for time in map(stamp, cells) if time is not None]
+            if len(stamps) < len(cells):
+                raise TypeError("a cell is no time")
+            seconds = [
+                whole - self.dialect.origin + fraction for whole, fraction in stamps
+            ]
+            return np.array(seconds)
         return np.asarray(column.to_numpy(), dtype=np.float64)
 
     def _by_numpy(self, text: bytes) -> list[Floats] | None:
