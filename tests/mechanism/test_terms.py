@@ -58,10 +58,11 @@ def test_rows_of_the_table_are_found_again() -> None:
     """Laws of one shape count as the first: a preload is an offset, a cable's stiffness that of a spring."""
     same = {("spring", "1"): "offset", ("cable", "q"): "spring"}
     for kind, entries in KINDS.items():
-        constants = {name: "0.3" for name in CONSTANTS.get(kind, {})}
+        constants = dict.fromkeys(CONSTANTS.get(kind, {}), "0.3")
         for made, entry in zip(
             ready_made(kind, "j", Side.JOINT, "1", sliding=False, constants=constants),
             entries,
+            strict=False,
         ):
             (action,) = made.actions
             assert action.kind == same.get((kind, entry.term), kind)
@@ -69,9 +70,7 @@ def test_rows_of_the_table_are_found_again() -> None:
 
 def test_parts_of_a_text_are_replaced_and_nothing_else() -> None:
     term = read_term("0.10000000000000000001*é*qd[é] + é[é]*sign(é)")
-    symbols = {
-        reference: "(l)" for reference in term.references if reference.at is None
-    }
+    symbols = {q.node: "(l)" for q in term.quantities if q.at is None}
     assert term.replaced(symbols) == "0.10000000000000000001*(l)*qd[é] + é[é]*sign((l))"
 
 

@@ -2,7 +2,7 @@
 
 Every effect is one parameter times a known function of the state, acting along one or more coordinates.  The usual
 ones are ready-made; any other is an expression.  What an effect is follows from its expression, whoever wrote it: a row
-of :data:`KINDS` if it has the shape of one, and the properties of :class:`~echelon.mechanism.term.Term`.
+of :data:`KINDS` if it has the shape of one, and the properties of :class:`~echelon.mechanism.term.TermTree`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache, cached_property
 
-from echelon.mechanism.term import Term, has_shape, read_term
+from echelon.mechanism.term import TermTree, has_shape, read_term
 
 
 class Side(StrEnum):
@@ -33,17 +33,11 @@ class Action:
     term: str
 
     @cached_property
-    def read(self) -> Term:
+    def read(self) -> TermTree:
         """The term as it is written for the place itself: ``qd`` for ``qd[j5]`` at j5, ``i`` for any input."""
         written = read_term(self.term)
-        own = [
-            reference
-            for reference in written.references
-            if reference.at == self.at or reference.name == "i"
-        ]
-        return read_term(
-            written.replaced({reference: reference.name for reference in own})
-        )
+        own = [q for q in written.quantities if q.at == self.at or q.name == "i"]
+        return read_term(written.replaced({q.node: q.name for q in own}))
 
     @property
     def kind(self) -> str:
@@ -176,7 +170,7 @@ def _templates() -> list[tuple[str, EffectTerm, ast.expr]]:
     return found
 
 
-def _row_of(term: Term) -> tuple[str, bool]:
+def _row_of(term: TermTree) -> tuple[str, bool]:
     """Kind of the first row of the table whose shape a term has, and whether its parameter is positive."""
     for kind, entry, template in _templates():
         if has_shape(template, term.tree, CONSTANTS.get(kind, {})):

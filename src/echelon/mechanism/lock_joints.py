@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from fractions import Fraction
@@ -176,16 +177,15 @@ def _effects(
         actions = []
         for action in effect.actions:
             term = read_term(action.term)
-            held = [reference for reference in term.references if reference.at in gone]
-            if action.at in gone or any(reference.name == "i" for reference in held):
+            texts: dict[ast.expr, str] = {}
+            held = {q.name for q in term.quantities if q.at in gone}
+            if action.at in gone or "i" in held:
                 continue
-            texts = {
-                r: f"({still.get(r.at or '', 0.0)!r})" if r.name == "q" else "0"
-                for r in held
-            }
-            actions.append(
-                replace(action, term=term.replaced(texts)) if held else action
-            )
+            for q in term.quantities:
+                if q.at is not None and q.at in gone:
+                    position = f"({still.get(q.at, 0.0)!r})"
+                    texts[q.node] = position if q.name == "q" else "0"
+            actions.append(replace(action, term=term.replaced(texts)))
         if actions:
             yield replace(effect, actions=tuple(actions))
 

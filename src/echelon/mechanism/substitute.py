@@ -107,15 +107,9 @@ def _text(term: str, values: Mapping[str, Polynomial]) -> str:
         name: value for name, value in values.items() if not is_trigonometric(name)
     }
     read = read_term(term)
-    named = [
-        reference
-        for reference in read.references
-        if reference.at is None and reference.name in plain
-    ]
-    return (
-        read.replaced({r: f"({format_polynomial(plain[r.name])})" for r in named})
-        if named
-        else term
+    named = [q for q in read.quantities if q.at is None and q.name in plain]
+    return read.replaced(
+        {q.node: f"({format_polynomial(plain[q.name])})" for q in named}
     )
 
 

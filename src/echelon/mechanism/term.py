@@ -17,15 +17,13 @@ from echelon.errors import InputError, shortened
 from echelon.exact.expressions import expression_tree
 
 _BOUNDED = ("sign", "heaviside", "tanh", "atan", "atan2", "sin", "cos")
-_POWERS = {"abs": 1.0, "max": 1.0, "min": 1.0, "sqrt": 0.5} | dict.fromkeys(
-    _BOUNDED, 0.0
-)
-"""Power of its argument with which a function grows; the others may grow beyond any power."""
+_POWERS = {"abs": 1.0, "max": 1.0, "min": 1.0, "sqrt": 0.5}
+"""Power of its argument with which a function grows; any other may outgrow all powers."""
 _REMEMBERED = 4096  # terms; robots have some ten each
 
 
 @dataclass(frozen=True)
-class Reference:
+class Quantity:
     """A name in a term: ``qd`` of the place where the term acts, ``qd[j5]`` of another, or a symbol."""
 
     name: str
@@ -33,105 +31,60 @@ class Reference:
     node: ast.expr
 
 
-class Term:
-    """A term that is read.  Expressions are those of :mod:`echelon.program.text`."""
+class TermTree:
+    """A term of an effect, read.  Expressions are those of :mod:`echelon.program.text`."""
 
     def __init__(self, text: str) -> None:
         self.text = text.strip().replace("^", "**")
         self.tree = expression_tree(self.text)
-        self.references = tuple(self._references(self.tree))
+        # all subexpressions, without names of functions and what stands in brackets
+        self.parts = list(_parts(self.tree))
+        self.quantities = tuple(self._quantities())
 
     @property
     def symbols(self) -> frozenset[str]:
         """Names that stand alone: geometry symbols, and the state of the place itself."""
-        return frozenset(
-            reference.name for reference in self.references if reference.at is None
-        )
+        return frozenset(q.name for q in self.quantities if q.at is None)
 
     @property
     def is_dry(self) -> bool:
         """Whether it does not vanish in slow motion."""
-        found = [self._growth(node) for node in self._parts(self.tree)]
-        return any(power is not None and power <= 0 for power in found)
+        return any(power <= 0 for part in self.parts for power in _growth(part))
 
     @property
     def is_inertial(self) -> bool:
         """Whether it depends on an acceleration."""
-        return any(reference.name == "qdd" for reference in self.references)
+        return any(q.name == "qdd" for q in self.quantities)
 
     def source(self, node: ast.expr) -> str:
         """The text of a part."""
         return ast.get_source_segment(self.text, node) or ""
 
-    def replaced(self, texts: Mapping[Reference, str]) -> str:
-        """The text with other texts in the place of some names."""
-        return self.spliced({reference.node: text for reference, text in texts.items()})
-
-    def spliced(self, changes: Mapping[ast.expr, str]) -> str:
+    def replaced(self, texts: Mapping[ast.expr, str]) -> str:
         """The text with other texts in the place of some parts, which do not overlap."""
         found = self.text.encode()  # columns of syntax trees count bytes
-        for node in sorted(changes, key=lambda node: node.col_offset, reverse=True):
-            found = (
-                found[: node.col_offset]
-                + changes[node].encode()
-                + found[node.end_col_offset :]
-            )
+        for node in sorted(texts, key=lambda node: node.col_offset, reverse=True):
+            before, after = found[: node.col_offset], found[node.end_col_offset :]
+            found = before + texts[node].encode() + after
         return found.decode()
 
-    def calls(self, name: str) -> list[ast.Call]:
-        """Calls of a function."""
-        calls = [node for node in self._parts(self.tree) if isinstance(node, ast.Call)]
-        return [
-            call
-            for call in calls
-            if isinstance(call.func, ast.Name) and call.func.id == name
-        ]
-
-    def _parts(self, node: ast.expr) -> Iterator[ast.expr]:
-        """All subexpressions, without names of functions and what stands in brackets."""
-        yield node
-        for child in _operands(node):
-            yield from self._parts(child)
-
-    def _references(self, tree: ast.expr) -> Iterator[Reference]:
-        for node in self._parts(tree):
+    def _quantities(self) -> Iterator[Quantity]:
+        for node in self.parts:
             match node:
                 case ast.Name(id=name):
-                    yield Reference(name, None, node)
+                    yield Quantity(name, None, node)
+                case ast.Subscript(
+                    value=ast.Name(id=name), slice=ast.Constant(value=str(at))
+                ):
+                    yield Quantity(name, at, node)
                 case ast.Subscript(value=ast.Name(id=name), slice=inner):
-                    quoted = isinstance(inner, ast.Constant) and isinstance(
-                        inner.value, str
-                    )
-                    yield Reference(
-                        name,
-                        ast.literal_eval(inner) if quoted else self.source(inner),
-                        node,
-                    )
+                    yield Quantity(name, self.source(inner), node)
 
-    def _growth(self, node: ast.expr) -> float | None:
-        """The power of velocities with which a part grows; None if it does not depend on them."""
-        known = [
-            power for power in map(self._growth, _operands(node)) if power is not None
-        ]
-        match node:
-            case ast.Name(id="qd") | ast.Subscript(value=ast.Name(id="qd")):
-                return 1.0
-            case _ if not known:
-                return None
-            case ast.BinOp(op=ast.Mult()):
-                return sum(known)
-            case ast.BinOp(left=left, op=ast.Div(), right=right):
-                return (self._growth(left) or 0.0) - (self._growth(right) or 0.0)
-            case ast.BinOp(
-                op=ast.Pow(), right=ast.Constant(value=int() | float() as power)
-            ):
-                return known[0] * power
-            case ast.BinOp(op=ast.Pow()):
-                return inf
-            case ast.Call(func=ast.Name(id=name)):
-                power = _POWERS.get(name, inf)
-                return max(known) * power if power else 0.0
-        return max(known)
+
+def _parts(node: ast.expr) -> Iterator[ast.expr]:
+    yield node
+    for operand in _operands(node):
+        yield from _parts(operand)
 
 
 def _operands(node: ast.expr) -> list[ast.expr]:
@@ -145,45 +98,58 @@ def _operands(node: ast.expr) -> list[ast.expr]:
     return []
 
 
+def _growth(node: ast.expr) -> list[float]:
+    """The power of velocities with which a part grows; nothing if it does not depend on them."""
+    known = [power for operand in _operands(node) for power in _growth(operand)]
+    match node:
+        case ast.Name(id="qd") | ast.Subscript(value=ast.Name(id="qd")):
+            return [1.0]
+        case _ if not known:
+            return []
+        case ast.BinOp(op=ast.Mult()):
+            return [sum(known)]
+        case ast.BinOp(left=left, op=ast.Div(), right=right):
+            return [sum(_growth(left)) - sum(_growth(right))]
+        case ast.BinOp(
+            op=ast.Pow(), right=ast.Constant(value=int() | float() as power)
+        ):
+            return [known[0] * power]
+        case ast.BinOp(op=ast.Add() | ast.Sub()) | ast.UnaryOp():
+            return [max(known)]
+        case ast.Call(func=ast.Name(id=name)) if name in _POWERS:
+            return [max(known) * _POWERS[name]]
+        case ast.Call(func=ast.Name(id=name)) if name in _BOUNDED:
+            return [0.0]
+    return [inf]
+
+
 @lru_cache(maxsize=_REMEMBERED)
-def read_term(text: str) -> Term:
+def read_term(text: str) -> TermTree:
     """A term by its text.
 
     >>> read_term("tanh(qd/0.01)").is_dry, read_term("abs(qd)*qd").is_dry, read_term("2*qdd[j5]").is_inertial
     (True, False, True)
     """
     try:
-        return Term(text)
+        return TermTree(text)
     except (SyntaxError, RecursionError):
-        raise InputError(
+        problem = (
             f"'{shortened(text)}' is not an expression such as 2*a*sin(x) - b*x**2"
-        ) from None
+        )
     except ValueError as error:
-        raise InputError(f"in '{shortened(text)}': {error}") from None
+        problem = f"in '{shortened(text)}': {error}"
+    raise InputError(problem)
 
 
-def has_shape(template: ast.expr, node: ast.expr, constants: Collection[str]) -> bool:
+def has_shape(template: ast.AST, node: ast.AST, constants: Collection[str]) -> bool:
     """Whether a part of a term is a template, in which the names of constants stand for anything."""
-    match template, node:
-        case ast.Name(id=name), _ if name in constants:
+    match template:
+        case ast.Name(id=name) if name in constants:
             return True
-        case ast.Name(id=name), ast.Name(id=other):
-            return name == other
-        case ast.Constant(value=value), ast.Constant(value=other):
-            return bool(value == other)
-        case (ast.UnaryOp(op=op), ast.UnaryOp(op=other)) | (
-            ast.BinOp(op=op),
-            ast.BinOp(op=other),
-        ):
-            alike = type(op) is type(other)
-        case ast.Call(func=ast.Name(id=name)), ast.Call(func=ast.Name(id=other)):
-            alike = name == other
-        case _:
-            return False
-    parts, others = _operands(template), _operands(node)
-    if not alike or len(parts) != len(others):
+        case ast.Name() | ast.Constant():
+            return ast.dump(template) == ast.dump(node)
+    parts, others = (list(ast.iter_child_nodes(tree)) for tree in (template, node))
+    if type(template) is not type(node) or len(parts) != len(others):
         return False
-    return all(
-        has_shape(part, other, constants)
-        for part, other in zip(parts, others, strict=True)
-    )
+    pairs = zip(parts, others, strict=True)
+    return all(has_shape(part, other, constants) for part, other in pairs)

@@ -15,6 +15,7 @@ else.  The fit takes Gauss–Newton steps with Levenberg's damping.
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -55,9 +56,11 @@ def smooth(mechanism: Mechanism, speed: float) -> Mechanism:
 def _smoothed(term: str, speed: float) -> str:
     """``sign(x)`` as ``tanh((x)*k)``."""
     read = read_term(term)
-    while calls := read.calls("sign"):
-        inner = read.source(calls[0].args[0])
-        read = read_term(read.spliced({calls[0]: f"tanh(({inner})*{1 / speed:.6g})"}))
+    for part in read.parts:
+        match part:
+            case ast.Call(func=ast.Name(id="sign"), args=[inner]):
+                tanh = f"tanh(({read.source(inner)})*{1 / speed:.6g})"
+                return _smoothed(read.replaced({part: tanh}), speed)
     return read.text
 
 
