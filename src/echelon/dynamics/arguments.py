@@ -186,7 +186,7 @@ def parameter_input(name: str, *, standard: bool = False) -> str:
 
 
 def row_names(mechanism: Mechanism) -> tuple[str, ...]:
-    """What the rows of a result are: the outputs."""
+    """Labels of the rows of a result: names of the outputs."""
     return tuple(output.name for output in mechanism.outputs)
 
 

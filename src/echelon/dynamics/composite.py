@@ -247,7 +247,7 @@ def effort_derivatives(
     # the position of a ball's freedom is the angle of a further rotation about its axis of the moved frame
     zeros, zero = motion.recorder.zeros, motion.recorder.program.zero
     empty = Subtree(np.full((4, 4), zero), np.full((3, 3), zero), zeros, (zeros, zeros))
-    sweep = _Sweep(zeros)
+    sweep = _InwardSweep(zeros)
 
     def before(
         behind: tuple[Subtree, list[_Item]], index: int
@@ -267,7 +267,7 @@ def effort_derivatives(
 
 @dataclass(eq=False)
 class _Item:
-    """What one freedom sends to the ground: changes of wrenches, and what it reads of changes further in."""
+    """Changes that one freedom passes on to the ground, and the changes further in that it reads."""
 
     name: str
     moved: CarriedWrench
@@ -276,7 +276,7 @@ class _Item:
     spin_form: Vec
 
 
-class _Sweep:
+class _InwardSweep:
     """One way from the tips to the ground."""
 
     def __init__(self, zeros: Vec) -> None:

@@ -44,7 +44,7 @@ class CompiledAssembly(Assembly):
         closed_accelerations,
         closure_pivots,
     )
-    """What is compiled."""
+    """The function that is compiled."""
     _determined = False
 
     def near(self, guess: Floats) -> tuple[Floats, Flags]:

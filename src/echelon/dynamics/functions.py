@@ -110,7 +110,7 @@ def constraint_forces(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
 
 
 def _determined(mechanism: Mechanism, motion: DependentMotion) -> dict[str, float]:
-    """How much of every component of closing wrenches the motion determines in some closed states."""
+    """Share of every component of closing wrenches that the motion determines, the least in some closed states."""
     from echelon.loops import real_inputs  # robots without loops do without it
 
     shares = {
@@ -299,7 +299,7 @@ def _price(function: Function) -> int:
 
 
 _FUNCTION_PRICE = 25
-"""Of a sine or cosine; in vectorised machine code a pair takes as long as about fifty multiplications."""
+"""Cost of a sine or cosine in multiplications: in vectorised machine code a pair takes as long as about fifty."""
 
 FUNCTIONS: Mapping[str, Builder] = {
     **{name: _cheapest(partial(vector, name)) for name in _VECTORS},
@@ -316,7 +316,7 @@ LOOP_FUNCTIONS: Mapping[str, Builder] = {
     "closure_pivots": closure_pivots,
     "constraint_forces": constraint_forces,
 }
-"""The same, of functions of mechanisms with loops only."""
+"""Builders of functions that only mechanisms with loops have, by name."""
 
 ALL_FUNCTIONS: Mapping[str, Builder] = {**FUNCTIONS, **LOOP_FUNCTIONS}
 

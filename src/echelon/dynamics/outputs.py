@@ -110,7 +110,7 @@ class RecordedOutputs:
 
     @property
     def arguments(self) -> Arguments:
-        """Of functions of these outputs."""
+        """Arguments of functions of these outputs."""
         return Arguments(
             self.mechanism, self.program, self.parameters, standard=self._dependent
         )
@@ -180,7 +180,7 @@ class RecordedOutputs:
     def _derivatives_in_loops(
         self, motion: DependentMotion, forces: Sequence[Scalar]
     ) -> dict[Index, Scalar]:
-        """The same, along the motions of the independent coordinates."""
+        """Derivatives of forces along the motions of the independent coordinates."""
         program, free = self.program, self.mechanism.independent_velocities
         along = [
             motion.position_rates(speeds) for speeds in self._unit_motions.values()
@@ -214,7 +214,7 @@ class RecordedOutputs:
         return {index: Scalar(program, node) for index, node in slopes.items()}
 
     def _derivatives_on_sphere(self, forces: Sequence[Scalar]) -> dict[Index, Scalar]:
-        """The same, with those by unit quaternions along the unit sphere: less what they have along it."""
+        """Derivatives of forces; those by a unit quaternion without their part across the unit sphere."""
         # forces that dependent joints pass on with ratios that vary need it; those of constant ratios come cheaper
         program, found = self.program, self._derivatives(forces)
         for motion in (m for m in self.mechanism.motions if m.kind is MotionKind.BALL):
@@ -436,7 +436,7 @@ def _without_placement_behind(
 
 
 def _offset(joint: Joint, steps: tuple[Step, ...]) -> Vector:
-    """What takes a joint's offset along its axis away, if the axis is along a coordinate axis of the parent."""
+    """The shift that cancels a joint's offset along its axis, if the axis is along a coordinate axis of the parent."""
     if (
         len(steps) != 2
         or len(joint.motions) != 1

@@ -54,7 +54,7 @@ Wrench = tuple[Vec, Vec]  # moment about the frame's origin and force
 
 @dataclass(frozen=True, eq=False)
 class FrameMotion:
-    """How a frame moves, in its own axes; another frame is another object, even if it moves alike."""
+    """Motion of a frame, in its own axes; another frame is another object, even if it moves alike."""
 
     angular: Vec  # angular velocity and acceleration
     angular_rate: Vec  # angular velocity and acceleration
@@ -115,8 +115,8 @@ class Transform:
 
 
 @dataclass(frozen=True)
-class _Frame:
-    """How a frame moves, and the parallel rotations just before it."""
+class _MovingFrame:
+    """Motion of a frame, and the parallel rotations just before it."""
 
     motion: FrameMotion
     parallel: ParallelRotations | None
@@ -143,7 +143,7 @@ class ForwardPass:
             int, list[Transform]
         ] = {}  # from the parent's frame to every body's
         gx, gy, gz = gravity
-        ground = _Frame(
+        ground = _MovingFrame(
             FrameMotion(recorder.zeros, recorder.zeros, (-gx, -gy, -gz)), None
         )
         frames = forward(self.mechanism, ground, self._body)
@@ -152,7 +152,7 @@ class ForwardPass:
         )
         self.motions = {index: frame.motion for index, frame in frames.items()}
 
-    def _body(self, parent: _Frame, index: int) -> _Frame:
+    def _body(self, parent: _MovingFrame, index: int) -> _MovingFrame:
         """The frame of a body, from that of its parent."""
         frame, own = parent, []
         described = self.mechanism.bodies[index].joint.steps
@@ -164,7 +164,7 @@ class ForwardPass:
         self.transforms[index] = [*before, *own, *behind]
         return frame
 
-    def _sensed(self, frame: _Frame, steps: Sequence[Step]) -> list[Transform]:
+    def _sensed(self, frame: _MovingFrame, steps: Sequence[Step]) -> list[Transform]:
         """Steps into the frames of sensors and back, on which nothing moves."""
         found = []
         for step in steps:
@@ -173,8 +173,8 @@ class ForwardPass:
         return found
 
     def _advanced(
-        self, frame: _Frame, described: Described | None, step: Step
-    ) -> tuple[_Frame, Transform]:
+        self, frame: _MovingFrame, described: Described | None, step: Step
+    ) -> tuple[_MovingFrame, Transform]:
         start = now = frame.motion
         parallel = frame.parallel
         if step.shift is not None:
@@ -199,7 +199,7 @@ class ForwardPass:
                 if step.freedoms
                 else replace(parallel, fixed=product(parallel.fixed, step.rotation))
             )
-        return _Frame(now, parallel), Transform(step, start, now)
+        return _MovingFrame(now, parallel), Transform(step, start, now)
 
     def _rotated(
         self,
@@ -207,7 +207,7 @@ class ForwardPass:
         parallel: ParallelRotations | None,
         motion: Motion,
         step: Step,
-    ) -> tuple[_Frame, Transform]:
+    ) -> tuple[_MovingFrame, Transform]:
         """A rotation about a coordinate axis."""
         (freedom,) = step.freedoms
         axis, sign = motion.axis, motion.sign
@@ -255,7 +255,7 @@ class ForwardPass:
             into_frame(step, now.linear),
             along,
         )
-        return _Frame(moved, parallel), Transform(
+        return _MovingFrame(moved, parallel), Transform(
             step, now, moved, parallel, rotation, axis
         )
 

@@ -1,4 +1,4 @@
-"""What had to be moved because a stated assembly pose does not close the loops."""
+"""Moves of coordinates from a stated assembly pose, or zero, to one that closes the loops."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _LARGE, _TOO_LARGE = 0.1, 2.0
 
 @dataclass(frozen=True)
 class Moved:
-    """How far one coordinate was moved to close the loops."""
+    """Move of one coordinate that closed the loops."""
 
     coordinate: str  # name of a motion; a ball counts as one
     distance: float  # in its unit; of a ball, the angle
@@ -25,7 +25,7 @@ class Moved:
 
 @dataclass(frozen=True)
 class Assembled:
-    """What had to be moved because the stated assembly pose, or zero, does not close the loops."""
+    """Moves that closed the loops, where the stated assembly pose, or zero, does not."""
 
     moved: tuple[Moved, ...]  # what moved by more than rounding, the largest move first
     closure: str  # the closure that was open most
@@ -63,7 +63,7 @@ class Assembled:
 
 
 def to_write(pose: Mapping[str, float]) -> str:
-    """What a description says of a pose."""
+    """The line of a description that states a pose."""
     return f"assembly: {{{', '.join(f'{name}: {value:.6g}' for name, value in pose.items())}}}"
 
 

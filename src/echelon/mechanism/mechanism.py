@@ -256,7 +256,7 @@ class Mechanism:
         _check_names(self)
 
     def as_read(self, reading: Reading) -> Mechanism:
-        """The same mechanism with how it was read; what :func:`dataclasses.replace` changes has no reading."""
+        """A copy that remembers how it was read; copies by :func:`dataclasses.replace` do not."""
         found = copy(self)
         object.__setattr__(found, "reading", reading)
         return found
@@ -454,9 +454,6 @@ class Mechanism:
         return f"{self.name}: {len(self.bodies)} bodies, {self.degrees_of_freedom} degrees of freedom"
 
 
-"""Snaps of loops whose relations were made exact say this of their literal numbers."""
-
-
 @dataclass(frozen=True)
 class Snap:
     """One number of a file that was read as a nearby exact one."""
@@ -482,7 +479,7 @@ class ReadableFile(Protocol):
 
 @dataclass(frozen=True)
 class Reading:
-    """How a mechanism was read from a file."""
+    """The file that a mechanism was read from, and what its reader made of it."""
 
     snaps: tuple[Snap, ...]  # numbers that were read as nearby exact ones
     notes: tuple[str, ...]  # remarks of the reader for the user

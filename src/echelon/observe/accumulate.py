@@ -40,7 +40,7 @@ Factors = list[Floats]  # a matrix for each output: its R, or its Gram matrix
 
 @dataclass(frozen=True)
 class _Method:
-    """How a factor takes transposed rows in, in place, and how two factors become one."""
+    """Functions that add transposed rows to a factor, in place, and merge two factors."""
 
     add: Callable[[Floats, Floats], None]
     merge: Callable[[Floats, Floats], Floats]

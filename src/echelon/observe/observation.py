@@ -1,4 +1,4 @@
-"""What is kept of [W y], output by output, instead of the matrix: R-factors, or normal equations.
+"""R-factors or normal equations of [W y], output by output, in the place of the matrix.
 
 Each output has an R-factor of its own.  That is less work than one factor for all (half for a serial arm), and outputs
 can be weighted or left out afterwards: the factor of the stacked and weighted matrix is that of the stacked and

@@ -46,7 +46,7 @@ class Triangle:
 
     @cached_property
     def safe_scales(self) -> Floats:
-        """The same with 1 for columns that are zero: what columns can be divided by."""
+        """Norms of the columns of W, by which columns can be divided: 1 for those that are zero."""
         return np.where(self.scales == 0, 1.0, self.scales)
 
     @cached_property
@@ -127,7 +127,7 @@ def column_norms(matrix: Floats) -> Floats:
 
 
 def safe_norms(matrix: Floats) -> Floats:
-    """The same with 1 for columns that are zero, shape (n,)."""
+    """Norms of the columns, 1 for those that are zero, shape (n,)."""
     norms = column_norms(matrix)
     return np.where(norms == 0, 1.0, norms)
 

@@ -28,7 +28,7 @@ _SURPLUS_ROWS = 4
 
 
 @dataclass(frozen=True)
-class Block:
+class MovingBlock:
     """Joints that are moved together."""
 
     bodies: tuple[int, ...]  # the bodies of these joints
@@ -41,7 +41,7 @@ class Block:
     carried: tuple[int, ...]  # blocks whose bodies hang on these bodies
 
 
-def blocks_of(mechanism: Mechanism) -> tuple[Block, ...]:
+def blocks_of(mechanism: Mechanism) -> tuple[MovingBlock, ...]:
     """The smallest blocks that can be moved alone and may show what their bodies carry.
 
     Coordinates that a coupling, an effect or shared parameters tie are moved together, with all joints between them.  A
@@ -96,7 +96,7 @@ def blocks_of(mechanism: Mechanism) -> tuple[Block, ...]:
         for b in bodies
     ]
     return tuple(
-        Block(
+        MovingBlock(
             tuple(inside),
             tuple(n for i in inside for n in names[i]),
             tuple(e),

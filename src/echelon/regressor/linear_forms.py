@@ -58,7 +58,7 @@ from echelon.program.rewriting import with_free_functions
 from echelon.program.sampling import sampler_of
 from echelon.program.schedule import FieldSampler, StagedSchedule
 from echelon.program.tape import Program, Scalar
-from echelon.regressor.blocks import Block, BlockRows, blocks_of
+from echelon.regressor.blocks import MovingBlock, BlockRows, blocks_of
 from echelon.regressor.loops import dependent_motion, recorded_loops
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ class LinearForms:
 
     @cached_property
     def freed(self) -> LinearForms | None:
-        """The same with free variables in the place of functions; None where primes do not evaluate that either.
+        """These forms with free variables in the place of functions; None where primes do not evaluate those either.
 
         Relations between its columns hold for any functions, and so for these.  It may have fewer than these.  The
         regions of its signs are known to be enough: they need not be those of real states.
@@ -205,7 +205,7 @@ class Rows:
 
     @property
     def freed(self) -> Rows | None:
-        """The same with free variables in the place of functions; see :attr:`LinearForms.freed`."""
+        """These rows with free variables in the place of functions; see :attr:`LinearForms.freed`."""
         return (
             None if self.forms.freed is None else Rows(self.forms.freed, self.auxiliary)
         )
@@ -224,7 +224,7 @@ def column_sums(
     unit: Callable[[int, int], Scalar],
     wanted: Collection[int] | None = None,
 ) -> dict[int, Scalar]:
-    """What a unit of each standard parameter gives, by column, summed over the bodies that share it."""
+    """Contribution of a unit of each standard parameter, by column, summed over the bodies that share it."""
     total: dict[int, Scalar] = {}
     for index in bodies:
         for column, kind in enumerate(
@@ -505,7 +505,7 @@ class _RecordedPowers:
         self,
         motion: VirtualMotion,
         wanted: Collection[int] | None = None,
-        block: Block | None = None,
+        block: MovingBlock | None = None,
     ) -> dict[int, Scalar]:
         """Power per unit of the wanted standard parameters, by column.
 
@@ -544,7 +544,7 @@ class _RecordedPowers:
             )
         return twists
 
-    def columns_of(self, block: Block) -> list[int]:
+    def columns_of(self, block: MovingBlock) -> list[int]:
         """Columns of a block's bodies and effects."""
         first, bodies = self.mechanism.first_column, self.mechanism.bodies
         inertial = [

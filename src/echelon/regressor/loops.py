@@ -18,7 +18,7 @@ def recorded_loops(
     probes: Probes | None = None,
     chosen: Mapping[str, Scalar] | None = None,
 ) -> Loops | None:
-    """What keeps recorded motions on closed configurations."""
+    """Conditions under which recorded motions stay closed; None for mechanisms without loops."""
     if not recorder.mechanism.closures:
         return None
     from echelon.loops import loops_of
