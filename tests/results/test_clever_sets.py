@@ -177,8 +177,8 @@ def test_a_rounded_set_may_not_leave_more_than_rounding_explains(
     parallelogram: ec.BaseModel,
 ) -> None:
     rows = [dict(row) for row in parallelogram.matrix.rows]
-    column = parallelogram.parameters.index("M2")
-    rows[0][column] = rows[0][column] * RationalFunction(2)
+    column = parallelogram.parameters.index("MX3")
+    rows[1][column] = rows[1][column] * RationalFunction(2)
     matrix = replace(parallelogram.matrix, rows=tuple(rows))
     with pytest.raises(ec.CertificateError, match="incomplete or wrong"):
         verified(replace(parallelogram, matrix=matrix))
