@@ -256,7 +256,7 @@ class Mechanism:
         _check_names(self)
 
     def as_read(self, reading: Reading) -> Mechanism:
-        """A copy that remembers how it was read; copies by :func:`dataclasses.replace` do not."""
+        """A copy that remembers its reading; copies by :func:`dataclasses.replace` do not."""
         found = copy(self)
         object.__setattr__(found, "reading", reading)
         return found

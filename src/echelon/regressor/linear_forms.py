@@ -58,7 +58,7 @@ from echelon.program.rewriting import with_free_functions
 from echelon.program.sampling import sampler_of
 from echelon.program.schedule import FieldSampler, StagedSchedule
 from echelon.program.tape import Program, Scalar
-from echelon.regressor.blocks import MovingBlock, BlockRows, blocks_of
+from echelon.regressor.blocks import BlockRows, MovingBlock, blocks_of
 from echelon.regressor.loops import dependent_motion, recorded_loops
 
 if TYPE_CHECKING:
