@@ -34,9 +34,13 @@ class Action:
 
     @cached_property
     def read(self) -> TermTree:
-        """The term as it is written for the place itself: ``qd`` for ``qd[j5]`` at j5, ``i`` for any input."""
+        """The term as it is written for the place itself: ``qd`` for ``qd[j5]`` at j5.
+
+        A current alone is ``i``, whichever drive it is named after.
+        """
         written = read_term(self.term)
-        own = [q for q in written.quantities if q.at == self.at or q.name == "i"]
+        alone = [q.name for q in written.quantities] == ["i"]
+        own = [q for q in written.quantities if alone or q.at == self.at]
         return read_term(written.replaced({q.node: q.name for q in own}))
 
     @property
