@@ -25,7 +25,7 @@ from echelon.formats.usual_effects import effect_label, slides
 from echelon.mechanism.effect import Effect, Side, ready_made
 from echelon.mechanism.joint import GROUND, Body, Joint, MotionKind, Placement
 from echelon.mechanism.lock_joints import lock_joints
-from echelon.mechanism.mechanism import Cut, Mechanism, Output, plain
+from echelon.mechanism.mechanism import Cut, Mechanism, Output
 from echelon.mechanism.substitute import substituted
 from echelon.report.drawing import CLASSES, drawable_pose, seen_bodies
 from echelon.results.saved import to_json
@@ -232,7 +232,7 @@ def _wrench(name: str, body: int) -> Iterator[Output]:
     for angular, unit in ((False, "N"), (True, "N·m")):
         for axis in range(3):
             component = f"{name}.{'t' if angular else 'f'}{'xyz'[axis]}"
-            yield plain(component, unit, Cut(body, Placement(), False, axis, angular))
+            yield Cut(body, Placement(), False, axis, angular).output(component, unit)
 
 
 def _effects(robot: Mechanism, kinds: Sequence[str]) -> Iterator[Effect]:

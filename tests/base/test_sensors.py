@@ -22,7 +22,7 @@ from echelon.exact.polynomial import Polynomial, as_polynomial
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
 from echelon.mechanism.joint import Placement, as_matrix
-from echelon.mechanism.mechanism import Cut, plain
+from echelon.mechanism.mechanism import Cut
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.linear_forms import (
@@ -94,7 +94,7 @@ def _with_cuts(mechanism: ec.Mechanism, model: mujoco.MjModel) -> ec.Mechanism:
         x, y, z = (exact(v) for v in model.site_pos[k])
         frame = Placement(rows, (x, y, z))
         outputs += [
-            plain(f"s{k}.{angular}{axis}", "N", Cut(k, frame, False, axis, angular))
+            Cut(k, frame, False, axis, angular).output(f"s{k}.{angular}{axis}", "N")
             for angular in (False, True)
             for axis in range(3)
         ]
@@ -364,10 +364,8 @@ def test_wrenches_of_random_mechanisms_are_pinocchios(
         )
     )
     cuts = [
-        plain(
-            f"{body}.{'t' if angular else 'f'}{axis}",
-            "",
-            Cut(body, frame, False, axis, angular),
+        Cut(body, frame, False, axis, angular).output(
+            f"{body}.{'t' if angular else 'f'}{axis}", ""
         )
         for body in range(len(mechanism.bodies))
         for angular in (False, True)

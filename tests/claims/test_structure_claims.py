@@ -25,7 +25,7 @@ from echelon.mechanism.joint import (
     rotation,
     translation,
 )
-from echelon.mechanism.mechanism import Actuator, Cut, Force, Mechanism, Output, plain
+from echelon.mechanism.mechanism import Actuator, Cut, Force, Mechanism, Output
 from echelon.regressor import linear_forms
 from echelon.regressor.linear_forms import FEW_COLUMNS, virtual_power_form
 from support import textbook_arms as arms
@@ -151,7 +151,7 @@ def sensed(draw: st.DrawFn) -> Mechanism:
     """A tree with some joint forces, and some components of wrenches at sensors anywhere."""
     mechanism = draw(mechanisms(4))
     outputs = [
-        plain(f"joint {name}", "N·m", Force(name, Side.JOINT))
+        Force(name, Side.JOINT).output(f"joint {name}", "N·m")
         for name in mechanism.independent_velocities
         if draw(st.booleans())
     ]
@@ -165,7 +165,7 @@ def sensed(draw: st.DrawFn) -> Mechanism:
             draw(st.integers(0, 2)),
             draw(st.booleans()),
         )
-        outputs.append(plain(f"sensor {k}", "N", cut))
+        outputs.append(cut.output(f"sensor {k}", "N"))
     return replace(mechanism, measured=tuple(outputs))
 
 
@@ -184,7 +184,7 @@ def test_sensor_between_a_body_and_its_parent_sees_what_would_move(
     arm = arms.rx90()
     outputs = (
         *arm.outputs,
-        plain("sensor", "N", Cut(3, arms.place("0 0 h"), on_parent, axis, angular)),
+        Cut(3, arms.place("0 0 h"), on_parent, axis, angular).output("sensor", "N"),
     )
     sensing = replace(arm, measured=outputs)
     agree(sensing)

@@ -17,7 +17,7 @@ from echelon.loops.closed_motion import ClosureValues, normalised, position_rate
 from echelon.loops.closing import close
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.joint import Placement, floating_motions
-from echelon.mechanism.mechanism import Cut, Mechanism, plain
+from echelon.mechanism.mechanism import Cut, Mechanism
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.linear_forms import virtual_power_form
 from echelon.results.saved import from_json, to_json
@@ -282,13 +282,13 @@ def test_what_does_not_fit_is_named() -> None:
 
 def test_what_the_motion_does_not_determine_is_named() -> None:
     mechanism = linkages.four_bar()
-    sideways = plain("mx", "N·m", Cut(2, Placement(), False, 0, True))
+    sideways = Cut(2, Placement(), False, 0, True).output("mx", "N·m")
     with pytest.raises(
         ec.InputError,
         match=r"output 'mx' is not determined by the motion: the loops closed by .* redundant",
     ):
         accepted(replace(mechanism, measured=(sideways,)), *zeros(1, 1, 1))
-    inward = plain("fx", "N", Cut(2, Placement(), False, 0, False))
+    inward = Cut(2, Placement(), False, 0, False).output("fx", "N")
     assert np.isfinite(
         accepted(replace(mechanism, measured=(inward,)), *zeros(1, 1, 1))["q"]
     ).all()

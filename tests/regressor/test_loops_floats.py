@@ -16,7 +16,7 @@ from echelon.exact.polynomial import Polynomial
 from echelon.loops.assembly import Assembly
 from echelon.mechanism.effect import Action, Effect, Side
 from echelon.mechanism.joint import GROUND, Placement
-from echelon.mechanism.mechanism import Actuator, Cut, Mechanism, plain
+from echelon.mechanism.mechanism import Actuator, Cut, Mechanism
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.linear_forms import virtual_power_form
 from support import linkages
@@ -66,7 +66,7 @@ def test_sensors_in_a_loop_see_the_load_that_the_loop_carries() -> None:
     ]
     sensed = replace(
         mechanism,
-        measured=tuple(plain(f"s{k}", "N", cut) for k, cut in enumerate(cuts)),
+        measured=tuple(cut.output(f"s{k}", "N") for k, cut in enumerate(cuts)),
     )
     zeta, states = random_parameters(sensed), closed_states(sensed)
     model = Constrained(mechanism, zeta)
@@ -81,7 +81,7 @@ def test_the_whole_mechanism_stands_on_its_base() -> None:
     # the base carries all bodies, however the loop shares the load between its two bearings
     mechanism = linkages.four_bar()
     cuts = tuple(
-        plain(f"f{'xyz'[k]}", "N", Cut(GROUND, Placement(), False, k, False))
+        Cut(GROUND, Placement(), False, k, False).output(f"f{'xyz'[k]}", "N")
         for k in range(3)
     )
     weight = regressor(

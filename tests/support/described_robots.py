@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from echelon.mechanism.joint import Placement
-from echelon.mechanism.mechanism import Cut, Mechanism, plain
+from echelon.mechanism.mechanism import Cut, Mechanism
 
 EVERYTHING = """
 echelon: 1
@@ -52,5 +52,5 @@ def sensed(mechanism: Mechanism) -> Mechanism:
     ]
     return replace(
         mechanism,
-        measured=tuple(plain(f"s{k}", "N", cut) for k, cut in enumerate(cuts)),
+        measured=tuple(cut.output(f"s{k}", "N") for k, cut in enumerate(cuts)),
     )

@@ -34,7 +34,7 @@ from echelon.exact.field import (
 )
 from echelon.exact.unknown_functions import SOLVING, Work, persistent
 from echelon.mechanism.joint import GROUND, Placement
-from echelon.mechanism.mechanism import Mechanism, Output, wrench_output
+from echelon.mechanism.mechanism import Cut, Mechanism, Output
 from echelon.mechanism.sources import Readable, mechanism_of
 from echelon.regressor.linear_forms import LinearForms, virtual_power_form
 
@@ -153,9 +153,9 @@ def _candidates(mechanism: Mechanism) -> dict[str, tuple[Output, ...]]:
     outputs = list(mechanism.outputs)
     if mechanism.measured is None:
         outputs += [
-            wrench_output("base", f"{letter}{axis}", GROUND, Placement())
-            for axis in "xyz"
-            for letter in "ft"
+            Cut(GROUND, Placement(), False, axis, angular).of_sensor("base")
+            for axis in range(3)
+            for angular in (False, True)
         ]
     groups: dict[str, list[Output]] = {}
     for output in outputs:

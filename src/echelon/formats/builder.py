@@ -48,12 +48,12 @@ from echelon.mechanism.joint import (
     merge,
 )
 from echelon.mechanism.mechanism import (
+    Cut,
     Force,
     Mechanism,
     Output,
     Snap,
     setup_placements,
-    wrench_output,
 )
 from echelon.names import symbol_stem
 
@@ -246,11 +246,9 @@ class _Builder:
             frame = self.snapping.placements(
                 (*offset, *sensor.placements), symbol_stem(sensor.name)
             )
-            letter = "t" if sensor.angular else "f"
-            yield from (
-                wrench_output(sensor.name, f"{letter}{axis}", body, frame)
-                for axis in "xyz"
-            )
+            for axis in range(3):
+                cut = Cut(body, frame, False, axis, sensor.angular)
+                yield cut.of_sensor(sensor.name)
         elif sensor.joint in motions:
             unit = (
                 "N" if motions[sensor.joint].kind is MotionKind.TRANSLATION else "N·m"

@@ -76,6 +76,10 @@ class Cut:
         """The output that is this component."""
         return Output(name, unit, cuts=((self, _ONE),))
 
+    def of_sensor(self, name: str) -> Output:
+        """The output that is this component of a force/torque sensor."""
+        return self.output(f"{name}.{self.component}", "N·m" if self.angular else "N")
+
 
 @dataclass(frozen=True)
 class Output:
@@ -97,26 +101,6 @@ class Output:
 
 
 _ONE = Polynomial.constant(1)
-
-
-def plain(name: str, unit: str, channel: Force | Cut) -> Output:
-    """The output that is one force or one component of a wrench."""
-    return channel.output(name, unit)
-
-
-def cut_of(
-    component: str, body: int, frame: Placement, *, on_parent: bool = False
-) -> Cut:
-    """One component of the wrench of a body, such as ``fx`` or ``tz``."""
-    return Cut(body, frame, on_parent, "xyz".index(component[1]), component[0] == "t")
-
-
-def wrench_output(
-    name: str, component: str, body: int, frame: Placement, *, on_parent: bool = False
-) -> Output:
-    """One component of a force/torque sensor."""
-    cut = cut_of(component, body, frame, on_parent=on_parent)
-    return cut.output(f"{name}.{component}", "N·m" if cut.angular else "N")
 
 
 @dataclass(frozen=True)
@@ -407,10 +391,8 @@ class Mechanism:
             for n in m.velocities
         }
         return tuple(
-            plain(
-                a.name,
-                "N" if a.terms[0][0] in sliding else "N·m",
-                Force(a.name, Side.ACTUATOR),
+            Force(a.name, Side.ACTUATOR).output(
+                a.name, "N" if a.terms[0][0] in sliding else "N·m"
             )
             for a in self.transmission.actuators
         )

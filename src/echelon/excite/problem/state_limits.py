@@ -29,7 +29,7 @@ from echelon.excite.problem.information import StateRegressor
 from echelon.hints import nearest_of
 from echelon.machine.kernel import Kernel
 from echelon.mechanism.effect import Side
-from echelon.mechanism.mechanism import Force, Mechanism, Output, plain
+from echelon.mechanism.mechanism import Force, Mechanism, Output
 from echelon.mechanism.steps import Recorder, add, apply
 from echelon.program.derivatives import derivatives
 from echelon.program.function import Argument, Function
@@ -419,7 +419,7 @@ def effort_output(mechanism: Mechanism, limit: EffortLimit) -> Output:
     """The effort of an actuator, or of a coordinate that none of its name drives, as an output."""
     drives = {actuator.name for actuator in mechanism.transmission.actuators}
     force = Force(limit.name, Side.ACTUATOR if limit.name in drives else Side.JOINT)
-    return plain(limit.name, limit.unit, force)
+    return force.output(limit.name, limit.unit)
 
 
 @dataclass(frozen=True, eq=False)

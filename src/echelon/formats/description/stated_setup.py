@@ -54,7 +54,6 @@ from echelon.mechanism.mechanism import (
     Cut,
     Force,
     Mechanism,
-    cut_of,
 )
 from echelon.names import symbol_stem
 
@@ -288,7 +287,8 @@ class Additions:
         placed = rides @ self.expressions.frame(
             frame, f"{path}.frame", symbol_stem(stem)
         )
-        return cut_of(component, index, placed, on_parent=fixed_to == "parent")
+        axis, angular = "xyz".index(component[1]), component[0] == "t"
+        return Cut(index, placed, fixed_to == "parent", axis, angular)
 
     def weight(self, text: str, path: str) -> Polynomial:
         """A number or an expression in symbols."""

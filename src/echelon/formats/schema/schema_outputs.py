@@ -132,10 +132,7 @@ class WrenchOutput(Sensor):
             places.cut(c, self.wrench, self.frame, self.fixed_to, name, path)
             for c in self.components
         ]
-        return [
-            cut.output(f"{name}.{cut.component}", "N·m" if cut.angular else "N")
-            for cut in cuts
-        ]
+        return [cut.of_sensor(name) for cut in cuts]
 
 
 class WeightedTerm(Model):
