@@ -59,6 +59,7 @@ modified_dh: [{joint: revolute, name: hip}, {joint: revolute, name: knee, a: l1}
 couplings: [{lift: {spline: {of: knee, points: [[-2, 0.03], [-1, 0.01], [0, 0], [0.5, 0.004]]}}}]
 actuators: {m1: 32*hip, m2: 45*knee + 2*hip}
 effects: [{type: coulomb, at: all}]
+outputs: [{actuator: all}, {wrench: base}]
 """,
     "special.yaml": """echelon: 1
 name: special
