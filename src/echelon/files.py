@@ -30,7 +30,7 @@ _unfinished: set[Path] = set()
 
 @dataclass(frozen=True)
 class Target:
-    """What a path leads to."""
+    """Destination of a path."""
 
     shown: str  # the path as it was given, for messages
     path: (
@@ -47,7 +47,7 @@ class Target:
 
 
 def target_of(path: str | os.PathLike[str]) -> Target:
-    """What a path leads to; an InputError if nothing can be written there."""
+    """Destination of a path; an InputError if nothing can be written there."""
     shown = os.fspath(path)
     with _naming(shown):
         try:

@@ -30,7 +30,7 @@ def nearest(word: str, valid: Iterable[str]) -> str:
 
 
 def nearest_of(word: str, valid: Iterable[str]) -> str:
-    """The same hint, followed by what is valid."""
+    """Hint at the nearest valid word, followed by a list of valid words."""
     words = list(dict.fromkeys(valid))
     listed = ", ".join(words[:_SHOWN]) + (", …" if len(words) > _SHOWN else "")
     return f"{nearest(word, words)} (valid: {listed or 'none'})"

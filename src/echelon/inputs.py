@@ -258,7 +258,7 @@ def _syntax_problem(error: yaml.MarkedYAMLError, text: str) -> str:
 
 @dataclass
 class _Open:
-    """A list or mapping that has begun: its data, its path, and the key whose value comes next."""
+    """An unfinished list or mapping: its data, its path, and the key of the next value."""
 
     data: Any
     path: str

@@ -69,7 +69,7 @@ class States(Protocol):
 
     @property
     def angles(self) -> frozenset[str]:
-        """Those of them that are angles, so that coefficients hold their sines and cosines."""
+        """Symbols that are angles, so that coefficients hold their sines and cosines."""
 
     @property
     def irrational(self) -> tuple[bool, bool]:
@@ -85,7 +85,7 @@ class States(Protocol):
 
     @property
     def singular(self) -> bool:
-        """Whether more motions are possible at the assembly pose than near it."""
+        """Whether the mechanism has more freedoms at the assembly pose than nearby."""
 
     @property
     def size(self) -> int:
@@ -93,7 +93,7 @@ class States(Protocol):
 
     @property
     def subject(self) -> str:
-        """What moves, in words."""
+        """Noun phrase for the moving mechanism, for messages."""
 
     @property
     def span(self) -> int:
@@ -153,7 +153,7 @@ class ClosedStates:
 
     @property
     def singular(self) -> bool:
-        """Whether more motions are possible at the assembly pose than near it."""
+        """Whether the mechanism has more freedoms at the assembly pose than nearby."""
         return self.loops.singular
 
     @property

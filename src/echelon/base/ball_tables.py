@@ -75,7 +75,7 @@ def solved(
 def left_of(
     table: Balls, pivots: Sequence[int], others: Sequence[int], solution: Balls
 ) -> Balls:
-    """What is left of columns beside combinations of others."""
+    """Residuals of columns after subtracting combinations of the pivot columns."""
     if not pivots:
         return table[:, others]
     return _array(

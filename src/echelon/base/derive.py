@@ -370,7 +370,7 @@ class SpecialisedMechanism:
 
     @property
     def doubt(self) -> str:
-        """What speaks against it; empty if nothing does."""
+        """Reason to doubt the set; empty if there is none."""
         return self.undecided or self.structure.doubt
 
 

@@ -84,7 +84,7 @@ class Independent:
     error: float = 0.0
 
     def without_faint(self, count: int, order: Sequence[int]) -> Independent:
-        """The same without the columns that show least, whose rounded relations to the others are taken for exact.
+        """Result without the columns of least residual, whose rounded relations to the others count as exact.
 
         Coefficients are those of least squares, with what rounding leaves open of each.  Pivots come first in the order
         where that keeps them firm.
@@ -145,7 +145,7 @@ class Independent:
         return rows
 
     def in_order(self, order: Sequence[int]) -> Independent:
-        """The same with the first independent columns in some order as pivots, so that the basis is in echelon form."""
+        """Result whose pivots are the first independent columns in an order, so that the basis is in echelon form."""
         place = {column: k for k, column in enumerate(order)}
         count = len(self.pivots)
         with flint.ctx.workprec(self.bits):
@@ -208,7 +208,7 @@ def _too_late(
 def sizes_shown(
     table: Balls, bits: int, auxiliary: int, units: Sequence[float] | None
 ) -> list[float]:
-    """How much each independent column shows beside those before, descending, as far as the precision tells."""
+    """Residual norms of the independent columns, relative to the largest, descending."""
     shown = list[float]()
     eliminated(table, bits, auxiliary, units, shown)
     ranked = sorted(shown, reverse=True)

@@ -230,7 +230,7 @@ class ShortForms:
         return min(self._ways(circular), key=_length)
 
     def _ways(self, circular: Polynomial) -> Iterator[Polynomial]:
-        """The same polynomial in sines and cosines, written in several ways."""
+        """Equal expressions of a polynomial in sines and cosines."""
         yield circular
         if len(circular.terms) == 1:
             return

@@ -178,7 +178,7 @@ def reconstruction_error(
     matrix: Floats,
     rng: np.random.Generator,
 ) -> float:
-    """Largest share of a column of X that X̄ B misses at random states of a mechanism without loops."""
+    """Largest relative error of a column of X̄ B at random states of a mechanism without loops."""
     stacked, rounding = _at_states(mechanism, forms, rng, _FEWEST_ROWS, None)
     missed = np.linalg.norm(stacked - stacked[:, list(pivots)] @ matrix, axis=0)
     sizes = np.linalg.norm(stacked, axis=0)

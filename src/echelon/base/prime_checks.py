@@ -333,7 +333,7 @@ def _identity_size(forms: Size, matrix: BaseMatrix, sampler: FieldSampler) -> Si
 
 
 def log10_missed(size: Size) -> float:
-    """Bound on the probability that one random point modulo one random prime misses a false identity, as a logarithm.
+    """Log10 of a bound on the probability that a false identity holds at a random point modulo a random prime.
 
     The norm of a coefficient in Q(√2, √3) is a product of four numbers of the given size, and has as many prime factors
     of the given length as that has room for.

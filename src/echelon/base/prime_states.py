@@ -25,7 +25,7 @@ class PrimeStates:
 
     @property
     def angles(self) -> frozenset[str]:
-        """Those of them that are angles."""
+        """Symbols that are angles."""
         return self._sampler.angles
 
     def cost(self, sources: int) -> float:

@@ -1,4 +1,4 @@
-"""What snapping changed: the literal rank beside the intended one, and the snaps that made the difference.
+"""Effect of snapping: the literal rank beside the intended one, and the snaps that made the difference.
 
 Underneath is a net: what floating point says about the rank of the literal numbers (:mod:`echelon.base.numeric_ranks`).
 It decides nothing; but where no tolerance confirms the exact rank of the literal reading and a clear gap is somewhere
@@ -151,7 +151,7 @@ def mechanism_notes(mechanism: Mechanism) -> list[str]:
 
 
 def moved_to_close(mechanism: Mechanism) -> Assembled | None:
-    """What had to be moved to close the loops of a mechanism; None without loops, or if symbols have no values."""
+    """Moves that closed the loops of a mechanism; None without loops, or if symbols have no values."""
     closed = assembly_of(mechanism) if has_values(mechanism) else None
     return None if closed is None else closed.assembled
 

@@ -92,7 +92,7 @@ class RealStates:
 
     @property
     def loops(self) -> Loops:
-        """What keeps states closed, of mechanisms with loops."""
+        """Loop closures that every state satisfies."""
         assert self.rows.forms.loops is not None
         return self.rows.forms.loops
 
@@ -132,7 +132,7 @@ class RealStates:
         )
 
     def sizes(self, like: RealStates, rows: int, bits: int) -> list[float]:
-        """How much each independent column shows beside those before, descending, in some rows.
+        """Residual norms of the independent columns of some rows, relative to the largest, descending.
 
         States are next to known ones of another mechanism of the same kind, perhaps the same one.
         """

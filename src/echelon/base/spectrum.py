@@ -54,7 +54,7 @@ _CLEAR = 300.0
 
 @dataclass(frozen=True)
 class Spectrum:
-    """How much each base parameter shows beside those before, and what of it rounding explains.
+    """Residual norms of the base parameters' columns, and how many of them rounding explains.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class Spectrum:
 
     @property
     def doubt(self) -> str:
-        """What speaks against the intended number; empty if it is clear."""
+        """Reason to doubt the intended number; empty if it is clear."""
         if len(self.counts) < 2:
             return ""
         named = f"{self.counts[0]} to {self.counts[-1]}, most likely {self.intended},"
@@ -94,7 +94,7 @@ class Spectrum:
 
     @property
     def note(self) -> str:
-        """What was left out, in words; empty if nothing was."""
+        """Message about columns that were left out; empty if there are none."""
         if self.intended == self.literal:
             return ""
         return (

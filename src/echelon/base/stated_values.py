@@ -1,4 +1,4 @@
-"""What the stated values of symbols change: relations among them that a rank depends on, and structures at them.
+"""Effect of the symbols' stated values: relations among them that a rank depends on, and the structures they give.
 
 Relations are zeros, equal values, ratios and sums.  Put into a mechanism, they leave one whose general answer is the
 answer for this robot, so closed forms keep all other symbols.

@@ -97,7 +97,7 @@ class Structure:
 
     @property
     def doubt(self) -> str:
-        """What speaks against the rank; empty if nothing does."""
+        """Reason to doubt the rank; empty if there is none."""
         if self.ways:
             ranks = " and ".join(map(str, self.ways))
             return (

@@ -271,7 +271,7 @@ class WitnessSearch:
     seed: int  # of the example states, and of values for symbols that have none
 
     def against(self, finding: Finding) -> Witness | None:
-        """Of a wrong row: a unit of the parameter with the worst coefficient, compensated in all outputs."""
+        """Witness against a wrong row: one unit of the worst parameter, compensated in all outputs."""
         if not finding.differences:
             return None
         worst = max(

@@ -223,7 +223,7 @@ def coefficient_words(value: RationalFunction) -> str:
 
 @dataclass(frozen=True)
 class Span:
-    """What claimed rows span of the row space of B."""
+    """Part of the row space of B that claimed rows span."""
 
     redundant: tuple[int, ...]  # right rows that depend on the right rows before them
     missing: tuple[int, ...]  # rows of B that complete the claimed ones

@@ -534,7 +534,7 @@ def plain_words(text: str, words: Iterable[str]) -> tuple[str, dict[str, str]]:
 def unknown_token(
     token: str, naming: Naming, words: Iterable[str], symbols: Iterable[str]
 ) -> str:
-    """What is wrong with a token that is neither a parameter nor a symbol, and what would be valid."""
+    """Message about a token that is neither a parameter nor a symbol, with the nearest valid names."""
     valid = [*words, *symbols]
     plain = re.sub(r"^([A-Z]+)R(?=\w)", r"\1", token)
     if plain != token and plain in valid:

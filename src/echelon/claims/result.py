@@ -1,4 +1,4 @@
-"""What an audit found: verdicts, wrong coefficients, witnesses; as objects, as text and as JSON-able data."""
+"""Results of an audit: verdicts, wrong coefficients, witnesses; as objects, as text and as JSON-able data."""
 
 from __future__ import annotations
 

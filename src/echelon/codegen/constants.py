@@ -154,7 +154,7 @@ def specialised(
     values: Mapping[str, Number],
     layout: Mapping[str, Sequence[str]] | None = None,
 ) -> Function:
-    """The same function, on a program of its own, with some uniform inputs replaced by numbers, by the input's name.
+    """Copy of a function on a program of its own, with values in place of the uniform inputs that are named.
 
     ``layout`` holds labels of the arguments in :data:`SHARED`, so that several functions take the same vectors.
     Arguments that are constant altogether are left out.

@@ -1,4 +1,4 @@
-"""What templates see: a planned function as lines of text in one language.
+"""Views for templates: a planned function as lines of text in one language.
 
 Nodes are written as expressions with no more parentheses than the order of operations needs.
 """
@@ -139,7 +139,7 @@ class PartView:
 
     @property
     def passed(self) -> list[str]:
-        """What a part is called with."""
+        """Arguments with which a part is called."""
         names = [argument.name for argument in self.arguments]
         names += ["sine", "cosine"] * bool(self.trig) + [WORK] * self.shares
         return names + ["result"] * self.writes

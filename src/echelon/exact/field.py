@@ -89,7 +89,7 @@ class PrimeField:
         return PrimeField.of(random_prime(rng, bits))
 
     def conjugate(self, flip2: bool, flip3: bool) -> PrimeField:
-        """The same field with the other square root of 2 and/or 3."""
+        """Copy of the field with the other square root of 2 and/or 3."""
         p = self.p
         return PrimeField(
             p,
@@ -327,7 +327,7 @@ def residues_of_generators(
 def residues_at(
     generators: Iterable[str], symbols: Mapping[str, Residues], field: PrimeField
 ) -> dict[str, int]:
-    """The same at one geometry.  Shapes: symbols (1,)."""
+    """Residues of generators as plain integers, for one value (shape (1,)) of every symbol."""
     return {
         g: int(value[0])
         for g, value in residues_of_generators(generators, symbols, field).items()

@@ -21,7 +21,7 @@ SOLVING = 0.05  # what an operation of FLINT's linear algebra costs beside one o
 
 @dataclass
 class Work:
-    """What is left of a budget."""
+    """Remaining work of a budget."""
 
     operations: float  # operations on residues that are left
     terms: float  # the most terms that one coefficient may have

@@ -200,7 +200,7 @@ class _Builder:
                 raise self._error(f"joint '{name}'", problem)
 
     def _rides(self) -> dict[str, Ride]:
-        """What is fixed to bodies, by name: links, frames, and joints, which mark the link that they fix."""
+        """Parts fixed to bodies, by name: links, frames, and joints, which mark the link that they fix."""
         links, bodies = self.tree.links, {body.name for body in self.bodies}
         rides = {
             link.name: self._ride(k)
@@ -217,7 +217,7 @@ class _Builder:
         return rides
 
     def _measured(self, mechanism: Mechanism) -> tuple[Output, ...] | None:
-        """What the sensors of the file measure, if that is asked for."""
+        """Outputs from the file's force sensors; None if the drives are measured."""
         if self.options.measured == "drives":
             if self.tree.sensors:
                 unused = (

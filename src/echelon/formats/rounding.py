@@ -50,7 +50,7 @@ def rounding_of_tree(tree: LiteralTree) -> float:
 
 
 def rounding_of_mechanism(mechanism: Mechanism) -> float:
-    """The same of the numbers of a description, whose angles are symbols with exact values."""
+    """Largest unit of the last decimal of a described mechanism, in rad or as a share of its size; 0 if exact."""
     placed = [
         step
         for body in mechanism.bodies

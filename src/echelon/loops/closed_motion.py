@@ -157,7 +157,7 @@ class ClosureValues:
         )
 
     def _constant(self, symbols: Mapping[str, Floats], count: int) -> dict[int, Floats]:
-        """What depends on symbols alone, at one set of their values or one for every configuration."""
+        """Nodes that depend on symbols alone, at one set of their values or one for every configuration."""
         return self._schedule.kept(FloatArithmetic(), symbols, count)
 
     def with_rows(self, rows: Sequence[int]) -> ClosureValues:
@@ -384,7 +384,7 @@ class ClosedMotion:
         )
 
     def opening(self, q: Floats) -> str:
-        """What the closure equations miss most in a configuration (positions,), in words."""
+        """Message about the largest closure error of a configuration (positions,)."""
         closure, size, unit = self.widest(q)
         return f"closure '{closure}' is off by {size:.3g} {unit} between {self.mechanism.ends(closure)}"
 

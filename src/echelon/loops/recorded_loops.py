@@ -1,4 +1,4 @@
-"""What keeps recorded forms of a mechanism with loops on closed configurations, with random real states there."""
+"""Closed states for recorded forms of a mechanism with loops, and random real states among them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _SHARED = 4
 
 @dataclass(frozen=True)
 class Loops:
-    """What keeps the motions of recorded forms on closed configurations."""
+    """Loop closures of recorded forms, with motions and random states that satisfy them."""
 
     mechanism: Mechanism
     equations: ClosureEquations
@@ -100,7 +100,7 @@ class Loops:
 
     @cached_property
     def singular(self) -> bool:
-        """Whether more motions are possible at the assembly pose than near it, so that ways of assembly may meet."""
+        """Whether the mechanism has more freedoms at the assembly pose than nearby, so that assembly modes may meet."""
         at_pose, near = (
             self.assembly.mobility(q)
             for q in (self.assembly.pose[None], self.known_poses(0, POSES))
@@ -123,7 +123,7 @@ def loops_of(
     probes: Probes | None = None,
     speeds: Mapping[str, Scalar] | None = None,
 ) -> Loops:
-    """What keeps forms that were recorded for a mechanism with loops on closed configurations."""
+    """Loop closures for forms that were recorded for a mechanism with loops."""
     nodes = (
         None if speeds is None else {name: speed.node for name, speed in speeds.items()}
     )

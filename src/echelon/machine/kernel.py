@@ -295,7 +295,7 @@ class Kernel:
         return result
 
     def _interpret(self, given: Batch, result: Floats) -> None:
-        """The same without machine code."""
+        """Evaluate a batch without machine code."""
         places = np.array(self._places(), dtype=np.intp)
         flat = result.reshape(given.samples, len(places))
         flat[:, places < 0] = 0.0
@@ -307,7 +307,7 @@ class Kernel:
     def _runner(
         self, given: Batch, result: Floats
     ) -> Callable[[tuple[int, int]], None]:
-        """What computes a piece of a batch, from its first sample to its end."""
+        """Function that computes a piece of a batch, from its first sample to its end."""
         code = self._code(big=result.nbytes > _CACHED_BYTES)
         arrays = code.inputs(given)
 
@@ -421,7 +421,7 @@ class _Code:
         ] = []  # of threads that have done their work; its zeros are still zero
 
     def inputs(self, given: Batch) -> tuple[npt.NDArray[Any], ...]:
-        """What the code reads: addresses and strides of arguments, and values that are the same for all samples."""
+        """Inputs of the code: addresses and strides of arguments, and values that all samples share."""
         prepared = aligned((self._uniform,))
         self._prepare(given.uniform.ctypes.data, prepared.ctypes.data)
         addresses = np.array(

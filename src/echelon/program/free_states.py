@@ -134,7 +134,7 @@ class RealPoints:
         self._rng = random_generator(DEFAULT_SEED)
 
     def of(self, outputs: Sequence[int]) -> RealPoints:
-        """The same points for some of the outputs."""
+        """Copy that evaluates some of the outputs at these points."""
         _ = self._found  # is searched for once
         found = copy(self)
         found.__dict__.pop("rows", None)
@@ -169,7 +169,7 @@ class RealPoints:
 
     @cached_property
     def report(self) -> RegionReport:
-        """What was visited."""
+        """Report of the regions that the points visit."""
         return RegionReport(
             self.count, self._found[0].ended, (*self._one_sided(), *self._unstated())
         )
@@ -309,7 +309,7 @@ class RealPoints:
         constants = {n: np.full(count, value) for n, value in self._constants.items()}
 
         def excess(table: Floats) -> tuple[Floats, Floats]:
-            """How far arguments are beyond the moderate, (arguments, states), and in all; infinite outside."""
+            """Excess of arguments over the moderate size, (arguments, states), and its sum; infinite outside."""
             leaves = {
                 **constants,
                 **signs,
@@ -465,7 +465,7 @@ def _number(text: str) -> Rational | float:
 
 
 def _one_side(program: Program, node: int, sign: int, known: str) -> str:
-    """What to say of a sign of which only one side was seen."""
+    """Message about a sign of which only one side was visited."""
     from echelon.program.sympy_bridge import to_sympy
 
     kind = {1: "positive", -1: "negative", 0: "zero"}[sign]

@@ -288,7 +288,7 @@ class EstimateRecord(_Finite):
 
 
 class HypothesisRecord(_Finite):
-    """What may be wrong or lacking, as it was judged."""
+    """A hypothesis about the model or the log, and its score."""
 
     kind: str = Field(
         description="What it is about, such as an effect, a gain, gravity or another reading."
@@ -308,7 +308,7 @@ class HypothesisRecord(_Finite):
 
 
 class ConditioningRecord(_Finite):
-    """What the data show."""
+    """Conditioning of the observation matrix."""
 
     condition: float | None
     scaled_condition: float | None
@@ -374,7 +374,7 @@ class ScoreRecord(_Finite):
 
 
 class RangeRecord(_Finite):
-    """What an output was fitted to; elsewhere the model extrapolates."""
+    """Range of the data that an output was fitted to; beyond it the model extrapolates."""
 
     output: str
     band: float | None = Field(description="Highest frequency, Hz.")

@@ -171,7 +171,7 @@ class Task:
 
     @property
     def start(self) -> Row:
-        """What is known before anything is derived."""
+        """Fields of the row that are known before the derivation."""
         return {
             "slug": self.slug,
             "place": self.found.place,
@@ -332,7 +332,7 @@ def _sources(base: BaseModel) -> tuple[dict[str, str], str]:
 
 
 def _sensors(base: BaseModel) -> Context:
-    """What single sensors see, and which suffice."""
+    """Ranks that single sensors reach, and the smallest set of sensors that suffices."""
     if len(base.parameters) > _MOST_SENSED:
         return {
             "problem": f"Sets of sensors were not tried for {len(base.parameters)} parameters: see echelon sensors."

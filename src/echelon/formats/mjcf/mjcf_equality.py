@@ -78,7 +78,7 @@ def _follows_mocap(equality: Any, spec: Any) -> bool:
 
 
 def read_relation(equality: Any, spec: Any, source: str) -> Relation:
-    """What a joint or tendon equality says."""
+    """Relation between joint positions that a joint or tendon equality states."""
     where = equality_label(equality)
     offset, *powers = (
         Polynomial.constant(parse_decimal(repr(float(a))))

@@ -129,7 +129,7 @@ Inertial = Annotated[
 
 
 class _Carrier(Model):
-    """What a row of a table and a body have in common."""
+    """Fields that a row of a table and a body share."""
 
     label: Name | None = optional(
         None,

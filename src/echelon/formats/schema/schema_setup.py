@@ -1,4 +1,4 @@
-"""What is measured on a machine, and its drives and effects, as data models of the description format."""
+"""Outputs, drives and effects of a machine, as data models of the description format."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ COMPONENTS: tuple[Component, ...] = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 
 class FileJoint(Model):
-    """What a joint of a robot file really is, where its format cannot say so."""
+    """Actual type of a joint whose robot file cannot state it."""
 
     type: Literal["spherical", "universal", "fixed"] = required(
         "Type of the joint.", "spherical"
