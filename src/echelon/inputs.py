@@ -226,7 +226,7 @@ def parse_yaml(
     text = decoded(content, source)
     if not yaml.__with_libyaml__ and nodes.most > SLOW_NODES.most:
         nodes = SLOW_NODES
-    reader = _Reader(source, nodes, lines)
+    reader = _YamlReader(source, nodes, lines)
     try:
         for event in yaml.parse(
             text, yaml.CBaseLoader if yaml.__with_libyaml__ else yaml.BaseLoader
@@ -265,7 +265,7 @@ class _Open:
     key: str | None = None
 
 
-class _Reader:
+class _YamlReader:
     """Makes data of events, with a stack of its own."""
 
     def __init__(self, source: str, nodes: Limit, lines: bool) -> None:

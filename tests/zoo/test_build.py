@@ -16,7 +16,7 @@ import pytest
 
 import echelon as ec
 from echelon.zoo.build import build_zoo, write_index
-from echelon.zoo.exhibit import Found, Task, build_exhibit, robot_files
+from echelon.zoo.exhibit import Found, ZooTask, build_exhibit, robot_files
 from support.command_line import run
 from support.hostile_robot import HOSTILE, NAME
 from support.paths import ROOT
@@ -52,7 +52,7 @@ def test_files_are_found_and_named(robots: Path) -> None:
 def exhibit(
     path: Path, folder: Path, floating: bool = False
 ) -> tuple[dict[str, object], str]:
-    task = Task(Found(path, path.name, "robot"), floating, folder)
+    task = ZooTask(Found(path, path.name, "robot"), floating, folder)
     row = build_exhibit(task)
     assert row is not None
     assert task.finished() == row
@@ -141,7 +141,9 @@ def test_a_base_that_moves_is_not_floated(joint: str, tmp_path: Path) -> None:
         path.write_text(
             f"<mujoco><worldbody><body>{joint}<geom size='1'/>{arm}</body></worldbody></mujoco>"
         )
-    assert build_exhibit(Task(Found(path, path.name, "robot"), True, tmp_path)) is None
+    assert (
+        build_exhibit(ZooTask(Found(path, path.name, "robot"), True, tmp_path)) is None
+    )
 
 
 def test_a_coupling_to_an_absent_joint_is_a_fault(tmp_path: Path) -> None:
@@ -225,7 +227,7 @@ def test_pages_of_a_site_lead_to_its_explorer(robots: Path, tmp_path: Path) -> N
         (robots / "arm.yaml", False),
         (robots / "one_description/urdf/arm.urdf", True),
     ):
-        task = Task(Found(path, path.name, path.stem), floating, tmp_path, "../")
+        task = ZooTask(Found(path, path.name, path.stem), floating, tmp_path, "../")
         row = build_exhibit(task)
         assert row is not None
         write_index(tmp_path, [row], "../")

@@ -53,7 +53,7 @@ def stated_generators(
     )
 
 
-class States(Protocol):
+class BallStates(Protocol):
     """Where the states of forms come from, and what is known of their symbols.
 
     A state is a motion through a pose; with free states each pose has one.
@@ -110,12 +110,12 @@ class States(Protocol):
         """Entries at some of a sequence of states that is drawn once: one table for each of some values of symbols."""
 
 
-def states_in(forms: LinearForms) -> States:
+def states_in(forms: LinearForms) -> BallStates:
     """The states of forms: closed ones with loops, else free ones."""
-    return FreeStates(forms) if forms.loops is None else ClosedStates(forms)
+    return FreeBallStates(forms) if forms.loops is None else ClosedBallStates(forms)
 
 
-class ClosedStates:
+class ClosedBallStates:
     """Closed states of a mechanism with loops."""
 
     regions, span = 1, 0
@@ -182,7 +182,7 @@ class ClosedStates:
         ]
 
 
-class FreeStates:
+class FreeBallStates:
     """States of forms without loops: at random values of the inputs, in all regions of signs."""
 
     motions, singular, subject = 1, False, "functions"

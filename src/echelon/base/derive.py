@@ -249,7 +249,8 @@ def base_matrix(
             return other
     report("numbers in place of closed forms")
     if any(
-        isinstance(r.kernel.sampler, RealStates) and not closed.keys() >= {*r.targets}
+        isinstance(r.dependence.sampler, RealStates)
+        and not closed.keys() >= {*r.targets}
         for r in found
     ):
         silent = sorted(all_symbols(mechanism) - known_values(mechanism).keys())
@@ -267,7 +268,8 @@ def base_matrix(
     cheap = (
         r
         for r in found
-        if not r.kernel.symbols and MOST_PRIMES * r.kernel.cost < work.operations
+        if not r.dependence.symbols
+        and MOST_PRIMES * r.dependence.cost < work.operations
     )
     short = all(closed.keys() >= {*r.targets} for r in cheap)
     columns = StatedColumns(mechanism, found, zero, order, rng, exact=short)

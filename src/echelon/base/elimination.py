@@ -37,7 +37,7 @@ _REMAINS = 1e-9
 
 
 @dataclass(frozen=True)
-class Relations:
+class ColumnRelations:
     """Columns of a table, each divided by its size, as combinations of others."""
 
     table: Balls
@@ -69,7 +69,7 @@ class Independent:
     solution : array of arb, shape (pivots, others)
     bits : int
         Precision of the balls.
-    relations : Relations
+    relations : ColumnRelations
         The same with auxiliary columns and scales.
     error : float
         What rounding of a file leaves open of coefficients, beside columns of size one; 0 where these are exact.
@@ -80,7 +80,7 @@ class Independent:
     others: tuple[int, ...]
     solution: Balls
     bits: int
-    relations: Relations
+    relations: ColumnRelations
     error: float = 0.0
 
     def without_faint(self, count: int, order: Sequence[int]) -> Independent:
@@ -306,7 +306,7 @@ def _independent(
         tuple(column - auxiliary for column in left),
         unscaled,
         bits,
-        Relations(table, sizes, auxiliary, pivots, left, solution),
+        ColumnRelations(table, sizes, auxiliary, pivots, left, solution),
     )
 
 

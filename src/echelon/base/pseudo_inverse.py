@@ -236,7 +236,7 @@ def pseudo_inverse(
             columns[c][i] = entry
     gram = [_product(row, columns) for row in weighted]
     factors = [ring.enter(factor) for _, factor in cleared]
-    writer = _Writer(ring, {**_own_symbols(metric, matrix), **formulas})
+    writer = _SympyWriter(ring, {**_own_symbols(metric, matrix), **formulas})
     entries = [sympy.S.Zero] * (n * matrix.rank)
     for block in blocks(gram):
         try:
@@ -327,7 +327,7 @@ def _check_inverse(
             raise EchelonError("B · B† is not the identity; please report this model")
 
 
-class _Writer:
+class _SympyWriter:
     """Writes elements of a ring in sympy; what was written before is not written again."""
 
     def __init__(self, ring: Ring, formulas: Mapping[str, Any]) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from echelon.base.matrix import BaseMatrix
 from echelon.base.numeric_ranks import numeric_ranks
-from echelon.base.spectrum import Spectrum
+from echelon.base.spectrum import RankSpectrum
 from echelon.base.stated_values import stated_structure
 from echelon.errors import DegenerateSampleError, InputError, SingularPoseError
 from echelon.exact.field import ARRAY_BITS, DEFAULT_SEED, PrimeField, random_generator
@@ -79,7 +79,7 @@ def report_reading(
     rng: np.random.Generator,
     recorded: LinearForms | None = None,
     matrix: BaseMatrix | None = None,
-    spectrum: Spectrum | None = None,
+    spectrum: RankSpectrum | None = None,
 ) -> ReadingReport:
     """The numbers that were snapped, and the rank of the literal reading of the mechanism's file.
 
@@ -102,7 +102,7 @@ def _compared(
     rng: np.random.Generator,
     recorded: LinearForms | None,
     matrix: BaseMatrix | None,
-    spectrum: Spectrum | None,
+    spectrum: RankSpectrum | None,
 ) -> ReadingReport:
     reading = mechanism.reading
     snaps, notes = ((), ()) if reading is None else (reading.snaps, reading.notes)
@@ -192,7 +192,7 @@ def _doubt(
     intended: int,
     matrix: BaseMatrix | None,
     as_stated: Mechanism,
-    spectrum: Spectrum | None,
+    spectrum: RankSpectrum | None,
 ) -> str:
     """The float ranks of the literal numbers, if none of them is the expected one; else empty, as with loops.
 

@@ -53,7 +53,7 @@ _CLEAR = 300.0
 
 
 @dataclass(frozen=True)
-class Spectrum:
+class RankSpectrum:
     """Residual norms of the base parameters' columns, and how many of them rounding explains.
 
     Attributes
@@ -128,20 +128,20 @@ def units_of(
 
 def spectrum_of(
     mechanism: Mechanism, states: RealStates, columns: Sequence[int], found: Independent
-) -> Spectrum:
+) -> RankSpectrum:
     """Read the spectrum of some columns of a mechanism with loops."""
     shown = tuple(sorted(found.shown, reverse=True))
     count = len(shown)
     most = min(_MOST, EXPLAINED * mechanism.rounding)
     first = next((k for k, size in enumerate(shown) if size <= most), count)
     if not mechanism.rounding or first == count:
-        return Spectrum(shown, count, inf, (count,))
+        return RankSpectrum(shown, count, inf, (count,))
     changes = _changes(mechanism, states, columns, found)
     firm = (np.arange(count) < first) | (changes < _KEEPS)
     made = ~firm & (changes > _CHANGES)
     coarse = mechanism.rounding > _COARSE
     if firm.all() or (coarse and not made.any()):
-        return Spectrum(shown, count, inf, (count,))
+        return RankSpectrum(shown, count, inf, (count,))
     falls = np.divide(
         shown,
         [*shown[1:], 0.0],
@@ -157,9 +157,9 @@ def spectrum_of(
     )
     widest = float(falls[intended:last].max())
     if not firm[intended:].any() and fall >= min(_WIDE, max(_CLEAR, widest)):
-        return Spectrum(shown, intended, fall, (intended,))
+        return RankSpectrum(shown, intended, fall, (intended,))
     likely = count - int(made.sum())
-    return Spectrum(
+    return RankSpectrum(
         shown,
         likely,
         float(falls[likely - 1]) if likely else inf,

@@ -75,7 +75,7 @@ Terms = tuple[tuple[str, Fraction], ...]
 
 
 @dataclass(frozen=True)
-class Relations:
+class SymbolRelations:
     """Symbols that have their values, and symbols that are combinations of others."""
 
     fixed: frozenset[str]
@@ -151,12 +151,12 @@ class RelationSearch:
         self, values: StatedValues, wanted: tuple[int, ...], pivots_of: PivotsOf
     ) -> None:
         self.values, self.wanted, self.pivots_of = values, wanted, pivots_of
-        self._known: dict[Relations, bool] = {}
+        self._known: dict[SymbolRelations, bool] = {}
 
-    def find(self) -> Relations:
+    def find(self) -> SymbolRelations:
         """Relations that are enough, and none that is not needed."""
         names = sorted(self.values.names, key=self._plainness)
-        found = Relations(frozenset(self._needed([], names)))
+        found = SymbolRelations(frozenset(self._needed([], names)))
         while (simpler := self._simpler(found)) is not None:
             found = simpler
         return found
@@ -167,7 +167,7 @@ class RelationSearch:
             return not any(self.values.multiples[name][1:])
         return not self.values.numbers.get(name, 1)
 
-    def _enough(self, relations: Relations) -> bool:
+    def _enough(self, relations: SymbolRelations) -> bool:
         if relations not in self._known:
             if len(self._known) >= _MOST_TRIALS:
                 return False
@@ -183,7 +183,7 @@ class RelationSearch:
 
     def _needed(self, fixed: Sequence[str], names: Sequence[str]) -> list[str]:
         """A smallest part of some symbols that must have their values beside the fixed ones."""
-        if self._enough(Relations(frozenset(fixed))):
+        if self._enough(SymbolRelations(frozenset(fixed))):
             return []
         if len(names) <= 1:
             return list(names)
@@ -191,12 +191,12 @@ class RelationSearch:
         kept = self._needed([*fixed, *first], second)
         return [*self._needed([*fixed, *kept], first), *kept]
 
-    def _simpler(self, found: Relations) -> Relations | None:
+    def _simpler(self, found: SymbolRelations) -> SymbolRelations | None:
         """One more symbol as a combination of others instead of with its value, and these others free."""
         for name in sorted(found.fixed, key=lambda n: (len(n), n), reverse=True):
             for terms in _combinations(name, sorted(found.fixed - {name}), self.values):
                 involved = {symbol for symbol, _ in terms}
-                trial = Relations(
+                trial = SymbolRelations(
                     found.fixed - {name} - involved, (*found.combined, (name, terms))
                 )
                 if self._enough(trial):

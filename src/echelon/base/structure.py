@@ -20,7 +20,7 @@ from echelon.arrays import one_thread
 from echelon.base.ball_tables import vanishes
 from echelon.base.elimination import Independent
 from echelon.base.real_states import RealStates
-from echelon.base.spectrum import Spectrum, spectrum_of, units_of
+from echelon.base.spectrum import RankSpectrum, spectrum_of, units_of
 from echelon.doors import public
 from echelon.errors import DegenerateSampleError, EchelonError, SingularPoseError
 from echelon.exact.field import PrimeField, by_pivots
@@ -74,7 +74,7 @@ class Structure:
         meet there.
     real : Independent, optional
         Independent columns at real states, where primes do not show them; of columns that are not in ``by_joint``.
-    spectrum : Spectrum, optional
+    spectrum : RankSpectrum, optional
         With loops, how much each shows, and what of it rounding of a file explains.
     functions_are_free : bool
         Whether all relations hold for free values of functions such as exp, too.
@@ -86,7 +86,7 @@ class Structure:
     by_robot: Mapping[int, tuple[int, ...]]
     singular: bool = False
     real: Independent | None = field(default=None, repr=False, compare=False)
-    spectrum: Spectrum | None = None
+    spectrum: RankSpectrum | None = None
     ways: tuple[int, ...] = ()
     functions_are_free: bool = False
 

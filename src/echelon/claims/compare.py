@@ -26,8 +26,8 @@ import numpy.typing as npt
 from echelon.arrays import Floats, independent_columns
 from echelon.base.matrix import BaseMatrix, coefficient_value, reordered
 from echelon.base.model import BaseModel
-from echelon.claims.reading import Precision, precision_of
-from echelon.claims.result import Agreement, Finding, TermDifference
+from echelon.claims.reading import DecimalPrecision, precision_of
+from echelon.claims.result import Agreement, ClaimFinding, TermDifference
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
 from echelon.exact.field import PrimeField, reduced_echelon, residues_at, substituted
 from echelon.exact.polynomial import Number, Surd, is_trigonometric, symbol_of
@@ -45,20 +45,20 @@ _NOISE = 1e-9
 
 
 @dataclass(frozen=True)
-class Geometry:
+class RobotNumbers:
     """The robot's numbers, to put in for its symbols."""
 
     exact: Mapping[str, Number]  # lengths with an exact value
     floats: Mapping[str, float]  # all symbols with a value
 
     @staticmethod
-    def of(model: BaseModel) -> Geometry:
+    def of(model: BaseModel) -> RobotNumbers:
         """The values that a model's mechanism states."""
         symbols = model.mechanism.symbols.items()
         exact = {
             name: symbol.number for name, symbol in symbols if symbol.number is not None
         }
-        return Geometry(
+        return RobotNumbers(
             exact,
             {
                 name: symbol.value
@@ -108,12 +108,12 @@ def led_by(
 
 
 def compare_row(
-    finding: Finding,
+    finding: ClaimFinding,
     row: Row,
     matrix: BaseMatrix,
-    geometry: Geometry,
-    precision: Precision,
-) -> Finding:
+    geometry: RobotNumbers,
+    precision: DecimalPrecision,
+) -> ClaimFinding:
     """A claimed row with its agreement and what differs."""
     expected = combination(row, matrix)
     differing = [
@@ -169,13 +169,13 @@ def combination(row: Row, matrix: BaseMatrix) -> dict[int, RationalFunction]:
 
 
 def _same(
-    claimed: RationalFunction, expected: RationalFunction, geometry: Geometry
+    claimed: RationalFunction, expected: RationalFunction, geometry: RobotNumbers
 ) -> bool:
     left, right = geometry.exactly(claimed), geometry.exactly(expected)
     return left is not None and left == right
 
 
-def _gap(column: int, row: Row, expected: Row, geometry: Geometry) -> float | None:
+def _gap(column: int, row: Row, expected: Row, geometry: RobotNumbers) -> float | None:
     left, right = (
         geometry.roughly(terms.get(column, _ZERO)) for terms in (row, expected)
     )
@@ -186,8 +186,8 @@ def _rounding(
     columns: Iterable[int],
     row: Row,
     matrix: BaseMatrix,
-    geometry: Geometry,
-    precision: Precision,
+    geometry: RobotNumbers,
+    precision: DecimalPrecision,
 ) -> Floats:
     """The most that rounding explains at some columns: of their coefficients, and of those that multiply rows of B."""
 
@@ -251,7 +251,7 @@ def span_roughly(
     rows: Sequence[Row],
     right: Sequence[int],
     matrix: BaseMatrix,
-    geometry: Geometry,
+    geometry: RobotNumbers,
     tolerance: float,
 ) -> Span:
     """The span at the robot's geometry for coefficients that are known to a tolerance."""

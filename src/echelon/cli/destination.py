@@ -22,7 +22,13 @@ import typer
 
 from echelon.cli.screen import show
 from echelon.errors import InputError, one_line
-from echelon.files import Target, target_of, write_all, write_atomically, written_into
+from echelon.files import (
+    FileTarget,
+    target_of,
+    write_all,
+    write_atomically,
+    written_into,
+)
 
 _WRITING = os.O_WRONLY | os.O_RDWR
 _VARIABLE = "ECHELON_STATE"
@@ -102,7 +108,7 @@ def deliver(text: str, output: Destination | None) -> None:
         output.write(text)
 
 
-def _problem(target: Target) -> str | None:
+def _problem(target: FileTarget) -> str | None:
     """Why a file must not be replaced."""
     if target.found is None or target.stream:
         return None

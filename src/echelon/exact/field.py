@@ -277,7 +277,7 @@ def solve_batched(left: Residues, right: Residues, field: PrimeField) -> Residue
     return table[:, :unknowns, unknowns:]
 
 
-class Ring(Protocol):
+class RingElement(Protocol):
     """Numbers that can be added and multiplied."""
 
     def __add__(self, other: Any, /) -> Any: ...
@@ -285,7 +285,7 @@ class Ring(Protocol):
     def __mul__(self, other: Any, /) -> Any: ...
 
 
-T = TypeVar("T", bound=Ring)
+T = TypeVar("T", bound=RingElement)
 
 
 def substituted(

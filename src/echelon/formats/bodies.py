@@ -248,7 +248,7 @@ def _down(gravity: Vector | None, snapping: Snapping) -> _Down | None:
 
 
 @dataclass(frozen=True)
-class _Pair:
+class _MotionPair:
     """A joint's first motion and what moves before it."""
 
     body: Body
@@ -403,7 +403,7 @@ class _Pair:
         return rotate(transpose(self.trailing.rotation), (x, y, z))
 
 
-def _pair(bodies: Sequence[Body], body: Body, down: _Down | None) -> _Pair | None:
+def _pair(bodies: Sequence[Body], body: Body, down: _Down | None) -> _MotionPair | None:
     """A joint with what moves before it; None where there is no axis to compare with."""
     motions = body.joint.motions
     if not motions or motions[0].kind is MotionKind.BALL:
@@ -412,7 +412,9 @@ def _pair(bodies: Sequence[Body], body: Body, down: _Down | None) -> _Pair | Non
         return (
             None
             if down is None
-            else _Pair(body, "gravity", down.axis, down.frame.inverse(), turns=False)
+            else _MotionPair(
+                body, "gravity", down.axis, down.frame.inverse(), turns=False
+            )
         )
     joint = bodies[body.parent].joint
     if not joint.motions or joint.motions[-1].kind is MotionKind.BALL:
@@ -420,7 +422,7 @@ def _pair(bodies: Sequence[Body], body: Body, down: _Down | None) -> _Pair | Non
     last = joint.steps[-1]
     trailing = last if isinstance(last, Placement) else Placement()
     motion = joint.motions[-1]
-    return _Pair(
+    return _MotionPair(
         body,
         f"joint '{joint.name}'",
         motion.axis,

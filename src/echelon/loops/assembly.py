@@ -23,7 +23,7 @@ from echelon.loops.closed_motion import (
     RATE,
     REMEMBERED,
     ClosedMotion,
-    Known,
+    Keyed,
     identity,
     largest,
     normalised,
@@ -81,7 +81,7 @@ class Assembly(ClosedMotion):
         self._nearly: Floats | None = None  # where rounded equations are closed best
         self._left_open = self.explained  # by equations that contradict one another
         if mechanism.rounding:
-            self.held, self._nearly = _held(Known(self._identity, self))
+            self.held, self._nearly = _held(Keyed(self._identity, self))
             self.closures, self._left_open = self.closures.with_rows(self.held), 0.0
 
     def at(self, symbols: Mapping[str, Floats]) -> Assembly:
@@ -103,7 +103,7 @@ class Assembly(ClosedMotion):
         if self._nearly is not None:
             nearest: Floats = self.closed(self._nearly[None])[0][0]
             return nearest
-        return _nearest(Known(self._identity, self)).copy()
+        return _nearest(Keyed(self._identity, self)).copy()
 
     @property
     def _identity(self) -> Hashable:
@@ -453,12 +453,12 @@ class Assembly(ClosedMotion):
 
 
 @lru_cache(maxsize=REMEMBERED)
-def _held(known: Known[Assembly]) -> tuple[Sequence[int], Floats]:
+def _held(known: Keyed[Assembly]) -> tuple[Sequence[int], Floats]:
     return known.subject.independent_equations()
 
 
 @lru_cache(maxsize=REMEMBERED)
-def _nearest(known: Known[Assembly]) -> Floats:
+def _nearest(known: Keyed[Assembly]) -> Floats:
     return known.subject.nearest()
 
 

@@ -67,7 +67,7 @@ class _ComplexArithmetic(FloatArithmetic):
 
 
 @dataclass(frozen=True)
-class Known(Generic[T]):
+class Keyed(Generic[T]):
     """A subject that is known again by a part of it: one derivation asks for the same things from many places."""
 
     part: Hashable
@@ -89,7 +89,7 @@ def identity(mechanism: Mechanism) -> Hashable:
 
 
 @lru_cache(maxsize=REMEMBERED)
-def _recorded(known: Known[Mechanism]) -> tuple[ClosureEquations, StagedSchedule]:
+def _recorded(known: Keyed[Mechanism]) -> tuple[ClosureEquations, StagedSchedule]:
     recorder = Recorder(known.subject, Program())
     return _scheduled(
         record_closures(known.subject, recorder, Probes(known.subject, recorder))
@@ -115,7 +115,7 @@ class ClosureValues:
         equations: ClosureEquations | None = None,
     ) -> None:
         self.mechanism = mechanism
-        moving = Known(
+        moving = Keyed(
             (
                 mechanism.bodies,
                 mechanism.couplings,

@@ -84,18 +84,18 @@ def json_schema(kind: type[Schema]) -> dict[str, Any]:
     return published_schema(name, kind.model_json_schema(by_alias=True))
 
 
-class _Strict(Schema):
+class _StrictRecord(Schema):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class _Finite(_Strict):
+class _Finite(_StrictRecord):
     model_config = ConfigDict(allow_inf_nan=False)
 
 
 # -- base models -------------------------------------------------------------------------------------------------------
 
 
-class TermRecord(_Strict):
+class TermRecord(_StrictRecord):
     """One standard parameter in a base parameter."""
 
     parameter: str = Field(description="Name of the standard parameter.")
@@ -108,7 +108,7 @@ class TermRecord(_Strict):
     )
 
 
-class BaseParameterRecord(_Strict):
+class BaseParameterRecord(_StrictRecord):
     """One base parameter, a row of B."""
 
     name: str = Field(description="The representative; its coefficient is 1.")
@@ -119,7 +119,7 @@ class BaseParameterRecord(_Strict):
     )
 
 
-class CertificateRecord(_Strict):
+class CertificateRecord(_StrictRecord):
     """Evidence; see the documentation of the certificate."""
 
     rank: int
@@ -172,7 +172,7 @@ class CertificateRecord(_Strict):
     )
 
 
-class NumbersRecord(_Strict):
+class NumbersRecord(_StrictRecord):
     """Columns of B whose coefficients are numbers in place of closed forms."""
 
     parameters: list[str] = Field(
@@ -189,7 +189,7 @@ class NumbersRecord(_Strict):
     )
 
 
-class BaseModelRecord(_Strict):
+class BaseModelRecord(_StrictRecord):
     """A saved set of base parameters with everything needed to check it again."""
 
     format: Literal["echelon.base-model/1"] = Field(alias="schema")
@@ -229,7 +229,7 @@ class BaseModelRecord(_Strict):
     )
 
 
-class LinearBaseRecord(_Strict):
+class LinearBaseRecord(_StrictRecord):
     """A saved set of base parameters of a linear model."""
 
     format: Literal["echelon.linear-base/1"] = Field(alias="schema")

@@ -149,7 +149,7 @@ Row = dict[str, Any]  # what the index knows of a robot; plain data
 
 
 @dataclass(frozen=True)
-class Task:
+class ZooTask:
     """A robot file, with its base fixed or floating."""
 
     found: Found
@@ -203,7 +203,7 @@ def _program() -> bytes:
     return digest.digest()
 
 
-def build_exhibit(task: Task) -> Row | None:
+def build_exhibit(task: ZooTask) -> Row | None:
     """Derive one robot and write its folder; None for a floating base where the base moves by itself."""
     robot, wrong = _read(task.found.path)
     if task.floating:
@@ -266,7 +266,7 @@ def _doubts(base: BaseModel) -> list[str]:
     ]
 
 
-def _in_explorer(task: Task) -> str:
+def _in_explorer(task: ZooTask) -> str:
     """The address of the robot in the explorer, seen from the zoo's folder; empty if it is not there."""
     if not task.site or not stands_alone(task.found.path):
         return ""

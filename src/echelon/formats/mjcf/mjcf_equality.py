@@ -28,7 +28,7 @@ _IGNORE = (
 
 
 @dataclass(frozen=True)
-class Relation:
+class EqualityRelation:
     """Σ f_j(δ_j) + constant = 0, where δ_j is a joint's displacement from its reference position."""
 
     element: str
@@ -77,7 +77,7 @@ def _follows_mocap(equality: Any, spec: Any) -> bool:
     )
 
 
-def read_relation(equality: Any, spec: Any, source: str) -> Relation:
+def read_relation(equality: Any, spec: Any, source: str) -> EqualityRelation:
     """Relation between joint positions that a joint or tendon equality states."""
     where = equality_label(equality)
     offset, *powers = (
@@ -89,7 +89,7 @@ def read_relation(equality: Any, spec: Any, source: str) -> Relation:
         terms = {first: Spline((-_ONE,))}
         if second:
             terms[second] = Spline(tuple(powers))
-        return Relation(where, first, terms, offset)
+        return EqualityRelation(where, first, terms, offset)
     terms = {
         name: Spline((-coefficient,))
         for name, coefficient in _joints(spec, first, source, where).items()
@@ -106,7 +106,7 @@ def read_relation(equality: Any, spec: Any, source: str) -> Relation:
             Spline((coefficient,)), Polynomial({})
         )
         terms[name] = terms.get(name, Spline(())) + function
-    return Relation(where, "", terms, offset)
+    return EqualityRelation(where, "", terms, offset)
 
 
 def _joints(spec: Any, tendon: str, source: str, where: str) -> dict[str, Polynomial]:
@@ -129,7 +129,7 @@ def _joints(spec: Any, tendon: str, source: str, where: str) -> dict[str, Polyno
 
 
 def resolve(
-    relations: Sequence[Relation],
+    relations: Sequence[EqualityRelation],
     reference: Mapping[str, Rational],
     driven: Collection[str],
     source: str,
@@ -156,7 +156,7 @@ def resolve(
             known,
             error,
         )
-        left = Relation(relation.element, "", whole.terms, whole.offset)
+        left = EqualityRelation(relation.element, "", whole.terms, whole.offset)
         free = [
             name for name, function in left.terms.items() if function.ratio is not None
         ]
@@ -198,7 +198,7 @@ def resolve(
     return held, tuple(_counted(c, reference) for c in known.values() if c.terms), notes
 
 
-def _solved(relation: Relation, joint: str) -> StatedCoupling:
+def _solved(relation: EqualityRelation, joint: str) -> StatedCoupling:
     """A relation as one joint's displacement."""
     ratio = relation.terms[joint].ratio
     assert ratio is not None

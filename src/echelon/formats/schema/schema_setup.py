@@ -54,7 +54,7 @@ class FileJoint(Model):
         return self
 
 
-class RobotFile(Model):
+class RobotFileEntry(Model):
     """A robot file of another format that this description adds to."""
 
     file: Name = required("URDF, SDF or MJCF file, relative to this one.", "arm.urdf")

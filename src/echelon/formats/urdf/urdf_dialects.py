@@ -21,7 +21,7 @@ from echelon.formats.literal import (
     StatedCoupling,
     Triple,
 )
-from echelon.formats.mjcf.mjcf_equality import Relation, resolve
+from echelon.formats.mjcf.mjcf_equality import EqualityRelation, resolve
 from echelon.formats.mjcf.mjcf_numbers import exact_angle
 from echelon.formats.urdf.exact_xml import ExactXml
 from echelon.formats.urdf.urdf_vocabulary import LOOP_BESIDE
@@ -251,7 +251,7 @@ class Couplings(ExactXml):
             )
         return couplings
 
-    def _relation(self, element: Any, single: Sequence[str]) -> Relation:
+    def _relation(self, element: Any, single: Sequence[str]) -> EqualityRelation:
         where = f"coupling '{element.get('name') or ''}'"
         ratio = element.find("ratio")
         if ratio is None or not ratio.get("value"):
@@ -282,7 +282,7 @@ class Couplings(ExactXml):
                 )
         if not terms:
             raise self.error("no joint moves its links against each other", where)
-        return Relation(where, "", terms, Polynomial({}))
+        return EqualityRelation(where, "", terms, Polynomial({}))
 
     def _way(self, end: Any, tag: str, where: str) -> list[str]:
         """The joints from a link to the root."""
