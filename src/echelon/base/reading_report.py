@@ -30,7 +30,6 @@ from echelon.regressor.loops import assembly_of, joints_locked_by_loops
 ROUNDING = 1e-9
 """Snaps up to this size are what decimals of a file cannot help, and part of the literal reading too."""
 
-_MOST_NAMED = 12  # joints in a message
 _MOST_COLUMNS = 300
 """Of more, float ranks would take too much of the time: so many neighbours are compared instead of all."""
 _CLEAR_GAP = 1e3
@@ -143,7 +142,7 @@ def mechanism_notes(mechanism: Mechanism) -> list[str]:
     ]
     if locked := joints_locked_by_loops(mechanism):
         notes.append(
-            f"cannot move, because of {shown_loops(mechanism, locked[0])}: {in_quotes(locked, _MOST_NAMED)}"
+            f"cannot move, because of {shown_loops(mechanism, locked[0])}: {in_quotes(locked)}"
         )
     split = ", ".join(f"'{name}'" for name in split_balls(mechanism))
     what = "the loops leave part of a free rotation undetermined, such as the spin of a rod between two ball joints"
@@ -176,7 +175,7 @@ def _locked_drives(mechanism: Mechanism) -> str:
     if not locked:
         return ""
     return (
-        f"the loops hold what drives are to move: {in_quotes(locked, _MOST_NAMED)}.  If that is not meant, give a "
+        f"the loops hold what drives are to move: {in_quotes(locked)}.  If that is not meant, give a "
         "closure a kind that holds less, such as  joint: spherical  (in MJCF connect instead of weld)"
     )
 

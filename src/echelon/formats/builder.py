@@ -34,7 +34,7 @@ from echelon.formats.literal import (
 )
 from echelon.formats.met_frames import second_frame
 from echelon.formats.rounding import rounding_of_tree
-from echelon.formats.snapping import ReadingOptions, Snapping, gravity_vector
+from echelon.formats.snapping import PRECISION, ReadingOptions, Snapping, gravity_vector
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.effect import Side
 from echelon.mechanism.impossible import stated_impossibilities
@@ -482,8 +482,8 @@ def _floats(step: LiteralStep) -> bool:
     return not isinstance(step, LiteralPlacement) and step.kind == "floating"
 
 
-_CLOSED = 1e-9  # of the characteristic length, or rad: rounding of doubles, and nobody wants to know
-_NEAR = 0.02  # a pose that is this near to closing is taken for the one that is meant
+NEARLY_CLOSED = 0.02
+"""Closure error, rad or share of the characteristic length, up to which the first stated pose is the intended one."""
 
 
 def chosen_pose(
@@ -499,14 +499,14 @@ def chosen_pose(
     motion = ClosedMotion(mechanism)
     q = normalised(mechanism, np.array([_positions(mechanism, pose) for pose in known]))
     open_by = largest(motion.closures.at(q)[0])
-    best = 0 if open_by[0] < _NEAR else int(open_by.argmin())
+    best = 0 if open_by[0] < NEARLY_CLOSED else int(open_by.argmin())
     names = list(poses)
     if best:
         at_first = f"at {names[0]} {motion.opening(q[0])}"
         return known[
             best
         ], f"the loops are assembled near {names[best]}, because {at_first}"
-    if open_by[0] > _CLOSED:
+    if open_by[0] > PRECISION:
         return known[
             0
         ], f"at {names[0]} {motion.opening(q[0])}: the loops are assembled near it"

@@ -15,13 +15,13 @@ from echelon.errors import InputError
 from echelon.exact.expressions import parse_decimal
 from echelon.exact.polynomial import Polynomial, Rational, inverse
 from echelon.formats.literal import StatedCoupling, substituted
+from echelon.formats.mjcf.mjcf_model import import_mujoco
 from echelon.mechanism.coupling import Spline
 
 JOINT = "joint"
 TENDON = "tendon"
 _SUPPORTED = (JOINT, TENDON, "connect", "weld")
-_SIZE = 5  # coefficients of polycoef
-_OFF = 1 << 0 | 1 << 1  # of mjtDisableBit: all constraints, or equalities
+_POLYCOEF = slice(0, 5)
 _IGNORE = (
     "read the model without couplings (--mimic independent, independent_mimics=True)"
 )
@@ -45,9 +45,11 @@ def take_equalities(spec: Any, source: str) -> tuple[list[Any], list[str]]:
             source=source,
             element=f"flex '{flex.name}'",
         )
+    bits = import_mujoco().mjtDisableBit
+    off = bits.mjDSBL_CONSTRAINT | bits.mjDSBL_EQUALITY
     active, notes = [], []
     for equality in list(spec.equalities):
-        if not equality.active or spec.option.disableflags & _OFF:
+        if not equality.active or spec.option.disableflags & off:
             notes.append(f"{equality_label(equality)} is ignored: it is not active")
             spec.delete(equality)
         elif _follows_mocap(equality, spec):
@@ -82,7 +84,7 @@ def read_relation(equality: Any, spec: Any, source: str) -> EqualityRelation:
     where = equality_label(equality)
     offset, *powers = (
         Polynomial.constant(parse_decimal(repr(float(a))))
-        for a in equality.data[:_SIZE]
+        for a in equality.data[_POLYCOEF]
     )
     first, second = str(equality.name1), str(equality.name2)
     if equality_kind(equality) == JOINT:

@@ -425,12 +425,8 @@ def is_motor(actuator: Any) -> bool:
     return bool((actuator.gaintype, actuator.biastype, actuator.dyntype) == plain)
 
 
-_ANCHOR, _POSITION, _QUATERNION, _TORQUE_SCALE = (
-    slice(0, 3),
-    slice(3, 6),
-    slice(6, 10),
-    10,
-)
+_ANCHOR, _POSITION, _QUATERNION = slice(0, 3), slice(3, 6), slice(6, 10)
+_TORQUE_SCALE = 10
 _BALL = ("w", "x", "y", "z")
 
 

@@ -21,6 +21,7 @@ from echelon.errors import InputError
 from echelon.exact.expressions import PER_PI
 from echelon.exact.polynomial import Polynomial, as_polynomial
 from echelon.formats.literal import (
+    DOUBLE_DIGITS,
     LiteralClosure,
     LiteralFrame,
     LiteralLink,
@@ -50,8 +51,6 @@ from echelon.mechanism.joint import MotionKind
 
 WORLD, MODEL = "world", "__model__"
 _WORLDS_GRAVITY = "0 0 -9.8"  # of a world that states none, by the specification
-_SIX, _SEVEN = 6, 7
-_DIGITS = 15  # decimals of a metre
 _MOST_GENERAL = 2  # rotations by general angles that are multiplied exactly; products of more have too many terms
 _AXIS_IN_JOINT = (
     1,
@@ -187,7 +186,7 @@ class _Frames(ExactXml):
         if sum(_is_general(p) for p in way) <= _MOST_GENERAL:
             return way
         frame = numeric_placements(way)  # several as one, rounded as doubles are
-        x, y, z = (exact_number(round(float(v), _DIGITS)) for v in frame[:3, 3])
+        x, y, z = (exact_number(round(float(v), DOUBLE_DIGITS)) for v in frame[:3, 3])
         return placements_of(element, (x, y, z), frame[:3, :3])
 
     def _way(self, name: str, element: str) -> list[str]:
@@ -221,9 +220,10 @@ class _Frames(ExactXml):
             return ()
         turned = stated.get("rotation_format", "euler_rpy") == "quat_xyzw"
         numbers = [self.number(part, f"{where} pose") for part in text.split()]
-        if len(numbers) != (_SEVEN if turned else _SIX):
+        needed = 3 + (4 if turned else 3)  # a point, and a quaternion or three angles
+        if len(numbers) != needed:
             raise self.error(
-                f"needs {_SEVEN if turned else _SIX} numbers, found '{text.strip()}'",
+                f"needs {needed} numbers, found '{text.strip()}'",
                 f"{where} pose",
             )
         x, y, z, *rest = numbers

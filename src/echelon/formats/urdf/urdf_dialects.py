@@ -48,7 +48,6 @@ LOOP_KINDS = {**_ALONG_AXIS, **WITHOUT_AXIS}
 _OF_SDF = ("revolute", "continuous", "prismatic", "ball", "fixed")
 _UP: Triple = (0, 0, 1)
 _X: Triple = (1, 0, 0)
-_POSE_NUMBERS = 6
 
 
 class UrdfLoops(ExactXml):
@@ -206,10 +205,10 @@ class UrdfLoops(ExactXml):
         )
 
     def _pose(self, text: str, where: str) -> LiteralPlacement:
-        numbers = [self.number(part, where) for part in text.split()] or [
-            0
-        ] * _POSE_NUMBERS
-        if len(numbers) != _POSE_NUMBERS:
+        numbers = [self.number(part, where) for part in text.split()]
+        if not numbers:
+            return LiteralPlacement(where)
+        if len(numbers) != 6:
             raise self.error(f"needs six numbers, found '{text.strip()}'", where)
         x, y, z, roll, pitch, yaw = numbers
         return LiteralPlacement(where, (x, y, z), (roll, pitch, yaw))
