@@ -35,9 +35,14 @@ if TYPE_CHECKING:
     import yaml
 
 
+READ: set[str] = set()
+"""Paths of the files that the running command reads, which no output may replace."""
+
+
 def read_content(path: str | os.PathLike[str]) -> bytes:
     """All bytes of a document."""
     source = os.fspath(path)
+    READ.add(source)
     try:
         with Path(path).open("rb") as stream:
             content = stream.read(DOCUMENT.most + 1)

@@ -41,7 +41,6 @@ def start(
     environment = {
         **os.environ,
         "PYTHONPATH": str(ROOT / "src"),
-        "ECHELON_STATE": str(folder.parent / "state"),
     }
     environment |= options.pop("environment", {})  # type: ignore[operator]
     pipes = {
