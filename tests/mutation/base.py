@@ -58,7 +58,7 @@ FAULTS = (
     ),
     Fault(
         BALLS,
-        "return bool(difference < _LOOSEST * abs(found)) and (not difference > numbers.radius)",
+        "return bool(difference < LARGEST_RELATIVE_ERROR * abs(found)) and (not difference > numbers.radius)",
         "return True",
         "rounded coefficients are the solved ones",
         "base/test_budget.py",

@@ -329,9 +329,10 @@ def _degrees(
 Combination = dict[int, RationalFunction]
 """A column as a combination of other columns: coefficient by column."""
 
-_SHARE = 0.5
-"""What one dependence may take of the work that is left."""
-_PRIMES_OF_NUMBERS = 16  # for fractions of up to 74 digits; nobody reads longer ones
+LARGEST_SHARE = 0.5
+"""Share of the remaining work that one dependence may take."""
+PRIMES_OF_NUMBERS = 16
+"""Primes for coefficients without symbols, whose fractions then have up to 74 digits."""
 
 
 def closed_columns(
@@ -340,7 +341,7 @@ def closed_columns(
     rng: np.random.Generator,
     work: Work,
     report: Callable[[str], None],
-    share: float = _SHARE,
+    share: float = LARGEST_SHARE,
 ) -> dict[int, Combination]:
     """The dependent columns with closed forms as combinations of pivot columns; each dependence may take a share."""
     raw: dict[int, Combination] = {column: {} for column in zero}
@@ -373,7 +374,7 @@ def _interpolated(
     """The targets whose coefficients all have closed forms within a share of the work."""
     share = work.share(most)
     try:
-        most_primes = MOST_PRIMES if dependence.symbols else _PRIMES_OF_NUMBERS
+        most_primes = MOST_PRIMES if dependence.symbols else PRIMES_OF_NUMBERS
         functions = interpolate(dependence.unknown(rng), rng, share, most_primes)
     except ClosedFormError:
         return {}

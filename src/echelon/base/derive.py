@@ -70,8 +70,6 @@ from echelon.mechanism.stated import (
 from echelon.models import LinearModel, model_of
 from echelon.regressor.linear_forms import LinearForms, rows_of, virtual_power_form
 
-_LONG = 10**12  # denominators of numbers that no coefficient with few digits is made of
-
 
 def silent(_: str) -> None:
     """Report no progress."""

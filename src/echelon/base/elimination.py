@@ -30,10 +30,10 @@ _FIRM = (1e-6, 1e-4, 1e-2)
 """Share of the largest pivot above which doubles show a column to be independent; more where balls deny it."""
 SMALLEST_SHARE = 1e-3
 """Share of the largest column, in comparable units, below which a column is not made as large."""
-_FAINT = 1e-2
-"""Share of a column beside others below which rounding of a file may have made it."""
-_REMAINS = 1e-9
-"""Share of a column beside others that doubles surely show in a basis whose entries are moderate."""
+FAINT_SHARE = 1e-2
+"""Residual of a column, relative to its size, up to which a file's rounding may have made it."""
+SHOWN_BY_DOUBLES = 1e-9
+"""Residual of a column, relative to its size, that double precision surely shows."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Independent:
         chosen = self.pivots[:count]
         spanned, _ = _least_squares(rows, auxiliary, chosen)
         ranked = [
-            order[k] for k in independent_columns(spanned[:, list(order)], _FAINT)
+            order[k] for k in independent_columns(spanned[:, list(order)], FAINT_SHARE)
         ]
         pivots = (
             tuple(ranked)
@@ -109,7 +109,9 @@ class Independent:
         before = np.array(
             [[place[c] < place[p] for c in others] for p in pivots]
         ).reshape(found.shape)
-        found[(np.abs(found) <= error) | (before & (np.abs(found) <= _FAINT))] = 0.0
+        found[(np.abs(found) <= error) | (before & (np.abs(found) <= FAINT_SHARE))] = (
+            0.0
+        )
         scales = sizes[list(others)] / sizes[list(pivots)][:, None]
         left_open = np.where(found, error, 0.0) * scales
         balls = (
@@ -154,7 +156,7 @@ class Independent:
             firm = [
                 order[k]
                 for k in independent_columns(
-                    _of_size_one(basis[:, list(order)])[0], _REMAINS
+                    _of_size_one(basis[:, list(order)])[0], SHOWN_BY_DOUBLES
                 )
             ]
             if (

@@ -22,9 +22,10 @@ from echelon.exact.polynomial import (
 )
 from echelon.exact.rational import RationalFunction
 
-_DECIMAL_DIGITS = 9
+DECIMAL_DIGITS = 9
+"""Digits of a coefficient that is shown as a decimal number."""
 MOST_TERMS = 12
-"""Of a coefficient that people read: a longer one, of joints in general frames, says no more than its value does."""
+"""Terms of a coefficient that is shown as a formula: a longer one says no more than its value does."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,7 @@ def _is_decimal(coefficient: RationalFunction) -> bool:
     return (
         not isinstance(number, Fraction)
         or "/" not in decimal_text(number)
-        or len(str(number)) > _DECIMAL_DIGITS
+        or len(str(number)) > DECIMAL_DIGITS
     )
 
 
@@ -311,7 +312,7 @@ def _group(group: ParameterGroup, style: TextStyle) -> tuple[int, str]:
 def _decimal_text(group: ParameterGroup, style: TextStyle) -> tuple[int, str]:
     """Sign and absolute value of a number; the text is empty for ±1."""
     value = group.coefficient.evaluate({}, float)
-    size = f"{abs(value):.{_DECIMAL_DIGITS}g}"
+    size = f"{abs(value):.{DECIMAL_DIGITS}g}"
     return (-1 if value < 0 else 1), "" if size == "1" else style.decimal(size)
 
 

@@ -26,8 +26,10 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.sources import Readable
 from echelon.mechanism.stated import symbol_values
 
-_ATTEMPTS = 256
-_PARALLEL = 1e-6
+MOST_PAIRINGS = 256
+"""Pairings of bodies that are compared before two robots count as different."""
+PARALLEL = 1e-6
+"""Sine of an angle, or distance of axes in m, that counts as zero."""
 Wanted = dict[
     int, tuple[Floats, "_JointAxis"]
 ]  # by body of the second: the first's frame and axis, in the second's base
@@ -203,7 +205,7 @@ class _JointAxis:
             wanted.point - child.point,
         )
         if not self.turns:
-            free = not child.turns or normal @ normal < _PARALLEL**2
+            free = not child.turns or normal @ normal < PARALLEL**2
             return (
                 []
                 if free
@@ -211,7 +213,7 @@ class _JointAxis:
                     float(normal @ np.cross(child.direction, apart) / (normal @ normal))
                 ]
             )
-        if np.linalg.norm(normal) > _PARALLEL:
+        if np.linalg.norm(normal) > PARALLEL:
             slopes = [
                 self.direction @ child.direction
                 - sign * (self.direction @ wanted.direction)
@@ -227,7 +229,7 @@ class _JointAxis:
                 for sign in signs
             ]
         radius = np.cross(self.direction, child.point - self.point)
-        if not child.turns or np.linalg.norm(radius) < _PARALLEL:
+        if not child.turns or np.linalg.norm(radius) < PARALLEL:
             return []
         return [
             _angle(self.direction, child.point - self.point, wanted.point - self.point)
@@ -282,7 +284,7 @@ def _pose(
     """
     waiting: list[list[int]] = [[]]
     errors: list[tuple[int, InputError]] = []
-    while waiting and len(errors) < _ATTEMPTS:
+    while waiting and len(errors) < MOST_PAIRINGS:
         choices, offsets, free = waiting.pop(), dict[int, float](), 0
         theirs.place(offsets)
         try:
@@ -425,9 +427,7 @@ def _angle(axis: Floats, start: Floats, end: Floats) -> float:
         axis @ np.cross(start, end),
         start @ end - (axis @ start) * (axis @ end),
     )
-    return (
-        float(np.arctan2(sine, cosine)) if np.hypot(sine, cosine) > _PARALLEL else 0.0
-    )
+    return float(np.arctan2(sine, cosine)) if np.hypot(sine, cosine) > PARALLEL else 0.0
 
 
 def _rotation(axis: Floats, angle: float) -> Floats:

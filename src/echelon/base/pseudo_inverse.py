@@ -35,7 +35,8 @@ ExactMetric = Literal["identity"] | Sequence[Any] | sympy.MatrixBase
 
 _SINGULAR = "the metric is not definite: B S Bᵀ has no inverse"
 
-_PASSES = 4  # over a table of the greatest length; numbers get longer in every one
+MOST_PASSES = 4
+"""Work of an elimination, in passes over a table of the greatest length."""
 
 Sparse = dict[int, Any]
 """Non-zero entries of a row by column: FLINT polynomials of one ring."""
@@ -82,7 +83,7 @@ def adjugate(
         previous = pivot
         length = sum(len(entry) for row in table for entry in row.values())
         work += length
-        if length > most_terms or work > _PASSES * most_terms:
+        if length > most_terms or work > MOST_PASSES * most_terms:
             raise ClosedFormError(f"the closed form has more than {most_terms} terms")
     return [
         {c - size: entry for c, entry in row.items() if c >= size} for row in table
@@ -208,7 +209,7 @@ def _rational(value: Any) -> RationalFunction:
 
 
 MOST_TERMS = 150_000
-"""Of the numerators of one block."""
+"""Terms of the numerators of one block; more take minutes."""
 
 
 def pseudo_inverse(

@@ -30,14 +30,12 @@ from echelon.regressor.loops import assembly_of, joints_locked_by_loops
 ROUNDING = 1e-9
 """Snaps up to this size are what decimals of a file cannot help, and part of the literal reading too."""
 
-_MOST_COLUMNS = 300
-"""Of more, float ranks would take too much of the time: so many neighbours are compared instead of all."""
-_CLEAR_GAP = 1e3
-"""Singular values that fall more evenly, as of motions that hardly leave a pose, tell nothing."""
-_ROUNDED = 1e-4
-"""What rounding to a few digits may move numbers by."""
-_LARGEST_RANK = 1000
-"""Above it, nothing is compared where no part of the columns can stand for all."""
+MOST_COLUMNS = 300
+"""Columns whose float rank is compared; of more, a stretch of so many neighbours."""
+CLEAR_GAP = 1e3
+"""Ratio of neighbouring singular values that shows a rank; smaller ones come from motions near a pose."""
+LARGEST_RANK = 1000
+"""Rank above which float ranks, which then take minutes, are not compared."""
 _MOST_TRIALS, _FEWEST_TRIALS = 600, 8
 """Readings that are tried to find out which snaps matter, times the number of bodies, and at least."""
 
@@ -203,7 +201,7 @@ def _doubt(
     low, high = sorted((literal, intended))
     columns, where = None, ""
     if (
-        len(mechanism.parameters) > _MOST_COLUMNS
+        len(mechanism.parameters) > MOST_COLUMNS
         and matrix is not None
         and matrix.numbers is None
     ):
@@ -214,8 +212,8 @@ def _doubt(
         else:
             low = high = part
             where = f", for the parameters {matrix.parameters[columns[0]]} to {matrix.parameters[columns[-1]]}"
-    if high > _LARGEST_RANK:
-        return f"not compared with float ranks, as {high} is more than {_LARGEST_RANK}"
+    if high > LARGEST_RANK:
+        return f"not compared with float ranks, as {high} is more than {LARGEST_RANK}"
     try:
         found = numeric_ranks(
             as_stated, literal=False, near=high, recorded=recorded, columns=columns
@@ -225,7 +223,7 @@ def _doubt(
     widest = found.widest_gap()
     if (
         widest is None
-        or widest[1] < _CLEAR_GAP
+        or widest[1] < CLEAR_GAP
         or any(low <= r <= high for r in (*found.ranks, widest[0]))
     ):
         return ""
@@ -242,8 +240,8 @@ def _doubt(
 
 def _neighbours(count: int) -> range:
     """Columns of links that follow one another, from a random one on."""
-    start = int(random_generator(DEFAULT_SEED).integers(count - _MOST_COLUMNS + 1))
-    return range(start, start + _MOST_COLUMNS)
+    start = int(random_generator(DEFAULT_SEED).integers(count - MOST_COLUMNS + 1))
+    return range(start, start + MOST_COLUMNS)
 
 
 def _rank_of_columns(

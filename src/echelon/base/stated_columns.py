@@ -16,11 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.base.ball_rows import ball_rows, stated_generators
-from echelon.base.ball_tables import Balls, ball_error, rounded
+from echelon.base.ball_tables import BALL_BITS, Balls, ball_error, rounded
 from echelon.base.closed_form import Dependence, PlacedDependence
 from echelon.base.matrix import StatedNumbers
 from echelon.errors import ClosedFormError
 from echelon.exact.field import (
+    SURPLUS_ROWS,
     PrimeField,
     Residues,
     by_pivots,
@@ -35,13 +36,13 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, symbol_roles, value_texts
 from echelon.program.arithmetics import ball
 
-_BITS, _MOST_BITS = 512, 4096
-_LOOSE = 1e-60
-"""Coefficients must be known as well as this before they are rounded."""
-_SURPLUS_ROWS = 6
-_MOTIONS = 2  # through each closed pose, which takes long to enclose; even one freedom without gravity shows as many
-_MOST_PRIMES = 8
-"""Fractions of up to 37 digits are found exactly; nobody reads longer ones, and balls take less time."""
+_MOST_BITS = 8 * BALL_BITS
+LARGEST_RELATIVE_ERROR = 1e-60
+"""Relative error of a coefficient below which it can be rounded."""
+MOTIONS_PER_POSE = 2
+"""Motions through a closed pose, which takes long to enclose: even one freedom without gravity shows as many."""
+MOST_PRIMES = 8
+"""Primes for fractions of up to 37 digits; for longer ones, balls take less time."""
 
 Pair = tuple[int, int]
 """(pivot, column) of a coefficient of B."""
@@ -247,7 +248,7 @@ class StatedColumns:
             evaluate, (), frozenset(), frozenset(), [0] * len(pairs), roots
         )
         try:
-            found = interpolate(unknown, self.rng, Work.of(1), _MOST_PRIMES)
+            found = interpolate(unknown, self.rng, Work.of(1), MOST_PRIMES)
         except ClosedFormError:
             return None
         return (
@@ -265,12 +266,13 @@ class StatedColumns:
         at: Mapping[str, str],
     ) -> tuple[list[Number], float]:
         """Values rounded to a fixed number of digits, and the largest error."""
-        bits = _BITS
+        bits = BALL_BITS
         while bits <= _MOST_BITS:
             with flint.ctx.workprec(bits):
                 found = self._balls(pairs, needed, at)
                 if found is not None and all(
-                    ball_error(x) <= _LOOSE * max(1.0, float(abs(x).mid()))
+                    ball_error(x)
+                    <= LARGEST_RELATIVE_ERROR * max(1.0, float(abs(x).mid()))
                     for x in found
                 ):
                     return rounded(found)
@@ -338,9 +340,9 @@ def _solved(
 ) -> Balls | None:
     """Coefficients of a dependence, shape (sources, targets), or None if the precision does not decide them."""
     unknowns, forms = dependence.unknowns, dependence.rows.forms
-    states = -(-(unknowns + _SURPLUS_ROWS) // max(1, forms.shape[0]))
+    states = -(-(unknowns + SURPLUS_ROWS) // max(1, forms.shape[0]))
     for count in (states, 8 * states):  # regions of signs may need more
-        rows = ball_rows(forms, at, count, rng, _MOTIONS)
+        rows = ball_rows(forms, at, count, rng, MOTIONS_PER_POSE)
         left, right = (
             flint.arb_mat(rows[:, :unknowns].tolist()),
             flint.arb_mat(rows[:, unknowns:].tolist()),

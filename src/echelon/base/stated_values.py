@@ -35,9 +35,10 @@ from echelon.mechanism.stated import (
 )
 from echelon.mechanism.substitute import substituted
 
-_MOST_TRIALS = 400
-"""Structures that the search may cost; after that, values stand for relations that were not found."""
-_LARGEST_RATIO = 12
+MOST_STRUCTURES = 400
+"""Structures of a search for relations; after it, values stand for relations that were not found."""
+LARGEST_RATIO = 12
+"""Numerator and denominator of ratios of symbols that count as meant."""
 
 PivotsOf = Callable[[Mapping[str, Polynomial]], tuple[int, ...]]
 """Pivots of a model with something put in for generators of its symbols."""
@@ -169,7 +170,7 @@ class RelationSearch:
 
     def _enough(self, relations: SymbolRelations) -> bool:
         if relations not in self._known:
-            if len(self._known) >= _MOST_TRIALS:
+            if len(self._known) >= MOST_STRUCTURES:
                 return False
             try:
                 self._known[relations] = (
@@ -244,7 +245,7 @@ def _ratio(name: str, other: str, values: StatedValues) -> Fraction | None:
     small = (
         f
         for f in factors
-        if f and max(abs(f.numerator), f.denominator) <= _LARGEST_RATIO
+        if f and max(abs(f.numerator), f.denominator) <= LARGEST_RATIO
     )
     return next((f for f in small if _holds(name, ((other, f),), values)), None)
 

@@ -23,7 +23,13 @@ from echelon.base.real_states import RealStates
 from echelon.base.spectrum import RankSpectrum, spectrum_of, units_of
 from echelon.doors import public
 from echelon.errors import DegenerateSampleError, EchelonError, SingularPoseError
-from echelon.exact.field import PrimeField, by_pivots
+from echelon.exact.field import (
+    AGREEING_POINTS,
+    MOST_ATTEMPTS,
+    SURPLUS_ROWS,
+    PrimeField,
+    by_pivots,
+)
 from echelon.exact.unknown_functions import persistent
 from echelon.mechanism.joint import (
     ALL,
@@ -46,10 +52,8 @@ from echelon.regressor.linear_forms import (
     rows_of,
 )
 
-_SURPLUS_ROWS = 8
-_ATTEMPTS, _PASSES = 8, 2
-_BRANCHES = 6
-"""Poses near a singular one from which ways of assembly are told apart by their ranks."""
+BRANCHES = 6
+"""Poses near a singular one whose ranks tell assembly modes apart."""
 
 
 @public
@@ -181,7 +185,7 @@ def from_regular_pose(
     if loops is None or not loops.singular:
         return mechanism, ()
     seen = dict[int, Mechanism]()
-    for pose in loops.known_poses(0, _BRANCHES):
+    for pose in loops.known_poses(0, BRANCHES):
         beside = replace(
             mechanism,
             assembly=dict(zip(mechanism.positions, map(float, pose), strict=True)),
@@ -417,7 +421,7 @@ def _shown_by_blocks(
     if blocks is None:
         return set()
     seen = {column - rows.auxiliary for _, column in rows.forms.entries}
-    for _ in range(_ATTEMPTS):
+    for _ in range(MOST_ATTEMPTS):
         try:
             return blocks.independent(
                 seen.intersection(columns), PrimeField.random(rng), rng
@@ -432,8 +436,8 @@ def _confirmed_dependence(
 ) -> dict[int, tuple[int, ...]]:
     """Dependent columns and the pivots they depend on, as several primes, geometries and states agree."""
     seen: list[dict[int, tuple[int, ...]]] = []
-    sampler, count = rows.forms.sampler(), rows.forms.shape[1] + _SURPLUS_ROWS
-    for _ in range(_ATTEMPTS):
+    sampler, count = rows.forms.sampler(), rows.forms.shape[1] + SURPLUS_ROWS
+    for _ in range(MOST_ATTEMPTS):
         field = PrimeField.random(rng)
         try:
             current = dependent_columns(rows, sampler, count, field, rng)
@@ -447,7 +451,7 @@ def _confirmed_dependence(
         # an unlucky point can only make more columns dependent, never fewer
         fewest = min(len(s) for s in seen)
         agreeing = [s for s in seen if len(s) == fewest and s == seen[-1]]
-        if len(agreeing) >= _PASSES:
+        if len(agreeing) >= AGREEING_POINTS:
             return seen[-1]
     raise EchelonError(
         "results at random points keep contradicting each other; please report this model"

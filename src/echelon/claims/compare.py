@@ -29,7 +29,13 @@ from echelon.base.model import BaseModel
 from echelon.claims.reading import DecimalPrecision, precision_of
 from echelon.claims.result import Agreement, ClaimFinding, TermDifference
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
-from echelon.exact.field import PrimeField, reduced_echelon, residues_at, substituted
+from echelon.exact.field import (
+    MOST_ATTEMPTS,
+    PrimeField,
+    reduced_echelon,
+    residues_at,
+    substituted,
+)
 from echelon.exact.polynomial import Number, Surd, is_trigonometric, symbol_of
 from echelon.exact.rational import RationalFunction
 from echelon.exact.unknown_functions import Work
@@ -40,7 +46,6 @@ Row = Mapping[
 
 _ZERO, _ONE = RationalFunction(0), RationalFunction(1)
 _PRIME_BITS = 61
-_ATTEMPTS = 8
 _NOISE = 1e-9
 
 
@@ -236,7 +241,7 @@ def span_exactly(
     rng: np.random.Generator,
 ) -> Span:
     """The span for generic geometry."""
-    for _ in range(_ATTEMPTS):
+    for _ in range(MOST_ATTEMPTS):
         field = PrimeField.random(rng, _PRIME_BITS)
         try:
             values = _residues(rows, matrix, field, rng)

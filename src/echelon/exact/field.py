@@ -38,9 +38,15 @@ _SMALL_PRIMES = int(flint.fmpz.primorial_ui(flint.fmpz(400)))  # their product
 _FEW = 16  # below this many elements, inverting one by one is faster than a tree of products
 
 
-DEFAULT_SEED = (
-    2015  # seeds are recorded in results, so that the same input gives the same output
-)
+MOST_ATTEMPTS = 16
+"""Random points before a degenerate model is reported: chance makes one degenerate in less than 2^-20 of the cases."""
+AGREEING_POINTS = 2
+"""Random points of random fields that must agree; one alone is unlucky with a probability of about 2^-31."""
+SURPLUS_ROWS = 8
+"""Rows beyond those that determine a relation: a false one holds in all of them with a probability of about p^-8."""
+
+DEFAULT_SEED = 2015
+"""Seed of a random generator that nobody chose; results record it."""
 
 
 def random_generator(seed: int) -> np.random.Generator:

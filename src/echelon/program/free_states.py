@@ -21,7 +21,7 @@ import numpy as np
 
 from echelon.arrays import Floats, SignArray
 from echelon.errors import InputError
-from echelon.exact.field import DEFAULT_SEED, random_generator
+from echelon.exact.field import DEFAULT_SEED, MOST_ATTEMPTS, random_generator
 from echelon.exact.polynomial import Rational
 from echelon.program.arithmetics import Balls, ball, stated_ball
 from echelon.program.operations import Op
@@ -31,8 +31,6 @@ from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.surfaces import RealValues, find_surfaces
 from echelon.program.tape import Program
 
-_ATTEMPTS = 16
-"""Sets of random values that are tried for symbols without one until the domain is not empty."""
 _SPREAD, _STATE_SPREAD = 1.5, 0.5
 """Standard deviation of the logarithm of random values: most lie between 1/20 and 20; those of states, where functions
 grow fast, between 1/3 and 3."""
@@ -180,7 +178,7 @@ class RealPoints:
     def _found(self) -> tuple[RegionSearch, Mapping[str, str]]:
         """All regions, at values of the symbols where the domain is not empty."""
         previous: Mapping[str, str] | None = None
-        for attempt in range(_ATTEMPTS):
+        for attempt in range(MOST_ATTEMPTS):
             values = self._drawn_values(attempt)
             if values == previous:
                 break
