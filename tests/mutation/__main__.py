@@ -27,6 +27,7 @@ CAUGHT = 0.95
 COPIED = (
     "src",
     "tests",
+    "site",
     "examples",
     "schemas",
     "docs",

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 import yaml
 
-from echelon.zoo.build import build_zoo
+from robot_zoo.build import build_zoo
 from support.command_line import run
 from support.devtools import DevTools
 from support.explorer import Explorer, Step, answers, module, serving

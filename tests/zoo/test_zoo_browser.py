@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import echelon as ec
-from echelon.zoo.build import write_index
-from echelon.zoo.exhibit import Found, ZooTask, build_exhibit
+from robot_zoo.build import write_index
+from robot_zoo.exhibit import Found, ZooTask, build_exhibit
 from support.hostile_robot import HOSTILE, NAME
 from support.paths import EXAMPLES
 from support.site_audit import DARK, LIGHT, PHONE, audited, complaints

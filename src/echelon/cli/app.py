@@ -97,7 +97,7 @@ def application(name: str, text: str, **more: Any) -> typer.Typer:
 app = application(
     "echelon",
     "Exact base inertial parameters of robots, in closed form, with a certificate.",
-    epilog="Exit codes: 0 success, 1 a claim was refuted, a check failed or a robot of a zoo got no answer, "
+    epilog="Exit codes: 0 success, 1 a claim was refuted or a check failed, "
     "2 bad input or usage.",
 )
 

@@ -502,7 +502,7 @@ def schema(
     show(json.dumps(found, indent=2))
 
 
-from echelon.cli import excite_commands, generate, zoo  # noqa: E402, F401  their commands follow in the help
+from echelon.cli import excite_commands, generate  # noqa: E402, F401  their commands follow in the help
 
 
 def run() -> None:

@@ -38,7 +38,7 @@ from echelon.report.page import ClosedForms, Context
 from echelon.report.page import render as render_page
 from echelon.results.saved import to_json
 from echelon.version import __version__
-from echelon.zoo.faults import Fault, faults, read_from
+from robot_zoo.faults import Fault, faults, read_from
 
 _ROOTS = {
     ".urdf": rb"",
@@ -192,14 +192,11 @@ class ZooTask:
 
 @cache
 def _program() -> bytes:
-    package = Path(echelon.__file__).parent
     digest = hashlib.sha256()
-    for path in sorted(
-        path
-        for path in package.rglob("*")
-        if path.suffix in (".py", ".j2", ".css", ".js")
-    ):
-        digest.update(path.read_bytes())
+    for package in (Path(echelon.__file__).parent, Path(__file__).parent):
+        for path in sorted(package.rglob("*")):
+            if path.suffix in (".py", ".j2", ".css", ".js"):
+                digest.update(path.read_bytes())
     return digest.digest()
 
 

@@ -20,7 +20,7 @@ from echelon.errors import EchelonError, InputError, one_line
 from echelon.files import write_atomically
 from echelon.report.page import Context, render, script_safe
 from echelon.version import __version__
-from echelon.zoo.exhibit import (
+from robot_zoo.exhibit import (
     TEMPLATES,
     Found,
     Row,
