@@ -32,8 +32,7 @@ os.environ["PYTHONPATH"] = str(ROOT / "src")
 
 import build_explorer  # noqa: E402  needs the path above
 import pictures  # noqa: E402
-
-from echelon.zoo.build import build_zoo  # noqa: E402
+from robot_zoo.build import build_zoo  # noqa: E402
 
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 VALUE = re.compile(r"\{\{ (.+?) \}\}")

@@ -29,8 +29,7 @@ sys.path[:0] = [str(ROOT / "src"), str(ROOT / "site")]
 
 import browser_python  # noqa: E402  needs the path above
 import numpy_wheel  # noqa: E402
-
-from echelon.zoo.exhibit import robot_files, stands_alone, usual_folders  # noqa: E402  needs the path above
+from robot_zoo.exhibit import robot_files, stands_alone, usual_folders  # noqa: E402  needs the path above
 
 PAGE = ROOT / "site" / "explorer"
 LOCK = json.loads((PAGE / "lock.json").read_text())

@@ -238,7 +238,7 @@ def test_all_or_none_when_a_rename_fails(
 
 
 class Stopped(BaseException):
-    """What a signal becomes."""
+    """Exception that stands for a signal."""
 
 
 _armed = {"events": -1, "signal": 0}

@@ -1,4 +1,4 @@
-"""What the import contract in pyproject.toml cannot see: the packages that an import loads at run time."""
+"""Packages that an import loads at run time, which the import contract in pyproject.toml cannot see."""
 
 from __future__ import annotations
 

@@ -17,14 +17,14 @@ def test_every_package_has_faults() -> None:
     }
     assert {
         fault.file.split("/")[0] for fault in FAULTS
-    } == packages | ROOMS_OF_ONE_FILE
+    } == packages | ROOMS_OF_ONE_FILE | {".."}  # the site's zoo
 
 
 @pytest.mark.parametrize(
     "fault", FAULTS, ids=lambda fault: f"{fault.file}: {fault.breaks}"
 )
 def test_the_fault_applies_to_the_source(fault: Fault) -> None:
-    """What it changes stands in the file exactly once, the file still compiles, and its tests exist."""
+    """The changed code occurs exactly once, the file still compiles, and its tests exist."""
     changed = fault.applied((ROOT / fault.path).read_text(encoding="utf-8"))
     compile(changed, str(fault.path), "exec")
     assert fault.breaks

@@ -104,7 +104,7 @@ class _Door:
         )
 
     @cached_property
-    def kinds(self) -> dict[str, Kind]:
+    def kinds(self) -> dict[str, ValueCheck]:
         """The check of each argument."""
         given = signature(self.function).parameters.values()
         named = [
@@ -119,7 +119,7 @@ class _Door:
         }
         return {name: kind for name, kind in found.items() if kind is not None}
 
-    def _kind(self, annotation: Any) -> Kind | None:
+    def _kind(self, annotation: Any) -> ValueCheck | None:
         try:
             # the annotation is a text of our own source
             meant = (
@@ -148,14 +148,14 @@ class _Door:
 
 
 @dataclass(frozen=True)
-class Kind:
+class ValueCheck:
     """Check and description of the values that an annotation accepts."""
 
     words: str
     accepts: Callable[[Any], bool]
 
 
-def kind_of(annotation: Any) -> Kind | None:
+def kind_of(annotation: Any) -> ValueCheck | None:
     """The check of an annotation; None where it accepts everything."""
     if annotation is Any or annotation is object:
         return None
@@ -175,7 +175,7 @@ def kind_of(annotation: Any) -> Kind | None:
     if origin is Annotated:
         return _at_least(kind_of(parts[0]), parts[1:])
     if origin is Literal:
-        return Kind(
+        return ValueCheck(
             f"one of {', '.join(map(repr, parts))}",
             lambda value: isinstance(value, Hashable) and value in parts,
         )
@@ -188,33 +188,33 @@ def kind_of(annotation: Any) -> Kind | None:
     )
 
 
-def _any_of(kinds: Sequence[Kind]) -> Kind:
+def _any_of(kinds: Sequence[ValueCheck]) -> ValueCheck:
     words = list(dict.fromkeys(kind.words for kind in kinds))
-    return Kind(
+    return ValueCheck(
         " or ".join(words), lambda value: any(kind.accepts(value) for kind in kinds)
     )
 
 
-def _at_least(kind: Kind | None, bounds: Iterable[Any]) -> Kind | None:
+def _at_least(kind: ValueCheck | None, bounds: Iterable[Any]) -> ValueCheck | None:
     least = max(
         (bound.least for bound in bounds if isinstance(bound, AtLeast)), default=None
     )
     if kind is None or least is None:
         return kind
-    return Kind(
+    return ValueCheck(
         f"{kind.words} from {least:g}",
         lambda value: kind.accepts(value) and value >= least,
     )
 
 
-def _container(origin: type, parts: tuple[Any, ...]) -> Kind | None:
+def _container(origin: type, parts: tuple[Any, ...]) -> ValueCheck | None:
     inner = [kind_of(part) for part in parts if part is not Ellipsis]
     if issubclass(origin, np.ndarray):
         return _ARRAY
     if issubclass(origin, Mapping):
         named = [kind.words if kind else "anything" for kind in inner]
         words = f"a mapping of {' to '.join(named)}" if named else "a mapping"
-        return Kind(
+        return ValueCheck(
             words,
             lambda value: (
                 isinstance(value, Mapping) and _all_accepted(inner, value.items())
@@ -223,13 +223,15 @@ def _container(origin: type, parts: tuple[Any, ...]) -> Kind | None:
     if issubclass(origin, Iterable) and len(inner) == 1:
         kind = inner[0]
         words = "a list" if kind is None else f"a list, each entry {kind.words}"
-        return Kind(
+        return ValueCheck(
             words,
             lambda value: (
                 _is_list(value, origin) and (kind is None or _all_of(kind, value))
             ),
         )
-    return Kind("a function", callable) if origin is _CALLABLE else _instance(origin)
+    return (
+        ValueCheck("a function", callable) if origin is _CALLABLE else _instance(origin)
+    )
 
 
 def _is_list(value: Any, origin: type) -> bool:
@@ -240,7 +242,7 @@ def _is_list(value: Any, origin: type) -> bool:
     )
 
 
-def _all_of(kind: Kind, values: Any) -> bool:
+def _all_of(kind: ValueCheck, values: Any) -> bool:
     """Whether each entry is accepted; what can be read once only is left alone."""
     return (
         all(map(kind.accepts, values))
@@ -250,7 +252,7 @@ def _all_of(kind: Kind, values: Any) -> bool:
 
 
 def _all_accepted(
-    kinds: Sequence[Kind | None], pairs: Iterable[tuple[Any, Any]]
+    kinds: Sequence[ValueCheck | None], pairs: Iterable[tuple[Any, Any]]
 ) -> bool:
     return all(
         kind is None or kind.accepts(part)
@@ -279,21 +281,21 @@ def _is_number(value: Any) -> bool:
         return False
 
 
-def _instance(kind: type) -> Kind:
-    return Kind(f"a {kind.__name__}", lambda value: isinstance(value, kind))
+def _instance(kind: type) -> ValueCheck:
+    return ValueCheck(f"a {kind.__name__}", lambda value: isinstance(value, kind))
 
 
 _ARRAY_LIKE = get_args(npt.ArrayLike)
-_ARRAY = Kind("an array of numbers", _is_numbers)
+_ARRAY = ValueCheck("an array of numbers", _is_numbers)
 _CALLABLE: Any = get_origin(Callable[..., Any])
-_PLAIN: dict[type, Kind] = {
-    NoneType: Kind("None", lambda value: value is None),
-    bool: Kind("True or False", lambda value: isinstance(value, bool | np.bool_)),
-    int: Kind(
+_PLAIN: dict[type, ValueCheck] = {
+    NoneType: ValueCheck("None", lambda value: value is None),
+    bool: ValueCheck("True or False", lambda value: isinstance(value, bool | np.bool_)),
+    int: ValueCheck(
         "a whole number",
         lambda value: isinstance(value, Integral) and not isinstance(value, bool),
     ),
-    float: Kind("a number", _is_number),
-    str: Kind("a text", lambda value: isinstance(value, str)),
-    os.PathLike: Kind("a path", lambda value: isinstance(value, os.PathLike)),
+    float: ValueCheck("a number", _is_number),
+    str: ValueCheck("a text", lambda value: isinstance(value, str)),
+    os.PathLike: ValueCheck("a path", lambda value: isinstance(value, os.PathLike)),
 }

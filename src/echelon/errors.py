@@ -43,7 +43,7 @@ class InputError(EchelonError):
         )
 
     def located(self, source: str) -> InputError:
-        """The same error with its file named, for readers that learn the file's name last."""
+        """Copy of the error that names the file, unless one is named, for readers that learn the file's name last."""
         return InputError(
             self.problem, source=self.source or source, element=self.element
         )
@@ -120,7 +120,7 @@ def one_line(text: str) -> str:
 
 
 def shortened(text: str, most: int = 60) -> str:
-    """The same line with its end left out if it is long, for messages that show what a file says.
+    """Text on one line, cut after ``most`` characters, for messages that quote a file.
 
     >>> shortened("1 + " * 100)
     '1 + 1 + 1 + 1 + 1 + 1 + 1 + 1 + 1 + 1 + 1 + 1 + 1 + 1 + 1...'

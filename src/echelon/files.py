@@ -29,8 +29,8 @@ _unfinished: set[Path] = set()
 
 
 @dataclass(frozen=True)
-class Target:
-    """What a path leads to."""
+class FileTarget:
+    """Destination of a path."""
 
     shown: str  # the path as it was given, for messages
     path: (
@@ -46,8 +46,8 @@ class Target:
         )
 
 
-def target_of(path: str | os.PathLike[str]) -> Target:
-    """What a path leads to; an InputError if nothing can be written there."""
+def target_of(path: str | os.PathLike[str]) -> FileTarget:
+    """Destination of a path; an InputError if nothing can be written there."""
     shown = os.fspath(path)
     with _naming(shown):
         try:
@@ -57,7 +57,7 @@ def target_of(path: str | os.PathLike[str]) -> Target:
         if found is not None and stat.S_ISDIR(found.st_mode):
             raise InputError("is a directory; name a file", source=shown)
         if found is not None and not stat.S_ISREG(found.st_mode):
-            return Target(shown, Path(path), found)
+            return FileTarget(shown, Path(path), found)
         actual = Path(os.path.realpath(path))
         os.stat(actual.parent)
     effective = os.access in os.supports_effective_ids
@@ -65,7 +65,7 @@ def target_of(path: str | os.PathLike[str]) -> Target:
         actual.parent if found is None else actual, os.W_OK, effective_ids=effective
     ):
         raise InputError("cannot be written: Permission denied", source=shown)
-    return Target(shown, actual, found)
+    return FileTarget(shown, actual, found)
 
 
 def write_atomically(
@@ -82,7 +82,7 @@ def write_all(contents: Mapping[Path, str | bytes], *, private: bool = False) ->
         for path, text in contents.items()
     }
     _check_distinct(targets)
-    staged: dict[Target, Path] = {}
+    staged: dict[FileTarget, Path] = {}
     try:
         for target, content in targets.items():
             if not target.stream:
@@ -136,8 +136,8 @@ def _naming(shown: str) -> Iterator[None]:
         ) from None
 
 
-def _check_distinct(targets: Mapping[Target, bytes]) -> None:
-    seen: dict[Path, Target] = {}
+def _check_distinct(targets: Mapping[FileTarget, bytes]) -> None:
+    seen: dict[Path, FileTarget] = {}
     for target in targets:
         other = seen.setdefault(target.path, target)
         if other is not target:
@@ -175,7 +175,7 @@ def _discard_unfinished() -> None:
         _discard(temporary)
 
 
-def _stage(target: Target, content: bytes, private: bool) -> Path:
+def _stage(target: FileTarget, content: bytes, private: bool) -> Path:
     """Write content under a temporary name."""
     temporary = _temporary(target.path)
     mode = 0o600 if private else 0o666
@@ -203,7 +203,7 @@ def _make_alike(descriptor: int, found: os.stat_result) -> None:
     os.fchmod(descriptor, found.st_mode & _PERMISSIONS)
 
 
-def _pour(target: Target, content: bytes) -> None:
+def _pour(target: FileTarget, content: bytes) -> None:
     """Write into what is no regular file, or is a standard stream already."""
     assert target.found is not None
     number = _standard(target.found)
@@ -217,7 +217,7 @@ def _pour(target: Target, content: bytes) -> None:
             sink.write(content)
 
 
-def _put_in_place(staged: Mapping[Target, Path]) -> None:
+def _put_in_place(staged: Mapping[FileTarget, Path]) -> None:
     """Rename all, or put back what was there."""
     aside: dict[Path, Path | None] = {}
     try:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 
-_SHOWN = 12
+MOST_NAMED = 12
+"""Names in one message; more are counted, so that a message stays readable."""
 
 
 def nearest_word(word: str, valid: Iterable[str]) -> str:
@@ -30,22 +31,25 @@ def nearest(word: str, valid: Iterable[str]) -> str:
 
 
 def nearest_of(word: str, valid: Iterable[str]) -> str:
-    """The same hint, followed by what is valid."""
+    """Hint at the nearest valid word, followed by a list of valid words."""
     words = list(dict.fromkeys(valid))
-    listed = ", ".join(words[:_SHOWN]) + (", …" if len(words) > _SHOWN else "")
-    return f"{nearest(word, words)} (valid: {listed or 'none'})"
+    return f"{nearest(word, words)} (valid: {listed(words) or 'none'})"
 
 
-def in_quotes(names: Iterable[str], most: int = _SHOWN) -> str:
+def in_quotes(names: Iterable[str], most: int = MOST_NAMED) -> str:
     """Names in quotes, and how many more there are.
 
     >>> in_quotes(["a", "b", "c"], 2)
     "'a', 'b' and 1 more"
     """
-    every = [f"'{name}'" for name in names]
-    return ", ".join(every[:most]) + (
-        f" and {len(every) - most} more" if len(every) > most else ""
-    )
+    return listed([f"'{name}'" for name in names], most)
+
+
+def listed(words: Sequence[str], most: int = MOST_NAMED, separator: str = ", ") -> str:
+    """Words one after the other, and how many more there are."""
+    more = len(words) - most
+    shown = separator.join(words[:most])
+    return f"{shown} and {more} more" if more > 0 else shown
 
 
 def unused(name: str, taken: Collection[str]) -> str:

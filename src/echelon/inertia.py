@@ -221,7 +221,7 @@ def _central(inertia: tuple[int, ...], *, about_centre: bool = True) -> Conventi
 
 
 def _steiner(mass: Floats, centre: Floats) -> Floats:
-    """What the parallel-axis theorem adds for a centre of mass, (..., 3, 3)."""
+    """Term of the parallel-axis theorem for a centre of mass, (..., 3, 3)."""
     square = (centre * centre).sum(axis=-1)[..., None, None] * np.eye(3)
     added: Floats = mass[..., None, None] * (
         square - centre[..., :, None] * centre[..., None, :]

@@ -35,9 +35,14 @@ if TYPE_CHECKING:
     import yaml
 
 
+READ: set[str] = set()
+"""Paths of the files that the running command reads, which no output may replace."""
+
+
 def read_content(path: str | os.PathLike[str]) -> bytes:
     """All bytes of a document."""
     source = os.fspath(path)
+    READ.add(source)
     try:
         with Path(path).open("rb") as stream:
             content = stream.read(DOCUMENT.most + 1)
@@ -226,7 +231,7 @@ def parse_yaml(
     text = decoded(content, source)
     if not yaml.__with_libyaml__ and nodes.most > SLOW_NODES.most:
         nodes = SLOW_NODES
-    reader = _Reader(source, nodes, lines)
+    reader = _YamlReader(source, nodes, lines)
     try:
         for event in yaml.parse(
             text, yaml.CBaseLoader if yaml.__with_libyaml__ else yaml.BaseLoader
@@ -258,14 +263,14 @@ def _syntax_problem(error: yaml.MarkedYAMLError, text: str) -> str:
 
 @dataclass
 class _Open:
-    """A list or mapping that has begun: its data, its path, and the key whose value comes next."""
+    """An unfinished list or mapping: its data, its path, and the key of the next value."""
 
     data: Any
     path: str
     key: str | None = None
 
 
-class _Reader:
+class _YamlReader:
     """Makes data of events, with a stack of its own."""
 
     def __init__(self, source: str, nodes: Limit, lines: bool) -> None:

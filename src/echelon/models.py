@@ -139,7 +139,7 @@ def record_rows(
 
 
 def _traced(function: Any, scalars: Mapping[str, Scalar]) -> Any:
-    """What a function returns for recording scalars."""
+    """Result of a user's function for recording scalars."""
     try:
         return function(**{name: scalars[name] for name in _arguments(function)})
     except InputError as error:

@@ -1,4 +1,4 @@
-"""What a BaseModel offers: B in three forms, numbers, classification and regressors."""
+"""BaseModel: B in three forms, numbers, classification and regressors."""
 
 from __future__ import annotations
 

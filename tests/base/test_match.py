@@ -22,7 +22,7 @@ def described(folder: Path, text: str, name: str = "robot.yaml") -> ec.Mechanism
 
 
 def check_torques(matched: ec.Match) -> None:
-    """The same motion of the same bodies needs the same torques, whatever the description."""
+    """Equal motions of equal bodies need equal torques, whatever the description."""
     rng, order = np.random.default_rng(0), list(matched.order)
     q, qd, qdd = rng.uniform(-1.5, 1.5, (3, 5, len(order)))
     theirs = [matched.sign * part[:, order] for part in (q, qd, qdd)]

@@ -1,4 +1,4 @@
-"""What sensors elsewhere than in the joints see, against MuJoCo's sensors and published counts."""
+"""Sensors elsewhere than in the joints, against MuJoCo's sensors and published counts."""
 
 from __future__ import annotations
 

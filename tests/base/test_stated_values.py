@@ -323,7 +323,7 @@ def test_float_ranks_of_neighbours_stand_for_those_of_a_large_robot(
 ) -> None:
     robot = ec.load(PANDA)
     base = ec.base_parameters(robot)
-    monkeypatch.setattr("echelon.base.reading_report._MOST_COLUMNS", 40)
+    monkeypatch.setattr("echelon.base.reading_report.MOST_COLUMNS", 40)
     assert (
         report_reading(robot, 43, np.random.default_rng(1), matrix=base.matrix).doubt
         == ""
@@ -345,7 +345,7 @@ def test_half_turns_have_residues(monkeypatch: pytest.MonkeyPatch) -> None:
         "cos(alpha)": field.p - 1,
         "sin(alpha)": 0,
     }
-    monkeypatch.setattr("echelon.base.reading_report._MOST_COLUMNS", 12)
+    monkeypatch.setattr("echelon.base.reading_report.MOST_COLUMNS", 12)
     stated = ec.base_parameters(read(text))
     assert (
         report_reading(

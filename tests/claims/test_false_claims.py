@@ -83,7 +83,7 @@ def cornered() -> ec.BaseModel:
 def test_a_claim_that_holds_in_seven_of_eight_regions_is_refused(
     cornered: ec.BaseModel, seed: int
 ) -> None:
-    """What acts in one region only is left out, or said to be nothing but another friction."""
+    """A friction of one region only is left out, or claimed to equal another one."""
     matrix = cornered.matrix
     column = matrix.parameters.index("corner")
     k = matrix.pivots.index(column)

@@ -66,7 +66,7 @@ def agree(mechanism: Mechanism) -> None:
 
 
 def carrying(mechanism: Mechanism, *carried: str) -> Mechanism:
-    """The same mechanism; each string names what a body carries, ``*`` for everything."""
+    """Copy of a mechanism whose bodies carry the named parameters, ``*`` for all ten."""
     kinds = [
         ALL if text == "*" else tuple(map(KINDS.index, text.split()))
         for text in carried

@@ -11,6 +11,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 
+from echelon.cli.destination import MANIFEST
 from echelon.results.schema import BaseModelRecord, json_schema
 from support.command_line import run, run_alone
 from support.paths import ROOT
@@ -87,7 +88,7 @@ def test_options_reach_the_library() -> None:
 def test_file_is_written_whole_and_verifies(tmp_path: Path) -> None:
     file = tmp_path / "out.json"
     assert run("derive", PANDA, "--json", "-o", str(file)).stdout == ""
-    assert [f.name for f in tmp_path.iterdir()] == ["out.json"]
+    assert {f.name for f in tmp_path.iterdir()} == {"out.json", MANIFEST}
     done = run("verify", str(file))
     assert (done.returncode, done.stdout.split(",")[0]) == (0, f"{file}: valid")
     assert json.loads(run("verify", str(file), "--json").stdout)["valid"] is True

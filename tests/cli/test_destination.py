@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 from pathlib import Path
 
 import pytest
 
-from echelon.cli import destination
+from echelon.cli.destination import MANIFEST
 from support.writing_commands import COMMANDS, OUTPUTS, call, contents, workplace
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(workplace(tmp_path / "work"))
-    monkeypatch.setenv("ECHELON_STATE", str(tmp_path / "state"))
     return Path.cwd()
 
 
@@ -95,6 +95,7 @@ def test_inputs_stay(folder: Path, case: str) -> None:
     (folder / "link.yaml").symlink_to("slide.yaml")
     before = contents(folder)
     assert call(*READ[case]).returncode == 2
+    assert call(*READ[case], "--force").returncode == 2
     assert contents(folder) == before
 
 
@@ -124,8 +125,8 @@ def test_even_an_output_stays_where_it_is_read(folder: Path, case: str) -> None:
         f"echelon: {file}: this command reads the file",
     )
     assert contents(folder) == before
-    assert call(*use, "-o", file, "--force").returncode == 0
-    assert contents(folder)[file] != before[file]
+    assert call(*use, "-o", file, "--force").returncode == 2
+    assert contents(folder) == before
 
 
 def test_what_is_empty_or_moved_or_copied(folder: Path) -> None:
@@ -145,33 +146,26 @@ def test_options_may_change_between_runs(folder: Path) -> None:
     assert (folder / "set").read_text().startswith("slide: 2 base parameters")
 
 
-def test_without_a_place_for_digests_files_are_written_once(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("ECHELON_STATE", str(folder / "slide.yaml"))
-    done = call(*COMMANDS["derive"])
-    assert done.returncode == 0
-    assert done.stderr.endswith("; to replace these files later will need --force\n")
+@pytest.mark.parametrize("damage", [b"\xff\x00garbage", b"[]", b""])
+def test_without_a_manifest_files_are_a_users(folder: Path, damage: bytes) -> None:
+    assert call(*COMMANDS["derive"]).returncode == 0
+    (folder / MANIFEST).write_bytes(damage)
     assert call(*COMMANDS["derive"]).returncode == 2
     assert call(*COMMANDS["derive"], "--force").returncode == 0
-
-
-def test_digests_are_private_and_few(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(destination, "_MOST_PATHS", 3)
-    for k in range(5):
-        for content in (b"one", b"two"):
-            destination.remember(folder / f"{k}", content)
-    records = sorted((destination.state_folder() / "written").iterdir())
-    assert len(records) == 3
-    assert {record.stat().st_mode & 0o777 for record in records} == {0o600}
-    assert {len(record.read_text().split()) for record in records} == {2}
-
-
-@pytest.mark.usefixtures("folder")
-def test_a_damaged_digest_counts_as_none() -> None:
     assert call(*COMMANDS["derive"]).returncode == 0
-    for record in (destination.state_folder() / "written").iterdir():
-        record.write_bytes(b"\xff\x00garbage")
-    assert call(*COMMANDS["derive"]).returncode == 2
+
+
+def test_a_manifest_lists_outputs_of_all_commands(folder: Path) -> None:
+    for name in ("derive", "generate"):
+        assert call(*COMMANDS[name]).returncode == 0
+    listed = json.loads((folder / MANIFEST).read_text())
+    assert listed.keys() == OUTPUTS["derive"] | OUTPUTS["generate"]
+
+
+def test_a_link_leads_to_the_manifest_of_its_file(folder: Path) -> None:
+    (folder / "kept").mkdir()
+    (folder / "set.txt").symlink_to("kept/set.txt")
+    for _ in range(2):
+        assert call(*COMMANDS["derive"]).returncode == 0
+    assert list(json.loads((folder / "kept" / MANIFEST).read_text())) == ["set.txt"]
+    assert not (folder / MANIFEST).exists()

@@ -1,4 +1,4 @@
-"""What may happen to a command from outside: signals at any moment, full disks, pipes and terminals that go away.
+"""Faults from outside a command: signals at any moment, full disks, pipes and terminals that go away.
 
 ``make faults`` runs every command with many more moments.
 """
@@ -41,7 +41,6 @@ def start(
     environment = {
         **os.environ,
         "PYTHONPATH": str(ROOT / "src"),
-        "ECHELON_STATE": str(folder.parent / "state"),
     }
     environment |= options.pop("environment", {})  # type: ignore[operator]
     pipes = {

@@ -60,7 +60,7 @@ def test_the_gate_gives_its_reasons(setup: Path) -> None:
 
 
 def test_identify_and_predict_agree(setup: Path) -> None:
-    """Of a log that the fit did not see both give the same scores, and predict every row at its own rate."""
+    """Scores of an unseen log are equal in both, and both predict every row at its own rate."""
     fitted, unseen = (setup.with_name(f"run{k}.parquet") for k in range(2))
     result = ec.identify(
         ec.load_setup(setup).with_settings(physical=False), [fitted], [unseen]

@@ -80,7 +80,7 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 def same_files(*folders: Path) -> dict[str, bytes]:
-    """What is in some folders, if it is the same in all."""
+    """Files of several folders, which must be equal."""
     first, *others = map(files, folders)
     for other in others:
         assert other.keys() == first.keys()

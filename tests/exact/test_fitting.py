@@ -205,7 +205,7 @@ def test_what_has_no_closed_form_is_left_open() -> None:
 
 
 def test_functions_that_cost_too_much_are_left_open() -> None:
-    """Of two functions the one with many terms is left out, whatever the order."""
+    """A function with many terms is left out beside a short one, whatever the order."""
     known = Known(
         ["d + r", " + ".join(f"{k}*g^{k}*k^{7 - k}*d" for k in range(1, 7)), "d"],
         [1, 1, 1],

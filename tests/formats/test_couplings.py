@@ -72,7 +72,7 @@ def leg(
 
 
 def followers(q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Of hip and knee: positions of slide, lift and tilt, their first and second derivatives by the knee."""
+    """Positions of slide, lift and tilt for a hip and a knee, with first and second derivatives by the knee."""
     knee = q[:, 1]
     rows = [
         [f(knee), d(knee), c(knee)]

@@ -38,7 +38,7 @@ joint_type: []
 
 @pytest.fixture
 def unclosed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is stated is read; whether it can close is not asked."""
+    """Closures are read without asking whether they can close."""
     monkeypatch.setattr("echelon.loops.close", lambda mechanism, *_, **__: mechanism)
 
 

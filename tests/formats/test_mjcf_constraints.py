@@ -34,7 +34,7 @@ def read(text: str) -> Mechanism:
 
 
 def coordinates(model: Any) -> tuple[list[str], list[str]]:
-    """What the package calls MuJoCo's positions and velocities."""
+    """The package's names of MuJoCo's positions and velocities."""
     positions, velocities = [], []
     for k in range(model.njnt):
         name, count = model.joint(k).name, len(model.joint(k).qpos0)
@@ -48,7 +48,7 @@ def coordinates(model: Any) -> tuple[list[str], list[str]]:
 
 
 def allowed(mechanism: Mechanism, model: Any, q: Array) -> tuple[Array, Array]:
-    """How far the closures are open, and a basis of the motions that closures, couplings and held joints allow."""
+    """Closure errors, and a basis of the motions that closures, couplings and held joints allow."""
     positions, velocities = coordinates(model)
     at = dict(zip(positions, q, strict=True))
     place = {name: k for k, name in enumerate(mechanism.velocities)}
@@ -87,7 +87,7 @@ def agree(
     rng: np.random.Generator,
     states: int = 2,
 ) -> int:
-    """The same motions are allowed at random closed states; returns how many directions of them there are."""
+    """Equal motions are allowed at random closed states; returns the number of their directions."""
     freedoms = 0
     assert np.abs(equalities.at(q)[0]).max(initial=0.0) < _DIGITS
     for _ in range(states):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
-from echelon.formats.mjcf.mjcf_equality import Relation, resolve
+from echelon.formats.mjcf.mjcf_equality import EqualityRelation, resolve
 from echelon.mechanism.coupling import Spline
 
 JOINTS = "abcde"
@@ -32,9 +32,13 @@ def systems(draw: st.DrawFn) -> list[tuple[dict[str, int], int]]:
     ]
 
 
-def relation(number: int, row: dict[str, int], constant: int, joint: str) -> Relation:
+def relation(
+    number: int, row: dict[str, int], constant: int, joint: str
+) -> EqualityRelation:
     terms = {name: Spline((Polynomial.constant(value),)) for name, value in row.items()}
-    return Relation(f"equality {number}", joint, terms, Polynomial.constant(constant))
+    return EqualityRelation(
+        f"equality {number}", joint, terms, Polynomial.constant(constant)
+    )
 
 
 @given(

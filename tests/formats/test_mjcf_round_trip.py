@@ -61,7 +61,7 @@ def model(factor: float, joint: str, *, finger: bool = False, extra: str = "") -
 
 
 def torques(text: str, states: tuple[Floats, ...]) -> Floats:
-    """What moves the joints that lead, without the constraints that make others follow."""
+    """Torques of the leading joints, without the constraints that make others follow."""
     robot = mujoco.MjModel.from_xml_string(text)
     robot.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_EQUALITY
     robot.dof_solref[:] = [0.001, 1]

@@ -83,7 +83,7 @@ class RandomModel:
         return f'<{tag} name="{name}"{attributes}>{pose}{content}</{tag}>'
 
     def _joint(self, k: int) -> str:
-        """Of link k with an earlier one, or the other way round; both ends may be frames."""
+        """A joint of link k with an earlier one, or the other way round; both ends may be frames."""
         earlier = "world" if not k else f"l{self.rng.integers(k)}"
         ends = [earlier, f"f{k + 1}" if self.rng.random() < 0.5 else f"l{k}"]
         turned_round = k > 0 and self.rng.random() < 0.3
@@ -173,7 +173,7 @@ def test_links_are_where_their_poses_say(seed: int) -> None:
 
 
 def test_every_number_is_one_symbol() -> None:
-    """What is turned and turned back is as it was, also where all numbers have symbols of their own."""
+    """A rotation and its inverse cancel, also where all numbers have symbols of their own."""
     seed = 3
     known = RandomModel(seed)
     robot = read(known.text, ReadingOptions(snap_tolerance=0, separate_symbols=True))

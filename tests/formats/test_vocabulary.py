@@ -1,4 +1,4 @@
-"""What robot files say beyond what is read: refused, listed, or ignored on request."""
+"""Unread contents of robot files: refused, listed, or ignored on request."""
 
 from __future__ import annotations
 

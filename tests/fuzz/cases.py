@@ -40,7 +40,7 @@ class Fault:
 
 
 def prepared(folder: Path) -> Material:
-    """What is mutated, with everything imported and compiled that commands need."""
+    """Files to mutate, with everything imported and compiled that commands need."""
     material = make(folder)
     (folder / "motion.json").write_text(
         json.dumps(material.trajectory), encoding="utf-8"

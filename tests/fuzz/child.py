@@ -24,7 +24,7 @@ _CRASHED = 99
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a run.
+    """Outcome of a run.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Outcome:
 
     @property
     def fault(self) -> str:
-        """What is wrong with it, if anything."""
+        """Fault of the run; empty if there is none."""
         if self.code == -signal.SIGXCPU or self.seconds > SECONDS:
             return f"more than {SECONDS} s"
         if self.memory > MEMORY:
@@ -100,7 +100,7 @@ def _become(act: Callable[[], int | None], log: Path) -> None:
 
 
 def _limit() -> None:
-    """Of the processor's time, because other work on the machine does not matter; in the end by the wall's clock."""
+    """Limits of processor time, as other work on the machine does not matter, of memory, and of wall time."""
     os.setpgid(0, 0)
     resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 2))
     resource.setrlimit(resource.RLIMIT_AS, (_ROOM, _ROOM))

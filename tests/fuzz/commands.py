@@ -1,4 +1,4 @@
-"""What is done with a mutated file: commands of the command line, in this process."""
+"""Commands of the command line on a mutated file, in this process."""
 
 from __future__ import annotations
 

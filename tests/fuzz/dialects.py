@@ -1,4 +1,4 @@
-"""What other programs write into robot files: loops and constraints of their own, loose XML, worlds, screws."""
+"""Robot files as other programs write them: loops and constraints of their own, loose XML, worlds, screws."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is mutated: a small robot with its logs, trajectories and results, made once per run."""
+"""Files to mutate: a small robot with its logs, trajectories and results, made once per run."""
 
 from __future__ import annotations
 

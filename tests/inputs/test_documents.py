@@ -1,4 +1,4 @@
-"""What documents may not hold, at the edge: the largest that is accepted, and one more."""
+"""Limits of documents: the largest that is accepted, and one more."""
 
 from __future__ import annotations
 

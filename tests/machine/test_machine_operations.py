@@ -84,7 +84,7 @@ BINARY: dict[str, Callable[[Scalar, Scalar], Scalar]] = {
     "ignore:invalid value", "ignore:divide by zero", "ignore:overflow"
 )
 def test_binary(name: str, target: Target) -> None:
-    """Of two columns, of a column and a uniform value on either side, and of a column and a constant."""
+    """Operands are two columns, a column and a uniform value on either side, or a column and a constant."""
     made = function(lambda x: [BINARY[name](x[0], x[1])], {"x": 2})
     assert same_bits(
         Kernel(made, target=target)({"x": PAIRS}), by_numpy(made, {"x": PAIRS})

@@ -27,6 +27,7 @@ CAUGHT = 0.95
 COPIED = (
     "src",
     "tests",
+    "site",
     "examples",
     "schemas",
     "docs",
@@ -107,7 +108,7 @@ def _tested(
 
 
 def noticed(copy: Path, fault: Fault) -> str:
-    """What became of a fault: ``"caught"``, ``"caught by the wider set"``, ``"SURVIVED"`` or why it does not apply."""
+    """Outcome of a fault: ``"caught"``, ``"caught by the wider set"``, ``"SURVIVED"`` or why it does not apply."""
     file = copy / fault.path
     text = file.read_text(encoding="utf-8")
     try:
@@ -123,7 +124,7 @@ def noticed(copy: Path, fault: Fault) -> str:
 
 
 def run(faults: Sequence[Fault], jobs: int) -> list[str]:
-    """What became of each fault."""
+    """Outcomes of faults, in their order."""
     copies: SimpleQueue[Path] = SimpleQueue()
 
     def one(fault: Fault) -> str:

@@ -58,7 +58,7 @@ FAULTS = (
     ),
     Fault(
         BALLS,
-        "return bool(difference < _LOOSEST * abs(found)) and (not difference > numbers.radius)",
+        "return bool(difference < LARGEST_RELATIVE_ERROR * abs(found)) and (not difference > numbers.radius)",
         "return True",
         "rounded coefficients are the solved ones",
         "base/test_budget.py",
@@ -142,7 +142,7 @@ FAULTS = (
     ),
     Fault(
         "base/stated_values.py",
-        "if self._enough(Relations(frozenset(fixed))):",
+        "if self._enough(SymbolRelations(frozenset(fixed))):",
         "if not names:",
         "values that do not matter are fixed",
         "base/test_stated_values.py::test_the_stated_zero_decides_and_is_named",

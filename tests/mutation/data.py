@@ -236,7 +236,7 @@ FAULTS = (
         "mechanism/test_impossible.py zoo/test_faults.py",
     ),
     Fault(
-        "zoo/faults.py",
+        "../../site/robot_zoo/faults.py",
         "POINT if mass > _LIGHT",
         "POINT if mass < _LIGHT",
         "points of mass",

@@ -93,7 +93,7 @@ def test_what_is_zero_is_left_out(reverse: bool) -> None:
 
 @pytest.mark.parametrize("reverse", [False, True], ids=["forward", "reverse"])
 def test_by_an_operation(reverse: bool) -> None:
-    """What counts as independent need not be an input, and may depend on another independent."""
+    """An independent need not be an input, and may depend on another independent."""
     program = Program()
     x = program.input("x")
     s = x * x

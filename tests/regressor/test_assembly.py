@@ -210,7 +210,7 @@ def test_far_guesses_close_somewhere() -> None:
 
 
 def test_every_configuration_closes_at_its_own_values_of_symbols() -> None:
-    """Those at the stated values are closed at once, and the others go on."""
+    """Configurations at the stated values close at once; the others go on."""
     bar, count = linkages.four_bar(), 40
     factors = np.where(
         np.arange(count) % 2, 1.0, np.random.default_rng(1).uniform(0.9, 1.1, count)

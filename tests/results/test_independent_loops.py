@@ -304,7 +304,7 @@ def test_it_has_its_own_closures(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def changed(change: Forge, text: str = FOUR_BAR) -> tuple[int, str]:
-    """What the verifier says of a set with a changed document."""
+    """The verifier's answer about a set with a changed document."""
     data = json.loads(described(text))
     data["reading"]["assembled"] = None
     change(data)

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 import yaml
 
-from echelon.zoo.build import build_zoo
+from robot_zoo.build import build_zoo
 from support.command_line import run
 from support.devtools import DevTools
 from support.explorer import Explorer, Step, answers, module, serving
@@ -28,7 +28,7 @@ Answer = dict[str, Any]
 
 
 def derived(file: Path, *options: str) -> Answer:
-    """What ``echelon derive`` prints: the first line, and the closed forms without their numbers."""
+    """Output of ``echelon derive``: the first line, and the closed forms without their numbers."""
     parts = run("derive", file.name, *options, cwd=file.parent).stdout.split("\n\n")
     return {
         "headline": parts[0],
@@ -37,7 +37,7 @@ def derived(file: Path, *options: str) -> Answer:
 
 
 def asked(file: Path, **changes: Any) -> Answer:
-    """What the worker answers."""
+    """The worker's answer to a request with changes."""
     request = {"name": file.name, "text": file.read_text(), "changes": changes}
     reply: Answer = json.loads(answers().answer(json.dumps(request)))
     return reply
@@ -291,7 +291,7 @@ CLICKS: dict[str, list[Step]] = {
 
 
 def edited(case: str, folder: Path) -> Answer:
-    """What ``echelon derive`` says about the robot with a change written into its file."""
+    """Output of ``echelon derive`` for a robot with a change written into its file."""
     robot = yaml.safe_load(PANDA.read_text())
     EDITS[case][1](robot)
     file = folder / "panda.yaml"

@@ -173,7 +173,7 @@ def structure() -> ec.Structure:
 
 
 def little() -> Any:
-    """What data show that hold one joint still."""
+    """Conditioning of data that hold one joint still."""
     still = {name: values * [0, 1] for name, values in STATE.items()}
     observation = base().accumulate({**still, "y": LOG["y"]})
     found = conditioning(observation, np.ones(2), base())
@@ -238,7 +238,7 @@ def along_loop(model: ec.BaseModel) -> list[Any]:
 
 
 def read_literally(mechanism: ec.Mechanism) -> list[Any]:
-    """What is built again with the way back to the file that a mechanism has."""
+    """Mechanisms that are built again from the file of a mechanism."""
     reading = mechanism.reading
     assert reading is not None
     again = reading.recoupled()

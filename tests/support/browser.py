@@ -66,7 +66,7 @@ class Browser:
     def drive(
         self, folder: Path, html: str, driver: str, window: str
     ) -> dict[str, Any]:
-        """What a driver at the page's end found out and left there as JSON, in ``<output id="result">``.
+        """JSON that a driver at the page's end left in ``<output id="result">``.
 
         A busy browser may dump the page before it is driven.
         """

@@ -1,4 +1,4 @@
-"""What moves dependently in closed configurations, by least squares: the recorded functions have an elimination."""
+"""Dependent motion in closed configurations, by least squares: the recorded functions have an elimination."""
 
 from __future__ import annotations
 

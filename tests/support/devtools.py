@@ -291,7 +291,7 @@ class DevTools:
         }
 
     def picture(self, *, whole: bool = False) -> bytes:
-        """What is seen, or the whole page, as a PNG."""
+        """Screenshot of the window, or of the whole page, as a PNG."""
         told = self.call(
             "Page.captureScreenshot", format="png", captureBeyondViewport=whole
         )

@@ -65,7 +65,7 @@ def dense(
 def scaled(
     rows: ArrayRows, columns: npt.ArrayLike, outputs: npt.ArrayLike
 ) -> ArrayRows:
-    """The same rows in other units of parameters and outputs."""
+    """Rows in other units of parameters and outputs."""
     columns, outputs = np.asarray(columns), np.asarray(outputs)
     matrices = [
         u * matrix * columns[list(c)]

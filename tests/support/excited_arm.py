@@ -136,13 +136,13 @@ def excited(seed: int = 1, starts: int = 1) -> ExcitingTrajectory:
 
 
 def random_motion(seed: int) -> Trajectory:
-    """Of the same family, from rest to rest, and as large as the limits allow."""
+    """Random motion of the design's family, from rest to rest, and as large as the limits allow."""
     design = known().design
     return design.trajectory(design.problem.start(np.random.default_rng(seed), 0.98))
 
 
 def sines(shift: int) -> Trajectory:
-    """What is done by hand: each joint swings at a frequency of its own, as far as its limits allow."""
+    """Motion as made by hand: each joint swings at a frequency of its own, as far as its limits allow."""
     basis = Fourier(PERIOD, len(JOINTS))
     coefficients = np.zeros((basis.size, len(JOINTS)))
     for j in range(len(JOINTS)):
@@ -269,7 +269,7 @@ def identified(
     seed: int = 0,
     **settings: Any,
 ) -> Identification:
-    """What comes of a noisy log, of which nothing is held out; ``fresh`` is predicted, without noise."""
+    """Identification from a noisy log without a held-out part; ``fresh`` is predicted, without noise."""
     setup = known().setup.with_settings(holdout=0.0, **settings)
     log = ARM.log(motion, folder / f"run{seed}", setup.mechanism, seed, ENCODER)
     unseen = (

@@ -68,7 +68,7 @@ def module(name: str, path: str) -> ModuleType:
 
 @cache
 def answers() -> ModuleType:
-    """What answers the page."""
+    """The module that answers the page."""
     return module("explorer", "explorer/explorer.py")
 
 
@@ -85,21 +85,21 @@ class Explorer:
     limit: float = 90.0  # s, for an answer
 
     def visit(self, *steps: Step, address: str = "") -> list[Any]:
-        """What the page says at first and after every step; the console stays silent, and no request goes elsewhere."""
+        """States of the page at first and after every step; the console stays silent, and no request goes elsewhere."""
         self.browser.open(f"http://127.0.0.1:{self.port}/explorer/index.html{address}")
         found = [self.answered(), *(self.act(*step) for step in steps)]
         self.check()
         return found
 
     def act(self, *step: Any) -> Any:
-        """What the page says after a step."""
+        """State of the page after a step."""
         silently, before = step[0] == "silently", self.browser.evaluate(_COUNT)
         act, *given = step[silently:]
         getattr(self.browser, act)(*given)
         return self.browser.evaluate(_STATE) if silently else self.answered(before)
 
     def answered(self, before: int = 0) -> Any:
-        """What the page says when its answer has come."""
+        """State of the page when its answer has come."""
         assert self.browser.evaluate(_ANSWERED, BEFORE=before, LIMIT=self.limit), (
             "no answer"
         )

@@ -117,7 +117,7 @@ def _expression(data: Document, rng: random.Random) -> None:
 
 
 def _expression_hidden(data: Document, rng: random.Random) -> None:
-    """What a sloppy reader would skip."""
+    """Hides text in an expression that a sloppy reader would skip."""
     row = rng.choice(data["base"])
     row["expression"] += rng.choice(
         [" # + 7·M1", "\n", "; 1", " + M1 if 0 else 0", " + 0x1", "·1_0", " + ０"]
@@ -333,7 +333,7 @@ def _setup(data: Document, rng: random.Random) -> None:
 
 
 def _special(data: Document, rng: random.Random) -> None:
-    """What the stated values change, for another number of base parameters."""
+    """Changes the ranks at the stated and at general values."""
     change = rng.choice([-1, 1, 3])
     ranks = ("rank", "generic_rank")[:: -1 if data["generic"] else 1]
     own, other = data["rank"] + change, data["rank"] + rng.choice([0, change])
@@ -417,7 +417,7 @@ class Forged:
 
 
 def forged(documents: dict[str, str], count: int, seed: int) -> Iterator[Forged]:
-    """So many forgeries of the texts of saved sets, of all kinds in turn.
+    """Forgeries of the texts of saved sets, of all kinds in turn.
 
     Parameters
     ----------

@@ -81,7 +81,7 @@ def placed(turn: Sequence[Sequence[object]], shift: Sequence[object]):
 
 
 def rotation(quaternion: Sequence[arb]) -> list[list[arb]]:
-    """Of a quaternion w, x, y, z of any length."""
+    """Rotation of a quaternion w, x, y, z of any length."""
     w, x, y, z = quaternion
     size = w * w + x * x + y * y + z * z
     rows = [

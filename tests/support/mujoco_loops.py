@@ -103,7 +103,7 @@ class Equalities:
     def singular_values(
         self, rng: np.random.Generator, q: Array, states: int, strides: int = 3
     ) -> Array:
-        """Those of the energies at closed states, but for a constant; columns are of about equal size."""
+        """Singular values of the energies at closed states, but for a constant; columns are of about equal size."""
         _, rest = self.energies(q, np.zeros(self.model.nv))
         rows = []
         for _ in range(states):

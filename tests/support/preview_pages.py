@@ -72,7 +72,7 @@ def broken() -> ExcitingTrajectory:
 
 
 def hostile(found: ExcitingTrajectory) -> ExcitingTrajectory:
-    """The same with names that try to break out, wherever a name can stand."""
+    """Copy of a motion with names that try to break out, wherever a name can stand."""
     names = {name: f"</script><b>{name}" for name in found.trajectory.coordinates}
     mechanism = found.base.mechanism
     bodies = []

@@ -184,7 +184,7 @@ def may_be_turned(text: str) -> bool:
 
 
 def in_random_frames(text: str, seed: int, digits: int) -> str:
-    """The same mechanism, with links in random frames and rounded numbers."""
+    """Text of the mechanism with links in random frames and rounded numbers."""
     robot, rng = yaml.load(text, yaml.BaseLoader), np.random.default_rng(seed)
 
     def shown(numbers: np.ndarray) -> str:

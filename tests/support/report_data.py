@@ -262,7 +262,7 @@ class Page(HTMLParser):
 
 
 def hostile(run: Identification) -> Identification:
-    """The same with names that try to break out, wherever a name can stand."""
+    """Copy of an identification with names that try to break out, wherever a name can stand."""
     mechanism = run.base.mechanism
     bodies = tuple(
         replace(

@@ -20,7 +20,7 @@ RESAMPLED = 10_000.0  # Hz
 
 
 def document(found: ExcitingTrajectory) -> dict[str, Any]:
-    """What the file holds, and nothing of the objects that made it."""
+    """Contents of the file, without the objects that made it."""
     read: dict[str, Any] = json.loads(json.dumps(design_to_json(found)))
     return read
 

@@ -37,7 +37,7 @@ class Drive:
     ratios: Mapping[str, float] = field(default_factory=dict)
 
     def value(self, parameter: str) -> float:
-        """Of a parameter by its kind."""
+        """Value of a parameter by its kind."""
         kinds = {"Fv": self.viscous, "Fc": self.coulomb, "Ia": self.rotor}
         return next(
             value for kind, value in kinds.items() if parameter.startswith(kind)

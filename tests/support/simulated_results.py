@@ -1,4 +1,4 @@
-"""What ``echelon identify`` makes of simulated robots, beside the truth."""
+"""Results of ``echelon identify`` for simulated robots, beside the truth."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class Result:
         return found
 
     def effects(self, motion: Motion) -> Floats:
-        """What effects contribute to the outputs, by the identified values."""
+        """Contribution of effects to the outputs, by the identified values."""
         values = [
             0.0 if c.body is not None else v
             for c, v in zip(self.base.mechanism.columns, self.physical, strict=True)
@@ -109,7 +109,7 @@ def result_of(name: str) -> Result:
 
 
 def identified(system: System, folder: Path, kept: object = None) -> Result:
-    """What the command line makes of a set-up file and a log."""
+    """Result of the command line for a set-up file and a log."""
     (folder / "true").mkdir()
     base, values = system.truth(folder / "true")
     setup = system.write_setup(folder)

@@ -49,7 +49,7 @@ class Motion:
     y: Floats
 
     def every(self, step: int) -> Motion:
-        """One sample of so many."""
+        """Motion with every ``step``-th sample."""
         return self.at(slice(None, None, step))
 
     def at(self, chosen: slice | npt.NDArray[np.int64]) -> Motion:

@@ -21,7 +21,7 @@ def audited(
     screen: tuple[int, int, bool] = LIGHT,
     act: str = NOTHING_MORE,
 ) -> tuple[dict[str, dict[str, Any]], list[str]]:
-    """What is wrong with each page, with what a function of the test adds, and all paths that were asked for."""
+    """Faults of each page, with those that a function of the test adds, and all paths that were asked for."""
     found = {}
     with serving(folder) as port, DevTools(profile, *screen) as browser:
         for page in pages:
@@ -37,7 +37,7 @@ def audited(
 
 
 def audit(browser: DevTools, act: str = NOTHING_MORE) -> dict[str, Any]:
-    """What a reader of the page that is open would stumble over, and more of a test."""
+    """Faults that a reader of the open page would notice, and those of the test."""
     found: dict[str, Any] = browser.evaluate(_AUDIT.replace("ACT", act))
     return found
 

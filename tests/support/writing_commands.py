@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from echelon.cli.commands import run as command
+from echelon.cli.destination import MANIFEST
 
 SLIDE = """\
 # the user's own comment
@@ -148,9 +149,9 @@ Contents = dict[str, bytes]
 
 
 def contents(folder: Path) -> Contents:
-    """Everything in a folder, hidden files too."""
+    """Everything in a folder but its manifest, hidden files too."""
     return {
         str(path.relative_to(folder)): path.read_bytes()
         for path in folder.rglob("*")
-        if path.is_file()
+        if path.is_file() and path.name != MANIFEST
     }

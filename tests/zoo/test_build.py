@@ -15,13 +15,13 @@ from time import monotonic, sleep
 import pytest
 
 import echelon as ec
-from echelon.zoo.build import build_zoo, write_index
-from echelon.zoo.exhibit import Found, Task, build_exhibit, robot_files
-from support.command_line import run
+from robot_zoo.build import build_zoo, write_index
+from robot_zoo.exhibit import Found, ZooTask, build_exhibit, robot_files
 from support.hostile_robot import HOSTILE, NAME
 from support.paths import ROOT
 from support.report_data import Page
 
+SEARCHED = os.pathsep.join((str(ROOT / "src"), str(ROOT / "site")))
 PENDULUM = (ROOT / "examples/double_pendulum.yaml").read_text(encoding="utf-8")
 
 
@@ -41,6 +41,12 @@ def robots(tmp_path: Path) -> Path:
     return folder
 
 
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "robot_zoo", *map(str, arguments)]
+    environment = {**os.environ, "PYTHONPATH": SEARCHED}
+    return subprocess.run(command, env=environment, capture_output=True, text=True)
+
+
 def test_files_are_found_and_named(robots: Path) -> None:
     assert [(f.place, f.slug) for f in robot_files([robots])] == [
         ("arm.yaml", "arm"),
@@ -52,7 +58,7 @@ def test_files_are_found_and_named(robots: Path) -> None:
 def exhibit(
     path: Path, folder: Path, floating: bool = False
 ) -> tuple[dict[str, object], str]:
-    task = Task(Found(path, path.name, "robot"), floating, folder)
+    task = ZooTask(Found(path, path.name, "robot"), floating, folder)
     row = build_exhibit(task)
     assert row is not None
     assert task.finished() == row
@@ -141,7 +147,9 @@ def test_a_base_that_moves_is_not_floated(joint: str, tmp_path: Path) -> None:
         path.write_text(
             f"<mujoco><worldbody><body>{joint}<geom size='1'/>{arm}</body></worldbody></mujoco>"
         )
-    assert build_exhibit(Task(Found(path, path.name, "robot"), True, tmp_path)) is None
+    assert (
+        build_exhibit(ZooTask(Found(path, path.name, "robot"), True, tmp_path)) is None
+    )
 
 
 def test_a_coupling_to_an_absent_joint_is_a_fault(tmp_path: Path) -> None:
@@ -200,9 +208,7 @@ def test_a_build_that_was_stopped_goes_on(robots: Path, tmp_path: Path) -> None:
     zoo = tmp_path / "zoo"
     with pytest.raises(KeyboardInterrupt):
         build_zoo(zoo, [robots], only="arm", progress=stop)
-    done = run(
-        "zoo", "build", str(zoo), "--from", str(robots), "--only", "arm", "--json"
-    )
+    done = run(zoo, "--from", robots, "--only", "arm")
     assert done.returncode == 0, done.stderr
 
 
@@ -225,7 +231,7 @@ def test_pages_of_a_site_lead_to_its_explorer(robots: Path, tmp_path: Path) -> N
         (robots / "arm.yaml", False),
         (robots / "one_description/urdf/arm.urdf", True),
     ):
-        task = Task(Found(path, path.name, path.stem), floating, tmp_path, "../")
+        task = ZooTask(Found(path, path.name, path.stem), floating, tmp_path, "../")
         row = build_exhibit(task)
         assert row is not None
         write_index(tmp_path, [row], "../")
@@ -240,43 +246,14 @@ def test_pages_of_a_site_lead_to_its_explorer(robots: Path, tmp_path: Path) -> N
 
 
 def test_the_command_says_what_was_built(robots: Path, tmp_path: Path) -> None:
-    done = run(
-        "zoo",
-        "build",
-        str(tmp_path / "zoo"),
-        "--from",
-        str(robots),
-        "--only",
-        "arm*",
-        "--jobs",
-        "1",
-    )
+    folder = tmp_path / "zoo"
+    done = run(folder, "--from", robots, "--only", "arm*", "--jobs", 1)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.endswith("index.html, 0 without an answer\n")
-    failed = run(
-        "zoo",
-        "build",
-        str(tmp_path / "zoo"),
-        "--from",
-        str(robots),
-        "--only",
-        "broken",
-        "--json",
-    )
-    assert (failed.returncode, json.loads(failed.stdout)["robots"][0]["slug"]) == (
-        1,
-        "broken",
-    )
-    assert run("zoo", "build", str(robots), "--from", str(robots)).returncode == 2
-    missing = run(
-        "zoo",
-        "build",
-        str(tmp_path / "other"),
-        "--from",
-        str(robots),
-        "--only",
-        "nothing",
-    )
+    assert done.stdout.endswith(f"robots in {folder}, 0 without an answer\n")
+    failed = run(folder, "--from", robots, "--only", "broken")
+    assert (failed.returncode, failed.stdout.split(":")[0]) == (1, "broken.urdf")
+    assert run(robots, "--from", robots).returncode == 2
+    missing = run(tmp_path / "other", "--from", robots, "--only", "nothing")
     assert (missing.returncode, "no robot file matches" in missing.stderr) == (2, True)
 
 
@@ -286,7 +263,7 @@ def test_workers_end_quietly_with_the_process_that_started_them(tmp_path: Path) 
     script = f"""
 import time
 from pathlib import Path
-import echelon.zoo.build as zoo
+import robot_zoo.build as zoo
 if __name__ == "__main__":
     zoo.build_zoo(Path({str(tmp_path / "zoo")!r}), [Path({str(tmp_path / "robots")!r})], jobs=2)
 """
@@ -301,7 +278,11 @@ if __name__ == "__main__":
         text = f"echelon: 1\nname: {name}\nsymbols: {{{symbols}}}\nmodified_dh:\n{rows}"
         (tmp_path / "robots" / f"{name}.yaml").write_text(text, encoding="utf-8")
     (tmp_path / "script.py").write_text(script, encoding="utf-8")
-    environment = {**os.environ, "ECHELON_TEST_MARK": tmp_path.name}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": SEARCHED,
+        "ECHELON_TEST_MARK": tmp_path.name,
+    }
     with (tmp_path / "said").open("wb") as said:
         parent = subprocess.Popen(
             [sys.executable, tmp_path / "script.py"],

@@ -7,7 +7,7 @@ import pytest
 
 import echelon as ec
 from echelon.inertia import from_pseudo_inertia, pseudo_inertia
-from echelon.zoo.faults import MISSING, POINT, can_exist, faults, problem_of
+from robot_zoo.faults import MISSING, POINT, can_exist, faults, problem_of
 
 SHAPE = '<visual><geometry><sphere radius="0.1"/></geometry></visual>'
 

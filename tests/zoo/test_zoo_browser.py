@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import echelon as ec
-from echelon.zoo.build import write_index
-from echelon.zoo.exhibit import Found, Task, build_exhibit
+from robot_zoo.build import write_index
+from robot_zoo.exhibit import Found, ZooTask, build_exhibit
 from support.hostile_robot import HOSTILE, NAME
 from support.paths import EXAMPLES
 from support.site_audit import DARK, LIGHT, PHONE, audited, complaints
@@ -47,7 +47,7 @@ def zoo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     hostile.write_text(HOSTILE, encoding="utf-8")
     files = ROBOTS | {"hostile": hostile}
     rows = [
-        build_exhibit(Task(Found(path, path.name, slug), False, folder))
+        build_exhibit(ZooTask(Found(path, path.name, slug), False, folder))
         for slug, path in files.items()
     ]
     write_index(

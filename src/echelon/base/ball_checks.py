@@ -21,24 +21,20 @@ import numpy as np
 from echelon.arrays import Floats, independent_columns
 from echelon.base.ball_rows import ball_rows, bits_of_span, stated_generators
 from echelon.base.ball_tables import Balls, combinations_of, doubles, exponent, vanishes
+from echelon.base.elimination import SHOWN_BY_DOUBLES
 from echelon.base.matrix import BaseMatrix
 from echelon.errors import CertificateError, InputError
+from echelon.exact.field import SURPLUS_ROWS
 from echelon.exact.rational import RationalFunction
 from echelon.program.arithmetics import ball
 from echelon.program.operations import Op
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.regressor.linear_forms import LinearForms
 
-_SURPLUS = 6
-"""Rows beyond those that determine the coefficients; a false relation fails in almost every one."""
-_SURPLUS_FOR_SIGNS = 60
-"""Rows beyond those where signs make regions, which random closed states have to meet."""
-_OTHERS = 4
-"""Closed poses beyond those that determine the coefficients of mechanisms with loops."""
-_LOOSEST = 1e-20
-"""Relative error of a coefficient beyond which a comparison means nothing."""
-_FIRM = 1e-9
-"""Share of a column that double precision surely shows beside others."""
+SURPLUS_ROWS_FOR_SIGNS = 60
+"""Surplus rows where signs make regions, which random closed states have to meet."""
+LARGEST_RELATIVE_ERROR = 1e-20
+"""Relative error of a coefficient above which a comparison is refused."""
 _LOG10_2 = log10(2.0)
 
 
@@ -163,7 +159,7 @@ class _Check:
 
     def _rows(self, attempt: _Attempt) -> tuple[Balls, int]:
         """Rows of the pivots and the other columns, and the number of states that they come from."""
-        surplus = _SURPLUS_FOR_SIGNS if self.forms.has_signs else _SURPLUS
+        surplus = SURPLUS_ROWS_FOR_SIGNS if self.forms.has_signs else SURPLUS_ROWS
         wanted = attempt.times * (self.matrix.rank + surplus)
         states = -(-wanted // self.forms.shape[0])
         if self.loops is None:
@@ -177,12 +173,12 @@ class _Check:
             self.forms, self.at, states, self.rng, motions, at_rest=at_rest
         )
         return np.vstack(
-            [many, ball_rows(self.forms, self.at, _OTHERS, self.rng)]
+            [many, ball_rows(self.forms, self.at, SURPLUS_ROWS, self.rng)]
         ), states
 
     def _refuse_dependent(self, table: Balls, bits: int) -> None:
         """Refuse representatives of which some are combinations of the others to all digits."""
-        firm = independent_columns(doubles(table), _FIRM)
+        firm = independent_columns(doubles(table), SHOWN_BY_DOUBLES)
         rest = [k for k in range(table.shape[1]) if k not in firm]
         found = combinations_of(table, firm, rest)
         if rest and found is not None and all(vanishes(x, bits) for x in found[1].flat):
@@ -240,7 +236,7 @@ class _Check:
 
     def _agrees(self, claimed: Any, found: Any, column: int) -> bool | None:
         """Whether a claimed coefficient is the solved one, within the stated error of numbers; None if unknown."""
-        if not found.rel_accuracy_bits() * _LOG10_2 > -log10(_LOOSEST):
+        if not found.rel_accuracy_bits() * _LOG10_2 > -log10(LARGEST_RELATIVE_ERROR):
             return None
         numbers = self.matrix.numbers
         rounded = numbers is not None and column in numbers.columns
@@ -248,7 +244,8 @@ class _Check:
         if not rounded or numbers is None:
             return bool(difference.contains(0))
         return (
-            bool(difference < _LOOSEST * abs(found)) and not difference > numbers.radius
+            bool(difference < LARGEST_RELATIVE_ERROR * abs(found))
+            and not difference > numbers.radius
         )
 
 

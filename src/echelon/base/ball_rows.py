@@ -10,7 +10,7 @@ import flint
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.base.ball_tables import Balls, exponent
+from echelon.base.ball_tables import BALL_BITS, Balls, exponent
 from echelon.errors import DegenerateSampleError, InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.exact.polynomial import Surd, generator_values, parts_of
@@ -26,20 +26,18 @@ from echelon.regressor.linear_forms import LinearForms
 if TYPE_CHECKING:
     from echelon.loops import ClosedBalls, Loops
 
-_MOST_LOST = 0.5
-"""Share of states at which entries may have no value, as on a pole or beyond a domain that depends on symbols."""
+MOST_UNDEFINED = 0.5
+"""Share of states at which entries may be undefined, as on a pole or beyond a domain that depends on symbols."""
 
 
 _SPANNING = (Op.EXP, Op.TANH)
 """Functions whose values span more than those of their arguments."""
-_USUAL_EXPONENT = 48
-"""Binary exponent of constants that, without such functions, leave values within the usual span."""
-_USUAL_SPAN = 128
-"""Binary digits between values that the usual precision is made for."""
-_MOST_DIGITS = 2e6
-"""Binary digits between values, times operations, above which comparisons take more than a minute."""
-_BITS_OF_SPAN = 512
-"""Precision at which the span is found."""
+USUAL_EXPONENT = 48
+"""Binary exponent of constants up to which values stay within the usual span, without exponentials."""
+USUAL_SPAN_BITS = 128
+"""Binary digits between the largest and the smallest value that the usual precision allows for."""
+MOST_SPAN_WORK = 2e6
+"""Binary digits of span times operations: beyond, a comparison takes more than a minute."""
 
 
 def stated_generators(
@@ -53,7 +51,7 @@ def stated_generators(
     )
 
 
-class States(Protocol):
+class BallStates(Protocol):
     """Where the states of forms come from, and what is known of their symbols.
 
     A state is a motion through a pose; with free states each pose has one.
@@ -69,7 +67,7 @@ class States(Protocol):
 
     @property
     def angles(self) -> frozenset[str]:
-        """Those of them that are angles, so that coefficients hold their sines and cosines."""
+        """Symbols that are angles, so that coefficients hold their sines and cosines."""
 
     @property
     def irrational(self) -> tuple[bool, bool]:
@@ -85,7 +83,7 @@ class States(Protocol):
 
     @property
     def singular(self) -> bool:
-        """Whether more motions are possible at the assembly pose than near it."""
+        """Whether the mechanism has more freedoms at the assembly pose than nearby."""
 
     @property
     def size(self) -> int:
@@ -93,7 +91,7 @@ class States(Protocol):
 
     @property
     def subject(self) -> str:
-        """What moves, in words."""
+        """Noun phrase for the moving mechanism, for messages."""
 
     @property
     def span(self) -> int:
@@ -110,12 +108,12 @@ class States(Protocol):
         """Entries at some of a sequence of states that is drawn once: one table for each of some values of symbols."""
 
 
-def states_in(forms: LinearForms) -> States:
+def states_in(forms: LinearForms) -> BallStates:
     """The states of forms: closed ones with loops, else free ones."""
-    return FreeStates(forms) if forms.loops is None else ClosedStates(forms)
+    return FreeBallStates(forms) if forms.loops is None else ClosedBallStates(forms)
 
 
-class ClosedStates:
+class ClosedBallStates:
     """Closed states of a mechanism with loops."""
 
     regions, span = 1, 0
@@ -153,7 +151,7 @@ class ClosedStates:
 
     @property
     def singular(self) -> bool:
-        """Whether more motions are possible at the assembly pose than near it."""
+        """Whether the mechanism has more freedoms at the assembly pose than nearby."""
         return self.loops.singular
 
     @property
@@ -182,7 +180,7 @@ class ClosedStates:
         ]
 
 
-class FreeStates:
+class FreeBallStates:
     """States of forms without loops: at random values of the inputs, in all regions of signs."""
 
     motions, singular, subject = 1, False, "functions"
@@ -311,10 +309,10 @@ def bits_of_span(
         for n in nodes
         if program.ops[n] == Op.CONSTANT and program.constants[n]
     ]
-    usual = all(abs(exponent(x)) < _USUAL_EXPONENT for x in constants)
+    usual = all(abs(exponent(x)) < USUAL_EXPONENT for x in constants)
     if usual and {program.ops[n] for n in nodes}.isdisjoint(_SPANNING):
         return 0
-    with flint.ctx.workprec(_BITS_OF_SPAN):
+    with flint.ctx.workprec(BALL_BITS):
         if forms.loops is None:
             schedule, drawn = (
                 forms.points.schedule(nodes),
@@ -336,8 +334,10 @@ def bits_of_span(
         for x in values.flat
         if x.is_finite() and not x.contains(0)
     ]
-    span = max(0, max(exponents, default=0) - min(exponents, default=0) - _USUAL_SPAN)
-    if span * len(nodes) > _MOST_DIGITS:
+    span = max(
+        0, max(exponents, default=0) - min(exponents, default=0) - USUAL_SPAN_BITS
+    )
+    if span * len(nodes) > MOST_SPAN_WORK:
         raise InputError(
             f"values in the model span {span} binary digits, too many to compare them"
         )
@@ -387,7 +387,7 @@ def _with_values(table: Balls) -> Balls:
     finite = np.array(
         [all(x.is_finite() for x in state.flat) for state in table], dtype=bool
     )
-    if finite.sum() < (1 - _MOST_LOST) * len(table):
+    if finite.sum() < (1 - MOST_UNDEFINED) * len(table):
         raise DegenerateSampleError("entries have no values at most real points")
     return _table(table[finite])
 

@@ -1,4 +1,4 @@
-"""What sensors of a mechanism see, in ball arithmetic: bases of their row spaces at real states."""
+"""Row spaces of a mechanism's sensors, from balls at real states."""
 
 from __future__ import annotations
 

@@ -19,12 +19,14 @@ from echelon.exact.polynomial import Number, Rational, simplest, surd
 Balls = npt.NDArray[Any]
 """Array of ``arb``."""
 
-_DIGITS = 40
+BALL_BITS = 512
+"""Usual precision of balls; comparisons and exchanges, which lose digits, take twice as many bits."""
+COEFFICIENT_DIGITS = 40
 """Significant digits of coefficients that are no short exact numbers."""
-_SURPLUS_BITS = 40
-"""Bits by which an exact number must be shorter than the digits of a ball that hold it: chance is below 2^-40."""
-_LARGEST_PLAIN = 4
-"""Denominators of fractions that rounded coefficients are read as."""
+SURPLUS_BITS = 40
+"""Bits by which an exact number is shorter than its ball: chance finds one with a probability below 2^-40."""
+LARGEST_DENOMINATOR = 4
+"""Largest denominator of the fractions that rounded coefficients are read as."""
 _RADICANDS = (1, 2, 3, 6)
 
 
@@ -75,7 +77,7 @@ def solved(
 def left_of(
     table: Balls, pivots: Sequence[int], others: Sequence[int], solution: Balls
 ) -> Balls:
-    """What is left of columns beside combinations of others."""
+    """Residuals of columns after subtracting combinations of the pivot columns."""
     if not pivots:
         return table[:, others]
     return _array(
@@ -156,7 +158,7 @@ def _accuracy(x: Any) -> int:
 
 
 def _fraction(x: Any, bits: int) -> Number | None:
-    longest = (bits - _SURPLUS_BITS) // 2
+    longest = (bits - SURPLUS_BITS) // 2
     if longest < 1:
         return None
     middle, power = x.mid().man_exp()
@@ -164,7 +166,7 @@ def _fraction(x: Any, bits: int) -> Number | None:
     found = value.limit_denominator(1 << longest)
     short = (
         abs(found.numerator) * found.denominator
-    ).bit_length() + _SURPLUS_BITS < bits
+    ).bit_length() + SURPLUS_BITS < bits
     return (
         simplest(found)
         if short and x.contains(flint.fmpq(found.numerator, found.denominator))
@@ -187,7 +189,7 @@ def _short_surd(x: Any, bits: int, irrational: tuple[bool, bool]) -> Number | No
     ]
     shortest, *parts = [int(n) for n in flint.fmpz_mat(rows).lll().tolist()[0][:count]]
     height = max(abs(n).bit_length() for n in (shortest, *parts))
-    if not shortest or height * count + _SURPLUS_BITS > bits:
+    if not shortest or height * count + SURPLUS_BITS > bits:
         return None
     relation = shortest * x + sum(
         (n * root for n, root in zip(parts, roots, strict=True)), flint.arb(0)
@@ -208,13 +210,15 @@ def _scaled_integer(x: Any, bits: int) -> int:
 
 def in_decimals(x: Any) -> tuple[Rational, float]:
     """A ball rounded to a fixed number of significant digits, and a bound on the error."""
-    number = simplest(Fraction(x.mid().str(_DIGITS, radius=False)))
-    return number, abs(float(number)) * 10.0 ** (1 - _DIGITS) + 2 * ball_error(x)
+    number = simplest(Fraction(x.mid().str(COEFFICIENT_DIGITS, radius=False)))
+    return number, abs(float(number)) * 10.0 ** (
+        1 - COEFFICIENT_DIGITS
+    ) + 2 * ball_error(x)
 
 
 def supported(value: float, error: float) -> Rational:
     """A number with the digits that an error leaves, as a short fraction where it is next to one."""
-    for denominator in range(1, _LARGEST_PLAIN + 1):
+    for denominator in range(1, LARGEST_DENOMINATOR + 1):
         fraction = Fraction(round(value * denominator), denominator)
         if abs(float(fraction) - value) <= error:
             return simplest(fraction)

@@ -28,9 +28,8 @@ from functools import cached_property
 import numpy as np
 
 from echelon.base.ball_checks import BallEvidence, check_in_balls, has_plain_signs
-from echelon.base.matrix import BaseMatrix
+from echelon.base.matrix import NEGLIGIBLE_ERROR, BaseMatrix
 from echelon.base.prime_checks import (
-    FEWEST_POINTS,
     Identity,
     Minor,
     check_spanned,
@@ -39,16 +38,17 @@ from echelon.base.prime_checks import (
 from echelon.base.real_states import RealStates
 from echelon.base.rounded_checks import check_to_rounding
 from echelon.errors import CertificateError, DegenerateSampleError, InputError
-from echelon.exact.field import CERTIFICATE_BITS, random_generator
+from echelon.exact.field import (
+    AGREEING_POINTS,
+    CERTIFICATE_BITS,
+    MOST_ATTEMPTS,
+    random_generator,
+)
 from echelon.mechanism.stated import StatedValues
 from echelon.regressor.linear_forms import LinearForms, Rows
 
-_OTHER_VALUES = 4
-"""Random values of the symbols, of more than 30 bits each, at which formulas are compared in ball arithmetic."""
-_ATTEMPTS = 8
-"""Random values that are tried until there are real states at one."""
-_LARGEST_RADIUS = 1e-30
-"""Error of a rounded coefficient, beside the largest coefficient, above which a set in numbers says too little."""
+RANDOM_GEOMETRIES = 4
+"""Random values of the symbols, of more than 30 bits each, at which balls compare formulas."""
 
 MINOR, IDENTITY, NUMBERS, BALLS = "minor", "identity", "numbers", "balls"
 """Kinds of checks, by which a certificate counts the columns that each of them reached."""
@@ -352,7 +352,7 @@ class _Checks:
             identity = Identity(
                 stated.forms, _with_numbers_only(self.matrix), self.numbers, self.rng
             )
-            for _ in range(FEWEST_POINTS):
+            for _ in range(AGREEING_POINTS):
                 identity.holds_modulo(CERTIFICATE_BITS)
         else:
             check_spanned(stated.forms, self.matrix, self.numbers, self.rng)
@@ -459,14 +459,14 @@ class _Checks:
     def _at_other_values(self, formulas: set[int]) -> None:
         """Compare formulas at random values of the symbols, each of which a false one satisfies by rare chance."""
         states = RealStates(Rows(self.regressor, 0))
-        count = _OTHER_VALUES if states.symbols and formulas else 1
+        count = RANDOM_GEOMETRIES if states.symbols and formulas else 1
         self.other_values = count if formulas else 0
         for _ in range(count):
             self._take_balls(self._near(states, formulas), formulas)
 
     def _near(self, states: RealStates, formulas: set[int]) -> BallEvidence:
         """Evidence at random values of the symbols at which there are real states."""
-        for _ in range(_ATTEMPTS):
+        for _ in range(MOST_ATTEMPTS):
             try:
                 return check_in_balls(
                     self.regressor,
@@ -539,7 +539,7 @@ def _check_numbers(matrix: BaseMatrix, rounding: float) -> None:
     if any(value.symbols() for value in coefficients):
         raise CertificateError("a coefficient in a column of numbers is not a number")
     size = max((abs(value.evaluate({}, float)) for value in coefficients), default=0.0)
-    if not rounding and not numbers.radius <= _LARGEST_RADIUS * max(1.0, size):
+    if not rounding and not numbers.radius <= NEGLIGIBLE_ERROR * max(1.0, size):
         raise CertificateError(
             f"numbers with errors of {numbers.radius:.0e} prove nothing"
         )

@@ -5,9 +5,9 @@ done in the frame where the joint begins to move, so that equal joints share it,
 parent's own.  Columns that depend for other reasons (restricted motion near the base, couplings, massless bodies) have
 relations of just the columns that take part.  A relation's coefficients can be evaluated wherever rows of X can.
 
-The coefficients of every kernel are interpolated, the cheapest first, while the budget lasts, and brought to all places
-in the robot where the kernel occurs.  Then, going from the base to the tips, the dependent columns among the sources
-are substituted.
+The coefficients of every dependence are interpolated, the cheapest first, while the budget lasts, and brought to all
+places in the robot where the dependence occurs.  Then, going from the base to the tips, the dependent columns among the
+sources are substituted.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ from echelon.regressor.linear_forms import LinearForms, Rows, energy_form, rows_
 
 
 @dataclass(frozen=True, eq=False)
-class Kernel:
+class Dependence:
     """Target columns that are combinations of source columns, and rows from which the coefficients follow."""
 
     roles: SymbolRoles  # what the symbols stand for
@@ -124,33 +124,33 @@ class Kernel:
 
 
 @dataclass(frozen=True, eq=False)
-class Relation:
-    """A kernel at its place in the robot: which columns of X its columns are."""
+class PlacedDependence:
+    """A dependence at its place in the robot: which columns of X its columns are."""
 
-    kernel: Kernel
-    columns: Sequence[int]  # columns of X, by number in the kernel
-    # of the frame that the kernel's first ten columns are about, in that of the same columns of X
+    dependence: Dependence
+    columns: Sequence[int]  # columns of X, by number in the dependence
+    # of the frame that the dependence's first ten columns are about, in that of the same columns of X
     frame: Placement = Placement()  # noqa: RUF009 - immutable
 
     @property
     def targets(self) -> list[int]:
         """Columns of X that are combinations of :attr:`sources`."""
-        return [self.columns[k] for k in self.kernel.targets]
+        return [self.columns[k] for k in self.dependence.targets]
 
     @property
     def sources(self) -> list[int]:
         """Columns of X that the targets are combinations of."""
-        return [self.columns[k] for k in self.kernel.sources]
+        return [self.columns[k] for k in self.dependence.sources]
 
     @cached_property
     def symbols(self) -> frozenset[str]:
         """Symbols that the coefficients may depend on."""
-        return frozenset((*self.kernel.symbols, *self.frame.symbols()))
+        return frozenset((*self.dependence.symbols, *self.frame.symbols()))
 
     def changes(
         self, kinds: Iterable[int], number: Callable[[Polynomial], T]
     ) -> dict[int, dict[int, T]]:
-        """Parameters of the whole body about the kernel's frame, as combinations of those about its own."""
+        """Parameters of the whole body about the dependence's frame, as combinations of those about its own."""
         chosen = sorted(set(kinds))
         if self.frame.is_identity or not chosen:
             return {}
@@ -196,12 +196,14 @@ class Relation:
         }
 
 
-def relations(mechanism: Mechanism, structure: Structure) -> list[Relation]:
+def relations(mechanism: Mechanism, structure: Structure) -> list[PlacedDependence]:
     """The relations of all dependent columns that do not vanish."""
     return [*_across_joints(mechanism, structure), *_across_robot(mechanism, structure)]
 
 
-def _across_joints(mechanism: Mechanism, structure: Structure) -> Iterable[Relation]:
+def _across_joints(
+    mechanism: Mechanism, structure: Structure
+) -> Iterable[PlacedDependence]:
     zero = frozenset(c for c, support in structure.by_robot.items() if not support)
     shared: dict[tuple[tuple[int, ...], tuple[object, ...]], list[int]] = {}
     places: dict[int, tuple[list[int], Placement]] = {}
@@ -218,8 +220,10 @@ def _across_joints(mechanism: Mechanism, structure: Structure) -> Iterable[Relat
         sources = [k for k in range(len(places[indices[0]][0])) if k not in targets]
         rows = Rows(energy_form(pair), 1).columns([*sources, *targets])
         degrees = _degrees(pair, sources, targets)
-        kernel = Kernel(symbol_roles(pair), rows, sources, targets, everywhere, degrees)
-        yield from (Relation(kernel, *places[index]) for index in indices)
+        dependence = Dependence(
+            symbol_roles(pair), rows, sources, targets, everywhere, degrees
+        )
+        yield from (PlacedDependence(dependence, *places[index]) for index in indices)
 
 
 def _vanishing(
@@ -231,7 +235,9 @@ def _vanishing(
     return found if placement.is_identity or parent <= found else found - parent
 
 
-def _across_robot(mechanism: Mechanism, structure: Structure) -> Iterable[Relation]:
+def _across_robot(
+    mechanism: Mechanism, structure: Structure
+) -> Iterable[PlacedDependence]:
     rows = rows_of(mechanism)
     if structure.functions_are_free and rows.freed is not None:
         rows = rows.freed
@@ -262,11 +268,13 @@ def _across_robot(mechanism: Mechanism, structure: Structure) -> Iterable[Relati
                     roles.irrational[1] or second,
                 ),
             )
-        kernel = Kernel(roles, every, sources, targets, frozenset(), degrees)
-        yield Relation(kernel, range(structure.parameters))
+        dependence = Dependence(roles, every, sources, targets, frozenset(), degrees)
+        yield PlacedDependence(dependence, range(structure.parameters))
 
 
-def linear_relations(forms: LinearForms, structure: Structure) -> list[Relation]:
+def linear_relations(
+    forms: LinearForms, structure: Structure
+) -> list[PlacedDependence]:
     """The relations of the dependent columns of any recorded rows that do not vanish.
 
     They are found together modulo primes, and each on its own at real states, where some may have no closed form.
@@ -277,14 +285,14 @@ def linear_relations(forms: LinearForms, structure: Structure) -> list[Relation]
     groups = (
         [targets] if targets and forms.rational else [[target] for target in targets]
     )
-    found = list[Relation]()
+    found = list[PlacedDependence]()
     roles = SymbolRoles(frozenset(), frozenset(), frozenset(), irrational_roots(forms))
     for group in groups:
         sources = sorted({c for t in group for c in structure.by_robot[t]})
         rows = Rows(forms, 0).columns([*sources, *group])
         found.append(
-            Relation(
-                Kernel(roles, rows, sources, group, frozenset(), None),
+            PlacedDependence(
+                Dependence(roles, rows, sources, group, frozenset(), None),
                 range(structure.parameters),
             )
         )
@@ -321,29 +329,30 @@ def _degrees(
 Combination = dict[int, RationalFunction]
 """A column as a combination of other columns: coefficient by column."""
 
-_SHARE = 0.5
-"""What one kernel may take of the work that is left."""
-_PRIMES_OF_NUMBERS = 16  # for fractions of up to 74 digits; nobody reads longer ones
+LARGEST_SHARE = 0.5
+"""Share of the remaining work that one dependence may take."""
+PRIMES_OF_NUMBERS = 16
+"""Primes for coefficients without symbols, whose fractions then have up to 74 digits."""
 
 
 def closed_columns(
-    found: Sequence[Relation],
+    found: Sequence[PlacedDependence],
     zero: Sequence[int],
     rng: np.random.Generator,
     work: Work,
     report: Callable[[str], None],
-    share: float = _SHARE,
+    share: float = LARGEST_SHARE,
 ) -> dict[int, Combination]:
-    """The dependent columns with closed forms as combinations of pivot columns; each kernel may take a share."""
+    """The dependent columns with closed forms as combinations of pivot columns; each dependence may take a share."""
     raw: dict[int, Combination] = {column: {} for column in zero}
-    kernels: dict[Kernel, list[Relation]] = {}
+    dependences: dict[Dependence, list[PlacedDependence]] = {}
     for relation in found:
-        kernels.setdefault(relation.kernel, []).append(relation)
+        dependences.setdefault(relation.dependence, []).append(relation)
     total = sum(len(relation.targets) for relation in found)
-    for kernel in sorted(kernels, key=lambda k: k.cost * (1 + len(k.symbols))):
+    for dependence in sorted(dependences, key=lambda k: k.cost * (1 + len(k.symbols))):
         report(f"closed forms: {len(raw) - len(zero)} of {total} columns")
-        combinations = _interpolated(kernel, rng, work, share)
-        for relation in kernels[kernel]:
+        combinations = _interpolated(dependence, rng, work, share)
+        for relation in dependences[dependence]:
             raw |= relation.placed(
                 combinations, RationalFunction, partial(_substituted, work)
             )
@@ -360,19 +369,21 @@ def closed_columns(
 
 
 def _interpolated(
-    kernel: Kernel, rng: np.random.Generator, work: Work, most: float
+    dependence: Dependence, rng: np.random.Generator, work: Work, most: float
 ) -> dict[int, Combination]:
     """The targets whose coefficients all have closed forms within a share of the work."""
     share = work.share(most)
     try:
-        most_primes = MOST_PRIMES if kernel.symbols else _PRIMES_OF_NUMBERS
-        functions = interpolate(kernel.unknown(rng), rng, share, most_primes)
+        most_primes = MOST_PRIMES if dependence.symbols else PRIMES_OF_NUMBERS
+        functions = interpolate(dependence.unknown(rng), rng, share, most_primes)
     except ClosedFormError:
         return {}
     finally:
         work.give_back(share)
-    columns: dict[int, Combination | None] = {target: {} for target in kernel.targets}
-    for (source, target), function in zip(kernel.pairs, functions, strict=True):
+    columns: dict[int, Combination | None] = {
+        target: {} for target in dependence.targets
+    }
+    for (source, target), function in zip(dependence.pairs, functions, strict=True):
         column = columns[target]
         if function is None:
             columns[target] = None

@@ -70,8 +70,6 @@ from echelon.mechanism.stated import (
 from echelon.models import LinearModel, model_of
 from echelon.regressor.linear_forms import LinearForms, rows_of, virtual_power_form
 
-_LONG = 10**12  # denominators of numbers that no coefficient with few digits is made of
-
 
 def silent(_: str) -> None:
     """Report no progress."""
@@ -249,7 +247,8 @@ def base_matrix(
             return other
     report("numbers in place of closed forms")
     if any(
-        isinstance(r.kernel.sampler, RealStates) and not closed.keys() >= {*r.targets}
+        isinstance(r.dependence.sampler, RealStates)
+        and not closed.keys() >= {*r.targets}
         for r in found
     ):
         silent = sorted(all_symbols(mechanism) - known_values(mechanism).keys())
@@ -267,7 +266,8 @@ def base_matrix(
     cheap = (
         r
         for r in found
-        if not r.kernel.symbols and MOST_PRIMES * r.kernel.cost < work.operations
+        if not r.dependence.symbols
+        and MOST_PRIMES * r.dependence.cost < work.operations
     )
     short = all(closed.keys() >= {*r.targets} for r in cheap)
     columns = StatedColumns(mechanism, found, zero, order, rng, exact=short)
@@ -370,7 +370,7 @@ class SpecialisedMechanism:
 
     @property
     def doubt(self) -> str:
-        """What speaks against it; empty if nothing does."""
+        """Reason to doubt the set; empty if there is none."""
         return self.undecided or self.structure.doubt
 
 

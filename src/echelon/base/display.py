@@ -28,7 +28,8 @@ from echelon.models import LinearModel
 if TYPE_CHECKING:
     from typing_extensions import TypeIs
 
-_LATEX_ROWS_PER_PAGE = 40
+LATEX_ROWS_PER_PAGE = 40
+"""Rows of a LaTeX array, which does not break across pages."""
 
 
 class _Set(Protocol):
@@ -338,8 +339,8 @@ def to_latex(model: _RobotSet | _LinearSet, *, full: bool = False) -> str:
     ]
     rows = _latex_rows(model, full=full)
     pages = [
-        rows[k : k + _LATEX_ROWS_PER_PAGE]
-        for k in range(0, len(rows), _LATEX_ROWS_PER_PAGE)
+        rows[k : k + LATEX_ROWS_PER_PAGE]
+        for k in range(0, len(rows), LATEX_ROWS_PER_PAGE)
     ]
     blocks = [
         "\\begin{align*}\n" + " \\\\\n".join(page) + "\n\\end{align*}" for page in pages

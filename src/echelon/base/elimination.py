@@ -30,14 +30,14 @@ _FIRM = (1e-6, 1e-4, 1e-2)
 """Share of the largest pivot above which doubles show a column to be independent; more where balls deny it."""
 SMALLEST_SHARE = 1e-3
 """Share of the largest column, in comparable units, below which a column is not made as large."""
-_FAINT = 1e-2
-"""Share of a column beside others below which rounding of a file may have made it."""
-_REMAINS = 1e-9
-"""Share of a column beside others that doubles surely show in a basis whose entries are moderate."""
+FAINT_SHARE = 1e-2
+"""Residual of a column, relative to its size, up to which a file's rounding may have made it."""
+SHOWN_BY_DOUBLES = 1e-9
+"""Residual of a column, relative to its size, that double precision surely shows."""
 
 
 @dataclass(frozen=True)
-class Relations:
+class ColumnRelations:
     """Columns of a table, each divided by its size, as combinations of others."""
 
     table: Balls
@@ -69,7 +69,7 @@ class Independent:
     solution : array of arb, shape (pivots, others)
     bits : int
         Precision of the balls.
-    relations : Relations
+    relations : ColumnRelations
         The same with auxiliary columns and scales.
     error : float
         What rounding of a file leaves open of coefficients, beside columns of size one; 0 where these are exact.
@@ -80,11 +80,11 @@ class Independent:
     others: tuple[int, ...]
     solution: Balls
     bits: int
-    relations: Relations
+    relations: ColumnRelations
     error: float = 0.0
 
     def without_faint(self, count: int, order: Sequence[int]) -> Independent:
-        """The same without the columns that show least, whose rounded relations to the others are taken for exact.
+        """Result without the columns of least residual, whose rounded relations to the others count as exact.
 
         Coefficients are those of least squares, with what rounding leaves open of each.  Pivots come first in the order
         where that keeps them firm.
@@ -94,7 +94,7 @@ class Independent:
         chosen = self.pivots[:count]
         spanned, _ = _least_squares(rows, auxiliary, chosen)
         ranked = [
-            order[k] for k in independent_columns(spanned[:, list(order)], _FAINT)
+            order[k] for k in independent_columns(spanned[:, list(order)], FAINT_SHARE)
         ]
         pivots = (
             tuple(ranked)
@@ -109,7 +109,9 @@ class Independent:
         before = np.array(
             [[place[c] < place[p] for c in others] for p in pivots]
         ).reshape(found.shape)
-        found[(np.abs(found) <= error) | (before & (np.abs(found) <= _FAINT))] = 0.0
+        found[(np.abs(found) <= error) | (before & (np.abs(found) <= FAINT_SHARE))] = (
+            0.0
+        )
         scales = sizes[list(others)] / sizes[list(pivots)][:, None]
         left_open = np.where(found, error, 0.0) * scales
         balls = (
@@ -145,7 +147,7 @@ class Independent:
         return rows
 
     def in_order(self, order: Sequence[int]) -> Independent:
-        """The same with the first independent columns in some order as pivots, so that the basis is in echelon form."""
+        """Result whose pivots are the first independent columns in an order, so that the basis is in echelon form."""
         place = {column: k for k, column in enumerate(order)}
         count = len(self.pivots)
         with flint.ctx.workprec(self.bits):
@@ -154,7 +156,7 @@ class Independent:
             firm = [
                 order[k]
                 for k in independent_columns(
-                    _of_size_one(basis[:, list(order)])[0], _REMAINS
+                    _of_size_one(basis[:, list(order)])[0], SHOWN_BY_DOUBLES
                 )
             ]
             if (
@@ -208,7 +210,7 @@ def _too_late(
 def sizes_shown(
     table: Balls, bits: int, auxiliary: int, units: Sequence[float] | None
 ) -> list[float]:
-    """How much each independent column shows beside those before, descending, as far as the precision tells."""
+    """Residual norms of the independent columns, relative to the largest, descending."""
     shown = list[float]()
     eliminated(table, bits, auxiliary, units, shown)
     ranked = sorted(shown, reverse=True)
@@ -306,7 +308,7 @@ def _independent(
         tuple(column - auxiliary for column in left),
         unscaled,
         bits,
-        Relations(table, sizes, auxiliary, pivots, left, solution),
+        ColumnRelations(table, sizes, auxiliary, pivots, left, solution),
     )
 
 

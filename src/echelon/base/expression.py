@@ -22,13 +22,14 @@ from echelon.exact.polynomial import (
 )
 from echelon.exact.rational import RationalFunction
 
-_DECIMAL_DIGITS = 9
+DECIMAL_DIGITS = 9
+"""Digits of a coefficient that is shown as a decimal number."""
 MOST_TERMS = 12
-"""Of a coefficient that people read: a longer one, of joints in general frames, says no more than its value does."""
+"""Terms of a coefficient that is shown as a formula: a longer one says no more than its value does."""
 
 
 @dataclass(frozen=True)
-class Group:
+class ParameterGroup:
     """Standard parameters with a common coefficient."""
 
     coefficient: RationalFunction
@@ -50,13 +51,13 @@ class Expression:
     name : str
         The representative, which has coefficient 1.
     unit : str
-    groups : tuple of Group
+    groups : tuple of ParameterGroup
         The first is the representative alone.
     """
 
     name: str
     unit: str
-    groups: tuple[Group, ...]
+    groups: tuple[ParameterGroup, ...]
 
     def __str__(self) -> str:
         return render(self, TextStyle())
@@ -87,14 +88,18 @@ def count_terms(coefficient: RationalFunction) -> int:
     return len(coefficient.numerator.terms) + denominator
 
 
-def _readable(group: Group, value: Callable[[RationalFunction], float | None]) -> Group:
+def _readable(
+    group: ParameterGroup, value: Callable[[RationalFunction], float | None]
+) -> ParameterGroup:
     terms = count_terms(group.coefficient)
     if terms <= MOST_TERMS:
         return group
     number = value(group.coefficient)
     if number is None:
         return replace(group, terms=terms)
-    return Group(RationalFunction(Fraction(number)), group.parameters, decimal=True)
+    return ParameterGroup(
+        RationalFunction(Fraction(number)), group.parameters, decimal=True
+    )
 
 
 def collect(
@@ -110,11 +115,14 @@ def collect(
             groups.setdefault(
                 (coefficient, parameter in decimals and _is_decimal(coefficient)), []
             ).append(parameter)
-    head = Group(RationalFunction(1), (name,))
+    head = ParameterGroup(RationalFunction(1), (name,))
     return Expression(
         name,
         unit,
-        (head, *(Group(c, tuple(names), d) for (c, d), names in groups.items())),
+        (
+            head,
+            *(ParameterGroup(c, tuple(names), d) for (c, d), names in groups.items()),
+        ),
     )
 
 
@@ -124,7 +132,7 @@ def _is_decimal(coefficient: RationalFunction) -> bool:
     return (
         not isinstance(number, Fraction)
         or "/" not in decimal_text(number)
-        or len(str(number)) > _DECIMAL_DIGITS
+        or len(str(number)) > DECIMAL_DIGITS
     )
 
 
@@ -285,7 +293,7 @@ def _sum(terms: Sequence[tuple[int, str]], style: TextStyle) -> str:
     )
 
 
-def _group(group: Group, style: TextStyle) -> tuple[int, str]:
+def _group(group: ParameterGroup, style: TextStyle) -> tuple[int, str]:
     """Sign and absolute value of a group."""
     names = [style.parameter(name) for name in group.parameters]
     if group.terms:
@@ -301,10 +309,10 @@ def _group(group: Group, style: TextStyle) -> tuple[int, str]:
     return sign, f"{factor}{style.times}{body}"
 
 
-def _decimal_text(group: Group, style: TextStyle) -> tuple[int, str]:
+def _decimal_text(group: ParameterGroup, style: TextStyle) -> tuple[int, str]:
     """Sign and absolute value of a number; the text is empty for ±1."""
     value = group.coefficient.evaluate({}, float)
-    size = f"{abs(value):.{_DECIMAL_DIGITS}g}"
+    size = f"{abs(value):.{DECIMAL_DIGITS}g}"
     return (-1 if value < 0 else 1), "" if size == "1" else style.decimal(size)
 
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.base.ball_rows import stated_generators
+from echelon.base.ball_tables import BALL_BITS
 from echelon.base.matrix import BaseMatrix
 from echelon.base.numeric_ranks import reconstruction_error
 from echelon.errors import InputError
@@ -29,16 +30,11 @@ from echelon.program.arithmetics import ball
 from echelon.regressor.linear_forms import LinearForms
 
 LARGEST_COEFFICIENT = 1e6
-"""Coefficient of B at and above which other representatives are looked for: of 16 digits of X̄ B, ten are left."""
+"""Coefficient of B from which other representatives are tried: it leaves ten of the 16 digits of X̄ B."""
 
-_MODERATE = 1e3
-"""Once representatives are exchanged, coefficients up to this one stay; below, X̄ B has no error that matters."""
+MODERATE_COEFFICIENT = 1e3
+"""Coefficient of B up to which an exchange of representatives ends: X̄ B loses three digits."""
 
-_LARGEST_ERROR = 1e-6
-"""What X̄ B may miss of a column of X in doubles, relative to the column."""
-
-_BITS = 1024
-"""Precision of the exchanges: coefficients of 1e56 whose differences matter have 400 bits."""
 
 Rows = dict[int, dict[int, Any]]
 """Balls by representative and column."""
@@ -54,7 +50,7 @@ def firm_order(mechanism: Mechanism, matrix: BaseMatrix) -> tuple[int, ...] | No
         return None
     if _scaled(matrix, mechanism) < LARGEST_COEFFICIENT:
         return None
-    with flint.ctx.workprec(_BITS):
+    with flint.ctx.workprec(2 * BALL_BITS):
         rows = _balls(matrix, mechanism, at)
         while (largest := _largest(rows)) is not None:
             _exchange(rows, *largest)
@@ -97,7 +93,7 @@ def doubt_of_coefficients(
     if not set(matrix.symbols) <= known.keys():
         return ""
     largest = _scaled(matrix, mechanism)
-    if largest < _MODERATE:
+    if largest < MODERATE_COEFFICIENT:
         return ""
     if largest >= LARGEST_COEFFICIENT:
         return f"coefficients of B reach {largest:.0e}, so that X̄ B loses as much of the precision of doubles"
@@ -110,7 +106,7 @@ def doubt_of_coefficients(
         matrix.floats(known),
         random_generator(DEFAULT_SEED),
     )
-    if error < _LARGEST_ERROR:
+    if error < 1 / LARGEST_COEFFICIENT:
         return ""
     return f"in doubles X̄ B misses {error:.0e} of a column of X: its coefficients reach {largest:.0e}"
 
@@ -165,7 +161,9 @@ def _largest(rows: Rows) -> tuple[int, int] | None:
         for column, v in row.items()
     )
     size, pivot, column = max(sizes)
-    return (pivot, column) if size > _MODERATE and np.isfinite(size) else None
+    return (
+        (pivot, column) if size > MODERATE_COEFFICIENT and np.isfinite(size) else None
+    )
 
 
 def _exchange(rows: Rows, pivot: int, column: int) -> None:

@@ -98,8 +98,8 @@ def _sign_along(between: Placement | None, first: int, second: int) -> int:
 Series = dict[tuple[bool, Combination], Number]
 """Coefficients of a Fourier series: whether of a sine, and of which sum of angles."""
 
-_LONGEST_SERIES = 64  # products of sines and cosines that are tried as a Fourier series
-_HIGHEST = 8  # power of one of them
+HIGHEST_POWER = 8
+"""Power of a sine or cosine up to which a product is written as a Fourier series."""
 
 
 @dataclass
@@ -230,7 +230,7 @@ class ShortForms:
         return min(self._ways(circular), key=_length)
 
     def _ways(self, circular: Polynomial) -> Iterator[Polynomial]:
-        """The same polynomial in sines and cosines, written in several ways."""
+        """Equal expressions of a polynomial in sines and cosines."""
         yield circular
         if len(circular.terms) == 1:
             return
@@ -242,7 +242,7 @@ class ShortForms:
         degree = max(
             (sum(e for _, e in monomial) for monomial in circular.terms), default=0
         )
-        if len(circular.terms) <= _LONGEST_SERIES and degree <= _HIGHEST:
+        if len(circular.terms) <= SHORT_TERMS and degree <= HIGHEST_POWER:
             yield self._series(circular)
 
     def _in_absolute_angles(self, circular: Polynomial) -> Polynomial:

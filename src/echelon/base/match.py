@@ -26,10 +26,12 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.sources import Readable
 from echelon.mechanism.stated import symbol_values
 
-_ATTEMPTS = 256
-_PARALLEL = 1e-6
+MOST_PAIRINGS = 256
+"""Pairings of bodies that are compared before two robots count as different."""
+PARALLEL = 1e-6
+"""Sine of an angle, or distance of axes in m, that counts as zero."""
 Wanted = dict[
-    int, tuple[Floats, "_Axis"]
+    int, tuple[Floats, "_JointAxis"]
 ]  # by body of the second: the first's frame and axis, in the second's base
 
 
@@ -120,7 +122,7 @@ def match(
     Match(rx90 = rx90: 36 base parameters)
     """
     one, two = base_of(first), base_of(second)
-    ours, theirs = _Posed(one.mechanism), _Posed(two.mechanism)
+    ours, theirs = _PosedMechanism(one.mechanism), _PosedMechanism(two.mechanism)
     pairs = list(_paired(one.mechanism, two.mechanism))
     base = _base(ours, theirs, *pairs[0], tolerance) if pairs else np.eye(4)
     wanted = {j: (base @ ours.frames[i], ours.axes[i].moved(base)) for i, j in pairs}
@@ -181,29 +183,29 @@ def _base_map(
 
 
 @dataclass(frozen=True)
-class _Axis:
+class _JointAxis:
     """A joint axis; a prismatic joint's is nowhere in particular."""
 
     turns: bool
     point: Floats
     direction: Floats
 
-    def moved(self, frame: Floats) -> _Axis:
+    def moved(self, frame: Floats) -> _JointAxis:
         """The axis carried along with a frame."""
-        return _Axis(
+        return _JointAxis(
             self.turns,
             frame[:3, :3] @ self.point + frame[:3, 3],
             frame[:3, :3] @ self.direction,
         )
 
-    def amounts(self, child: _Axis, wanted: _Axis) -> list[float]:
+    def amounts(self, child: _JointAxis, wanted: _JointAxis) -> list[float]:
         """Displacements of this joint that bring another axis into place: one or two, or none."""
         normal, apart = (
             np.cross(child.direction, self.direction),
             wanted.point - child.point,
         )
         if not self.turns:
-            free = not child.turns or normal @ normal < _PARALLEL**2
+            free = not child.turns or normal @ normal < PARALLEL**2
             return (
                 []
                 if free
@@ -211,7 +213,7 @@ class _Axis:
                     float(normal @ np.cross(child.direction, apart) / (normal @ normal))
                 ]
             )
-        if np.linalg.norm(normal) > _PARALLEL:
+        if np.linalg.norm(normal) > PARALLEL:
             slopes = [
                 self.direction @ child.direction
                 - sign * (self.direction @ wanted.direction)
@@ -227,14 +229,14 @@ class _Axis:
                 for sign in signs
             ]
         radius = np.cross(self.direction, child.point - self.point)
-        if not child.turns or np.linalg.norm(radius) < _PARALLEL:
+        if not child.turns or np.linalg.norm(radius) < PARALLEL:
             return []
         return [
             _angle(self.direction, child.point - self.point, wanted.point - self.point)
         ]
 
 
-class _Posed:
+class _PosedMechanism:
     """A mechanism in a pose, first that of zero: frames of its bodies (4, 4) and its joint axes, in its base frame."""
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -258,20 +260,20 @@ class _Posed:
         """The name of a body's only coordinate."""
         return self.bodies[body].joint.motions[0].name
 
-    def _axis(self, body: int, slopes: Floats) -> _Axis:
+    def _axis(self, body: int, slopes: Floats) -> _JointAxis:
         slope = slopes[..., self.mechanism.positions.index(self.coordinate(body))]
         if self.bodies[body].joint.motions[0].kind is MotionKind.TRANSLATION:
-            return _Axis(False, np.zeros(3), slope[:, 3])
+            return _JointAxis(False, np.zeros(3), slope[:, 3])
         spin = slope[:, :3] @ self.frames[body][:3, :3].T
         direction = np.array([spin[2, 1], spin[0, 2], spin[1, 0]])
-        return _Axis(
+        return _JointAxis(
             True, self.frames[body][:3, 3] + np.cross(direction, slope[:, 3]), direction
         )
 
 
 def _pose(
-    theirs: _Posed,
-    ours: _Posed,
+    theirs: _PosedMechanism,
+    ours: _PosedMechanism,
     wanted: Wanted,
     pairs: list[tuple[int, int]],
     tolerance: float,
@@ -282,7 +284,7 @@ def _pose(
     """
     waiting: list[list[int]] = [[]]
     errors: list[tuple[int, InputError]] = []
-    while waiting and len(errors) < _ATTEMPTS:
+    while waiting and len(errors) < MOST_PAIRINGS:
         choices, offsets, free = waiting.pop(), dict[int, float](), 0
         theirs.place(offsets)
         try:
@@ -307,7 +309,9 @@ def _pose(
     raise max(errors, key=lambda entry: entry[0])[1]
 
 
-def _compare(wanted: _Axis, actual: _Axis, where: str, tolerance: float) -> None:
+def _compare(
+    wanted: _JointAxis, actual: _JointAxis, where: str, tolerance: float
+) -> None:
     if wanted.turns != actual.turns:
         raise InputError("one is a rotation, the other a translation", element=where)
     normal = np.cross(wanted.direction, actual.direction)
@@ -328,7 +332,9 @@ def _compare(wanted: _Axis, actual: _Axis, where: str, tolerance: float) -> None
         )
 
 
-def _base(ours: _Posed, theirs: _Posed, i: int, j: int, tolerance: float) -> Floats:
+def _base(
+    ours: _PosedMechanism, theirs: _PosedMechanism, i: int, j: int, tolerance: float
+) -> Floats:
     """The first's base in the second's: first axes and gravity coincide, with the least movement."""
     axis, other = ours.axes[i], theirs.axes[j]
     rotation = _shortest_turn(axis.direction, other.direction)
@@ -421,9 +427,7 @@ def _angle(axis: Floats, start: Floats, end: Floats) -> float:
         axis @ np.cross(start, end),
         start @ end - (axis @ start) * (axis @ end),
     )
-    return (
-        float(np.arctan2(sine, cosine)) if np.hypot(sine, cosine) > _PARALLEL else 0.0
-    )
+    return float(np.arctan2(sine, cosine)) if np.hypot(sine, cosine) > PARALLEL else 0.0
 
 
 def _rotation(axis: Floats, angle: float) -> Floats:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 from math import inf
+from sys import float_info
 from typing import TYPE_CHECKING, Any, get_args
 
 import flint
@@ -183,11 +184,9 @@ def classify(matrix: BaseMatrix) -> dict[str, Identifiability]:
     }
 
 
+NEGLIGIBLE_ERROR = 1e-30
+"""Error of a coefficient, beside the largest, that no user notices."""
 _PRECISIONS = (128, 512, 2048)
-_DOUBLE_BITS = 53
-_NOTHING = (
-    1e-30  # an error as small as this does not matter, as of a coefficient that is zero
-)
 
 
 def _quotient_value(
@@ -204,7 +203,10 @@ def _quotient_value(
                 lambda x, n: ((n * x).cos(), (n * x).sin()),
             )
             value = coefficient.evaluate(values, ball)
-            if value.rel_accuracy_bits() >= _DOUBLE_BITS or value.rad() < _NOTHING:
+            if (
+                value.rel_accuracy_bits() >= float_info.mant_dig
+                or value.rad() < NEGLIGIBLE_ERROR
+            ):
                 return float(value)
     raise ZeroDivisionError
 
@@ -246,8 +248,8 @@ def sympy_generators(
 
 
 ORDERS = get_args(Order)
-_EXCHANGE = 5.0
-"""What a product takes in an exchange beside one in a sum, because every sum is reduced on its own."""
+EXCHANGE_COST = 5.0
+"""Cost of a product in an exchange, relative to one in a sum: every sum is reduced on its own."""
 
 
 def column_order(
@@ -337,7 +339,7 @@ def _pivot(
     lead = row[column]
     across = [other[column] for other in rows.values() if column in other]
     if not work.take(
-        _EXCHANGE
+        EXCHANGE_COST
         * sum(cost_of_products([(a, b)]) for b in row.values() for a in (lead, *across))
     ):
         return False

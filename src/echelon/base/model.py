@@ -166,7 +166,8 @@ class BaseSet(ABC):
         return dict(values)
 
 
-_ROUNDED = 1e-11  # a coefficient that rounding of doubles can cause where loops close
+ROUNDED_COEFFICIENT = 1e-11
+"""Coefficient up to which rounding of doubles where loops close may have made it."""
 
 
 @public
@@ -236,7 +237,7 @@ class BaseModel(BaseSet, Evaluation):
         return (
             bool(self.mechanism.dependent_velocities)
             and number is not None
-            and abs(float(number)) < _ROUNDED
+            and abs(float(number)) < ROUNDED_COEFFICIENT
         )
 
     @property

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats, pivoted_qr
 from echelon.errors import InputError
-from echelon.exact.field import DEFAULT_SEED, random_generator
+from echelon.exact.field import DEFAULT_SEED, MOST_ATTEMPTS, random_generator
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import characteristic_length, symbol_values
@@ -33,22 +33,25 @@ from echelon.regressor.linear_forms import LinearForms, virtual_power_form
 TOLERANCES = (1e-6, 1e-8, 1e-10, 1e-12)
 """Customary thresholds, relative to the largest singular value."""
 
-_ROWS_PER_COLUMN = 1.5
-_FEWEST_ROWS = 32
-_MARGIN = 32
-_MOST_SINGULAR_VALUES = 400
+ROWS_PER_COLUMN = 1.5
+"""Rows of a sampled observation matrix, relative to its columns."""
+FEWEST_ROWS = 32
+"""Rows of a sampled observation matrix at least, and rows beyond an expected rank."""
+MOST_SINGULAR_VALUES = 400
+"""Expected rank above which a QR decomposition replaces the singular values, which take too long."""
 _RATE, _ACCELERATION = 3.0, 10.0  # largest random ones, rad/s and rad/s²
-_BLOCK = 128  # states that are evaluated together
+BLOCK = 128
+"""States that are evaluated together, so that the table of intermediate values stays small."""
 _FEW_STATES, _MOTIONS = (
     100,
     3,
 )  # closed states, of which more share poses: even one freedom shows as much at each
-_ROUNDS = 8  # of drawing, where states outside a function's domain are left out
 _ROUNDING = float(np.finfo(np.float64).eps)
 _SINGLE_TO_DOUBLE = _ROUNDING / float(np.finfo(np.float32).eps)
-_NOISE = 1e4  # times the rounding: what is smaller is nothing else
-_NOISE_AT_CLOSED_STATES = 1e-3
-"""Columns smaller than this part of the largest are not scaled up: states are closed to 1e-12 only."""
+NOISE_FACTOR = 1e4
+"""Size of a column, relative to the rounding of its entries, from which it is a signal."""
+NOISE_AT_CLOSED_STATES = 1e-3
+"""Share of the largest column below which one is not scaled up: states close to 1e-12 only."""
 
 
 @dataclass(frozen=True)
@@ -137,15 +140,19 @@ def numeric_ranks(
     columns = range(len(mechanism.parameters)) if columns is None else columns
     forms = virtual_power_form(mechanism) if recorded is None else recorded
     # rows at few closed states are hardly independent
-    if near is None or near + 2 * _MARGIN >= len(columns) or forms.loops is not None:
+    if (
+        near is None
+        or near + 2 * FEWEST_ROWS >= len(columns)
+        or forms.loops is not None
+    ):
         return ranks_of_matrix(
             _sampled(mechanism, forms, columns, rng, None, symbols),
             tolerances,
             pivoted=pivoted,
         )
-    matrix = _sampled(mechanism, forms, columns, rng, near + 2 * _MARGIN, symbols)
-    mixed = matrix @ rng.standard_normal((matrix.shape[1], near + _MARGIN))
-    if near <= _MOST_SINGULAR_VALUES:
+    matrix = _sampled(mechanism, forms, columns, rng, near + 2 * FEWEST_ROWS, symbols)
+    mixed = matrix @ rng.standard_normal((matrix.shape[1], near + FEWEST_ROWS))
+    if near <= MOST_SINGULAR_VALUES:
         return ranks_of_matrix(mixed, tolerances, pivoted=pivoted)
     # columns that were mixed at random come in no bad order, so plain QR reveals the rank at a fraction of the cost
     diagonal = np.sort(np.abs(np.diag(np.linalg.qr(mixed, mode="r"))))[::-1]
@@ -178,11 +185,11 @@ def reconstruction_error(
     matrix: Floats,
     rng: np.random.Generator,
 ) -> float:
-    """Largest share of a column of X that X̄ B misses at random states of a mechanism without loops."""
-    stacked, rounding = _at_states(mechanism, forms, rng, _FEWEST_ROWS, None)
+    """Largest relative error of a column of X̄ B at random states of a mechanism without loops."""
+    stacked, rounding = _at_states(mechanism, forms, rng, FEWEST_ROWS, None)
     missed = np.linalg.norm(stacked - stacked[:, list(pivots)] @ matrix, axis=0)
     sizes = np.linalg.norm(stacked, axis=0)
-    seen = sizes > _NOISE * rounding
+    seen = sizes > NOISE_FACTOR * rounding
     return float((missed[seen] / sizes[seen]).max(initial=0.0))
 
 
@@ -199,7 +206,7 @@ def _sampled(
     Rotations are any, translations of the size of the links, rates within 3 rad/s and accelerations within 10 rad/s².
     If omitted, there are at least half as many rows again as columns.
     """
-    rows = rows or max(_FEWEST_ROWS, int(_ROWS_PER_COLUMN * len(columns)))
+    rows = rows or max(FEWEST_ROWS, int(ROWS_PER_COLUMN * len(columns)))
     if forms.loops is not None:
         closed = forms.loops.assembly_at(symbols)
         count = -(-rows // max(1, len(mechanism.outputs)))
@@ -214,13 +221,13 @@ def _sampled(
         )
         sizes = np.linalg.norm(stacked, axis=0)
         scaled: Floats = stacked / np.maximum(
-            sizes, _NOISE_AT_CLOSED_STATES * sizes.max(initial=1e-300)
+            sizes, NOISE_AT_CLOSED_STATES * sizes.max(initial=1e-300)
         )
         return scaled
     forms = forms.columns(columns)
     stacked, rounding = _at_states(mechanism, forms, rng, rows, symbols)
     sizes = np.linalg.norm(stacked, axis=0)
-    seen = sizes > _NOISE * rounding
+    seen = sizes > NOISE_FACTOR * rounding
     return np.where(seen, stacked, 0.0) / np.where(seen, sizes, 1.0)
 
 
@@ -242,17 +249,17 @@ def _at_states(
     symbols, scales = symbol_values(mechanism, names, given), _scales(mechanism)
     blocks: list[Floats] = []
     count, rounding = 0, np.zeros(forms.shape[1])
-    for _ in range(_ROUNDS + rows // _BLOCK):
+    for _ in range(MOST_ATTEMPTS + rows // BLOCK):
         leaves = _random_inputs(program, symbols, scales, rng)
         precisions = (
             FloatArithmetic(),
             *([] if count else [_SinglePrecision()]),
         )  # one block shows the rounding
-        found = np.zeros((len(precisions), _BLOCK, forms.shape[1]))
+        found = np.zeros((len(precisions), BLOCK, forms.shape[1]))
         for matrix, arithmetic in zip(found, precisions, strict=True):
             with np.errstate(all="ignore"):
                 values = schedule.run(
-                    arithmetic, {node: leaves[node] for node in schedule.leaves}, _BLOCK
+                    arithmetic, {node: leaves[node] for node in schedule.leaves}, BLOCK
                 )
             matrix[:, [column for _, column in entries]] = values.T
         found = found[:, np.isfinite(found).all(axis=(0, 2))]
@@ -283,8 +290,8 @@ def _random_inputs(
     drawn = {}
     for node, given in program.inputs.items():
         value = symbols.get(given.name, 0.0)
-        random = scales.get(given.name, 1.0) * rng.uniform(-1.0, 1.0, _BLOCK)
-        drawn[node] = np.full(_BLOCK, value) if given.role == "symbol" else random
+        random = scales.get(given.name, 1.0) * rng.uniform(-1.0, 1.0, BLOCK)
+        drawn[node] = np.full(BLOCK, value) if given.role == "symbol" else random
     for group in program.unit_groups:
         length = np.sqrt(sum(drawn[node] ** 2 for node in group))
         drawn |= {node: drawn[node] / length for node in group}

@@ -22,8 +22,10 @@ import numpy as np
 from echelon.base.matrix import BaseMatrix
 from echelon.errors import CertificateError, DegenerateSampleError
 from echelon.exact.field import (
+    AGREEING_POINTS,
     ARRAY_BITS,
     CERTIFICATE_BITS,
+    MOST_ATTEMPTS,
     PrimeField,
     Residues,
     random_generator,
@@ -35,13 +37,12 @@ from echelon.mechanism.stated import StatedValues
 from echelon.program.schedule import FieldSampler, Size, polynomial_size, size_bound
 from echelon.regressor.linear_forms import LinearForms
 
-_ATTEMPTS = 64
-_MOST_STATES = 4096
-FEWEST_POINTS = 2
+MOST_STATES = 4096
+"""States of one elimination at most, where signs do not need more."""
 LOG10_ERROR = -30.0
 """Decimal logarithm of the probability that a certificate allows for a false identity."""
-_LEAST_SHOWN = -1.0
-"""Decimal logarithm; a point that misses a false identity more often than that is not worth its time."""
+LARGEST_LOG10_MISSED = -1.0
+"""Log10 of the probability that a point misses a false identity, beyond which points are not worth their time."""
 _LOG2_PRIMES = CERTIFICATE_BITS - 11
 """There are more primes of that many bits that are 23 modulo 24, one in eight of all."""
 
@@ -66,7 +67,7 @@ def find_minor(
     Symbols have their values where some are given, and general ones elsewhere.
     """
     doubled, best = 1, Minor(-1, 0, 0)
-    for _ in range(_ATTEMPTS):
+    for _ in range(MOST_ATTEMPTS):
         field = PrimeField.random(rng, ARRAY_BITS)
         try:
             settled = (
@@ -94,7 +95,7 @@ def find_minor(
         if (
             best.rank == len(columns)
             or (enough and states > regions)
-            or 2 * states > max(_MOST_STATES, 4 * regions)
+            or 2 * states > max(MOST_STATES, 4 * regions)
         ):
             break
         doubled *= 2
@@ -162,7 +163,7 @@ class Identity:
 
     def holds(self) -> tuple[tuple[int, ...], int, float]:
         """Primes at which it holds, a bound on its degree, and the logarithm of the probability that it is false."""
-        sampler, primes, points = self.sampler, list[int](), FEWEST_POINTS
+        sampler, primes, points = self.sampler, list[int](), AGREEING_POINTS
         forms = size_bound(sampler.program, sampler.outputs)
         missed, degree = 0.0, 0
         while len(primes) < points:
@@ -175,7 +176,7 @@ class Identity:
 
     def point(self, bits: int, states: int = 0) -> Point:
         """A random point modulo a random prime."""
-        for _ in range(_ATTEMPTS):
+        for _ in range(MOST_ATTEMPTS):
             field = PrimeField.random(self.rng, bits)
             own = _child(self.rng)
             names = sorted({*self.sampler.symbols, *self.matrix.symbols})
@@ -297,7 +298,7 @@ def _rows_showing_pivots(
     """Rows of X in which the first columns are independent, and further ones in every region of signs."""
     sampler, regions = forms.sampler(), forms.sampler().regions
     states = max(2 + pivots // max(1, forms.shape[0]), regions)
-    while states <= max(_MOST_STATES, 4 * regions):
+    while states <= max(MOST_STATES, 4 * regions):
         try:
             values = _evaluated(sampler, field, rng, states + regions)
         except DegenerateSampleError:
@@ -333,7 +334,7 @@ def _identity_size(forms: Size, matrix: BaseMatrix, sampler: FieldSampler) -> Si
 
 
 def log10_missed(size: Size) -> float:
-    """Bound on the probability that one random point modulo one random prime misses a false identity, as a logarithm.
+    """Log10 of a bound on the probability that a false identity holds at a random point modulo a random prime.
 
     The norm of a coefficient in Q(√2, √3) is a product of four numbers of the given size, and has as many prime factors
     of the given length as that has room for.
@@ -349,7 +350,7 @@ def log10_missed(size: Size) -> float:
         - log10(2) * _LOG2_PRIMES
     )
     missed = max(point, prime) + log10(2)
-    if missed > _LEAST_SHOWN:
+    if missed > LARGEST_LOG10_MISSED:
         raise CertificateError(
             f"its degree of {size.degree} is too high for primes of {CERTIFICATE_BITS} bits"
         )

@@ -8,8 +8,8 @@ from echelon.errors import DegenerateSampleError
 from echelon.exact.field import Geometry, PrimeField, Residues, solve_batched
 from echelon.regressor.linear_forms import Rows
 
-_MOST_TIMES = 32
-"""So many times as many points where regions of signs need them."""
+MOST_VISITS = 32
+"""Visits of each region of signs after which relations that still fail are given up."""
 
 
 class PrimeStates:
@@ -25,7 +25,7 @@ class PrimeStates:
 
     @property
     def angles(self) -> frozenset[str]:
-        """Those of them that are angles."""
+        """Symbols that are angles."""
         return self._sampler.angles
 
     def cost(self, sources: int) -> float:
@@ -65,7 +65,7 @@ class PrimeStates:
         unknowns = first + sources
         # one more equation than unknowns: a false relation contradicts itself
         states = max(unknowns + 1, self._sampler.regions)
-        most = states if self._sampler.regions == 1 else _MOST_TIMES * states
+        most = states if self._sampler.regions == 1 else MOST_VISITS * states
         while True:
             matrix = self.rows.forms.stacked(
                 self._sampler.evaluate(field, rng, states, geometry)

@@ -35,7 +35,8 @@ ExactMetric = Literal["identity"] | Sequence[Any] | sympy.MatrixBase
 
 _SINGULAR = "the metric is not definite: B S Bᵀ has no inverse"
 
-_PASSES = 4  # over a table of the greatest length; numbers get longer in every one
+MOST_PASSES = 4
+"""Work of an elimination, in passes over a table of the greatest length."""
 
 Sparse = dict[int, Any]
 """Non-zero entries of a row by column: FLINT polynomials of one ring."""
@@ -82,7 +83,7 @@ def adjugate(
         previous = pivot
         length = sum(len(entry) for row in table for entry in row.values())
         work += length
-        if length > most_terms or work > _PASSES * most_terms:
+        if length > most_terms or work > MOST_PASSES * most_terms:
             raise ClosedFormError(f"the closed form has more than {most_terms} terms")
     return [
         {c - size: entry for c, entry in row.items() if c >= size} for row in table
@@ -208,7 +209,7 @@ def _rational(value: Any) -> RationalFunction:
 
 
 MOST_TERMS = 150_000
-"""Of the numerators of one block."""
+"""Terms of the numerators of one block; more take minutes."""
 
 
 def pseudo_inverse(
@@ -236,7 +237,7 @@ def pseudo_inverse(
             columns[c][i] = entry
     gram = [_product(row, columns) for row in weighted]
     factors = [ring.enter(factor) for _, factor in cleared]
-    writer = _Writer(ring, {**_own_symbols(metric, matrix), **formulas})
+    writer = _SympyWriter(ring, {**_own_symbols(metric, matrix), **formulas})
     entries = [sympy.S.Zero] * (n * matrix.rank)
     for block in blocks(gram):
         try:
@@ -327,7 +328,7 @@ def _check_inverse(
             raise EchelonError("B · B† is not the identity; please report this model")
 
 
-class _Writer:
+class _SympyWriter:
     """Writes elements of a ring in sympy; what was written before is not written again."""
 
     def __init__(self, ring: Ring, formulas: Mapping[str, Any]) -> None:

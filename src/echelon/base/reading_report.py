@@ -1,4 +1,4 @@
-"""What snapping changed: the literal rank beside the intended one, and the snaps that made the difference.
+"""Effect of snapping: the literal rank beside the intended one, and the snaps that made the difference.
 
 Underneath is a net: what floating point says about the rank of the literal numbers (:mod:`echelon.base.numeric_ranks`).
 It decides nothing; but where no tolerance confirms the exact rank of the literal reading and a clear gap is somewhere
@@ -14,7 +14,7 @@ import numpy as np
 
 from echelon.base.matrix import BaseMatrix
 from echelon.base.numeric_ranks import numeric_ranks
-from echelon.base.spectrum import Spectrum
+from echelon.base.spectrum import RankSpectrum
 from echelon.base.stated_values import stated_structure
 from echelon.errors import DegenerateSampleError, InputError, SingularPoseError
 from echelon.exact.field import ARRAY_BITS, DEFAULT_SEED, PrimeField, random_generator
@@ -30,15 +30,12 @@ from echelon.regressor.loops import assembly_of, joints_locked_by_loops
 ROUNDING = 1e-9
 """Snaps up to this size are what decimals of a file cannot help, and part of the literal reading too."""
 
-_MOST_NAMED = 12  # joints in a message
-_MOST_COLUMNS = 300
-"""Of more, float ranks would take too much of the time: so many neighbours are compared instead of all."""
-_CLEAR_GAP = 1e3
-"""Singular values that fall more evenly, as of motions that hardly leave a pose, tell nothing."""
-_ROUNDED = 1e-4
-"""What rounding to a few digits may move numbers by."""
-_LARGEST_RANK = 1000
-"""Above it, nothing is compared where no part of the columns can stand for all."""
+MOST_COLUMNS = 300
+"""Columns whose float rank is compared; of more, a stretch of so many neighbours."""
+CLEAR_GAP = 1e3
+"""Ratio of neighbouring singular values that shows a rank; smaller ones come from motions near a pose."""
+LARGEST_RANK = 1000
+"""Rank above which float ranks, which then take minutes, are not compared."""
 _MOST_TRIALS, _FEWEST_TRIALS = 600, 8
 """Readings that are tried to find out which snaps matter, times the number of bodies, and at least."""
 
@@ -79,7 +76,7 @@ def report_reading(
     rng: np.random.Generator,
     recorded: LinearForms | None = None,
     matrix: BaseMatrix | None = None,
-    spectrum: Spectrum | None = None,
+    spectrum: RankSpectrum | None = None,
 ) -> ReadingReport:
     """The numbers that were snapped, and the rank of the literal reading of the mechanism's file.
 
@@ -102,7 +99,7 @@ def _compared(
     rng: np.random.Generator,
     recorded: LinearForms | None,
     matrix: BaseMatrix | None,
-    spectrum: Spectrum | None,
+    spectrum: RankSpectrum | None,
 ) -> ReadingReport:
     reading = mechanism.reading
     snaps, notes = ((), ()) if reading is None else (reading.snaps, reading.notes)
@@ -143,7 +140,7 @@ def mechanism_notes(mechanism: Mechanism) -> list[str]:
     ]
     if locked := joints_locked_by_loops(mechanism):
         notes.append(
-            f"cannot move, because of {shown_loops(mechanism, locked[0])}: {in_quotes(locked, _MOST_NAMED)}"
+            f"cannot move, because of {shown_loops(mechanism, locked[0])}: {in_quotes(locked)}"
         )
     split = ", ".join(f"'{name}'" for name in split_balls(mechanism))
     what = "the loops leave part of a free rotation undetermined, such as the spin of a rod between two ball joints"
@@ -151,7 +148,7 @@ def mechanism_notes(mechanism: Mechanism) -> list[str]:
 
 
 def moved_to_close(mechanism: Mechanism) -> Assembled | None:
-    """What had to be moved to close the loops of a mechanism; None without loops, or if symbols have no values."""
+    """Moves that closed the loops of a mechanism; None without loops, or if symbols have no values."""
     closed = assembly_of(mechanism) if has_values(mechanism) else None
     return None if closed is None else closed.assembled
 
@@ -176,7 +173,7 @@ def _locked_drives(mechanism: Mechanism) -> str:
     if not locked:
         return ""
     return (
-        f"the loops hold what drives are to move: {in_quotes(locked, _MOST_NAMED)}.  If that is not meant, give a "
+        f"the loops hold what drives are to move: {in_quotes(locked)}.  If that is not meant, give a "
         "closure a kind that holds less, such as  joint: spherical  (in MJCF connect instead of weld)"
     )
 
@@ -192,7 +189,7 @@ def _doubt(
     intended: int,
     matrix: BaseMatrix | None,
     as_stated: Mechanism,
-    spectrum: Spectrum | None,
+    spectrum: RankSpectrum | None,
 ) -> str:
     """The float ranks of the literal numbers, if none of them is the expected one; else empty, as with loops.
 
@@ -204,7 +201,7 @@ def _doubt(
     low, high = sorted((literal, intended))
     columns, where = None, ""
     if (
-        len(mechanism.parameters) > _MOST_COLUMNS
+        len(mechanism.parameters) > MOST_COLUMNS
         and matrix is not None
         and matrix.numbers is None
     ):
@@ -215,8 +212,8 @@ def _doubt(
         else:
             low = high = part
             where = f", for the parameters {matrix.parameters[columns[0]]} to {matrix.parameters[columns[-1]]}"
-    if high > _LARGEST_RANK:
-        return f"not compared with float ranks, as {high} is more than {_LARGEST_RANK}"
+    if high > LARGEST_RANK:
+        return f"not compared with float ranks, as {high} is more than {LARGEST_RANK}"
     try:
         found = numeric_ranks(
             as_stated, literal=False, near=high, recorded=recorded, columns=columns
@@ -226,7 +223,7 @@ def _doubt(
     widest = found.widest_gap()
     if (
         widest is None
-        or widest[1] < _CLEAR_GAP
+        or widest[1] < CLEAR_GAP
         or any(low <= r <= high for r in (*found.ranks, widest[0]))
     ):
         return ""
@@ -243,8 +240,8 @@ def _doubt(
 
 def _neighbours(count: int) -> range:
     """Columns of links that follow one another, from a random one on."""
-    start = int(random_generator(DEFAULT_SEED).integers(count - _MOST_COLUMNS + 1))
-    return range(start, start + _MOST_COLUMNS)
+    start = int(random_generator(DEFAULT_SEED).integers(count - MOST_COLUMNS + 1))
+    return range(start, start + MOST_COLUMNS)
 
 
 def _rank_of_columns(

@@ -14,8 +14,8 @@ from echelon.errors import InputError
 from echelon.exact.polynomial import Number
 from echelon.exact.rational import RationalFunction
 
-_MOST_OPEN = 0.5
-"""What rounding may leave open of coefficients, beside columns of size one, before they say nothing."""
+LARGEST_ERROR = 0.5
+"""Error that rounding leaves of coefficients, beside columns of size one, at which they say nothing."""
 
 
 def in_numbers(
@@ -57,7 +57,7 @@ def in_numbers(
         If rounding of the file leaves the coefficients open.
     """
     if independent.error:
-        if independent.error > _MOST_OPEN:
+        if independent.error > LARGEST_ERROR:
             raise InputError(
                 f"{len(independent.pivots)} base parameters are meant, but the file's last decimals leave their "
                 "coefficients open: state the geometry with more digits, or ask for the rank only"

@@ -21,6 +21,7 @@ from echelon.arrays import Floats
 from echelon.base.ball_rows import ball_rows, states_in
 from echelon.base.ball_tables import Balls, combinations_of, exact_number, vanishes
 from echelon.base.elimination import Independent, eliminated, sizes_shown
+from echelon.base.prime_states import MOST_VISITS
 from echelon.errors import (
     ClosedFormError,
     DegenerateSampleError,
@@ -28,7 +29,9 @@ from echelon.errors import (
     SingularPoseError,
 )
 from echelon.exact.field import (
+    AGREEING_POINTS,
     DEFAULT_SEED,
+    SURPLUS_ROWS,
     Geometry,
     PrimeField,
     Residues,
@@ -43,26 +46,20 @@ if TYPE_CHECKING:
 
 _BITS = (640, 1280, 2560)
 """Precisions that are tried: values of chains of loops fall smoothly past 1e-54."""
-_FIRST_ROWS, _SURPLUS = 64, 20
+_FIRST_ROWS, SURPLUS = 64, 20
 """Rows at first, and rows beyond the rank; of more columns that seem independent, twice as many rows are taken."""
-_OTHERS = 10
-"""Rows at further poses, at which relations are checked."""
-_MOST_POSES = 1000
-"""Poses after which relations that still fail at others are given up."""
-_MOST_VISITS = 32
-"""Visits of each region of signs after which they are, where there are many."""
-_FEWEST = 8
-"""Poses that are taken at least, however many motions go through each."""
-_AT_ONCE = 16
+MOST_POSES = 1000
+"""Poses after which relations that still fail are given up."""
+FEWEST_POSES = 8
+"""Poses of a table at least, however many motions go through each."""
+GEOMETRIES_AT_ONCE = 16
 """Values of the symbols at which the loops are closed together."""
-_CHECKED = 2
-"""Rows beyond those that determine coefficients: a false relation fails in almost every one."""
-_COST = 1e3
-"""Operations modulo a prime that take as long as one in ball arithmetic, with those of Newton's iterations."""
-_REACH = 0.03
-"""Share of a stated value, or of one radian or metre where it is zero, by which values of symbols are changed."""
-_FINE = 1 / 128
-"""Share of the smallest value of a symbol by which fractions with a given residue lie apart."""
+BALL_COST = 1e3
+"""Cost of an operation in ball arithmetic with its share of Newton's method, in operations modulo a prime."""
+LARGEST_CHANGE = 0.03
+"""Change of symbols, relative to a stated value, or in rad or m where it is zero."""
+FRACTION_SPACING = 1 / 128
+"""Distance of the fractions with a given residue, relative to the smallest value of a symbol."""
 
 
 class RealStates:
@@ -92,7 +89,7 @@ class RealStates:
 
     @property
     def loops(self) -> Loops:
-        """What keeps states closed, of mechanisms with loops."""
+        """Loop closures that every state satisfies."""
         assert self.rows.forms.loops is not None
         return self.rows.forms.loops
 
@@ -132,7 +129,7 @@ class RealStates:
         )
 
     def sizes(self, like: RealStates, rows: int, bits: int) -> list[float]:
-        """How much each independent column shows beside those before, descending, in some rows.
+        """Residual norms of the independent columns of some rows, relative to the largest, descending.
 
         States are next to known ones of another mechanism of the same kind, perhaps the same one.
         """
@@ -154,8 +151,8 @@ class RealStates:
         """
         columns, auxiliary = self.rows.forms.shape[1], self.rows.auxiliary
         rng, used = random_generator(DEFAULT_SEED), 0
-        others, used = self._table(at, used, _OTHERS, most, rng)
-        table, used = self._table(at, used, wanted + _SURPLUS, most, rng)
+        others, used = self._table(at, used, SURPLUS_ROWS, most, rng)
+        table, used = self._table(at, used, wanted + SURPLUS, most, rng)
         while True:
             found = eliminated(table, bits, auxiliary, self.units)
             if found is None:
@@ -166,11 +163,11 @@ class RealStates:
                 wanted, table = wanted + more, np.vstack([table, further])
             elif found.holds(others):
                 return found, wanted
-            elif used > max(_MOST_POSES, _MOST_VISITS * self.states.regions):
+            elif used > max(MOST_POSES, MOST_VISITS * self.states.regions):
                 return None, wanted
             else:  # the poses were too few, however many motions went through each
                 table = np.vstack([table, others])
-                others, used = self._table(at, used, _OTHERS, most, rng)
+                others, used = self._table(at, used, SURPLUS_ROWS, most, rng)
 
     def _table(
         self,
@@ -187,7 +184,7 @@ class RealStates:
     def _shared(self, rows: int, most: int) -> tuple[int, int]:
         """Poses, and motions through each, no more than some, that make some rows, and visit all regions of signs."""
         states = max(-(-rows // self.rows.forms.shape[0]), self.states.regions)
-        poses = min(states, max(_FEWEST, -(-states // most)))
+        poses = min(states, max(FEWEST_POSES, -(-states // most)))
         return poses, -(-states // poses)
 
     # -- coefficients ------------------------------------------------------------------------------------------------
@@ -203,7 +200,7 @@ class RealStates:
 
     def cost(self, sources: int) -> float:
         """Operations modulo primes that take as long as closing the loops and solving for coefficients."""
-        return _COST * self.states.size * (self.rows.auxiliary + sources)
+        return BALL_COST * self.states.size * (self.rows.auxiliary + sources)
 
     def coefficients(
         self,
@@ -225,9 +222,9 @@ class RealStates:
             )
         count = max((len(geometry[name]) for name in self.symbols), default=1)
         found = list[list[int]]()
-        for first in range(0, count, _AT_ONCE):
+        for first in range(0, count, GEOMETRIES_AT_ONCE):
             at = list[dict[str, str]]()
-            for k in range(first, min(first + _AT_ONCE, count)):
+            for k in range(first, min(first + GEOMETRIES_AT_ONCE, count)):
                 residues = {name: int(geometry[name][k]) for name in self.symbols}
                 at.append(self._lifted(residues, int(field.p), rng))
             found += [
@@ -241,7 +238,7 @@ class RealStates:
     ) -> list[list[Number]]:
         """Exact coefficients at each of some values of the symbols, target by target for each source."""
         poses, motions = self._shared(
-            self.rows.auxiliary + sources + _CHECKED, self.states.motions
+            self.rows.auxiliary + sources + AGREEING_POINTS, self.states.motions
         )
         found = list[list[Number]]()
         for bits in _BITS:
@@ -272,7 +269,7 @@ class RealStates:
             range(auxiliary + sources),
             range(auxiliary + sources, table.shape[1]),
         )
-        solved = combinations_of(table, pivots, others, _CHECKED)
+        solved = combinations_of(table, pivots, others, AGREEING_POINTS)
         if solved is None:
             return None
         solution, left = solved
@@ -298,7 +295,7 @@ class RealStates:
         """Fractions with some residues next to the stated values, all with one denominator, as text."""
         near = {name: self._near(name, rng) for name in residues}
         smallest = min((abs(value) for value in near.values()), default=1.0)
-        least = int(prime / (_FINE * min(smallest, 1.0)))
+        least = int(prime / (FRACTION_SPACING * min(smallest, 1.0)))
         denominator = int(rng.integers(least, 2 * least))
         values = dict[str, str]()
         for name, residue in residues.items():
@@ -313,7 +310,7 @@ class RealStates:
     def _near(self, name: str, rng: np.random.Generator) -> float:
         """A random value near the stated one; of an angle, the tangent of its half."""
         value = float(stated_ball(self.states.values[name]).mid())
-        change = _REACH * float(rng.uniform(-1.0, 1.0))
+        change = LARGEST_CHANGE * float(rng.uniform(-1.0, 1.0))
         if name in self.angles:
             return tan((value + change) / 2)
-        return value + change * (abs(value) or 1.0) or _REACH
+        return value + change * (abs(value) or 1.0) or LARGEST_CHANGE

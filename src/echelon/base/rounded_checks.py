@@ -14,7 +14,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.base.ball_checks import BallEvidence
 from echelon.base.ball_rows import ball_rows
-from echelon.base.ball_tables import combinations_of, doubles
+from echelon.base.ball_tables import BALL_BITS, combinations_of, doubles
 from echelon.base.elimination import SMALLEST_SHARE
 from echelon.base.matrix import BaseMatrix
 from echelon.base.spectrum import EXPLAINED, units_of
@@ -22,13 +22,12 @@ from echelon.errors import CertificateError, InputError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.linear_forms import LinearForms
 
-_BITS = 640
-_ROWS = 3
-"""Times as many rows as representatives."""
-_MOST = 0.1
-"""Share of a column that a set may leave at most, however coarse the file is."""
-_WORSE = 30.0
-"""By how much a set may leave more than the best coefficients, which its digits are fewer than."""
+ROWS_PER_REPRESENTATIVE = 3
+"""Sampled rows, relative to the number of representatives."""
+LARGEST_RESIDUAL = 0.1
+"""Share of a column that a set may leave, however coarse the file is."""
+LARGEST_EXCESS = 30.0
+"""Residual of a set, relative to that of the best coefficients, which have more digits."""
 
 
 def check_to_rounding(
@@ -44,8 +43,8 @@ def check_to_rounding(
     CertificateError
         If it is too large, incomplete or wrong.
     """
-    count = _ROWS * matrix.rank
-    with flint.ctx.workprec(_BITS):
+    count = ROWS_PER_REPRESENTATIVE * matrix.rank
+    with flint.ctx.workprec(BALL_BITS):
         try:
             table = ball_rows(regressor, {}, count, rng)
         except InputError as error:
@@ -63,7 +62,7 @@ def check_to_rounding(
         np.abs(rows - rows[:, pivots] @ b).max(axis=0) / sizes for b in (claimed, best)
     )
     explained = EXPLAINED * mechanism.rounding
-    allowed = min(_MOST, max(explained, _WORSE * float(least.max())))
+    allowed = min(LARGEST_RESIDUAL, max(explained, LARGEST_EXCESS * float(least.max())))
     wrong = np.flatnonzero(left > allowed)
     if wrong.size:
         name = matrix.parameters[int(left.argmax())]

@@ -18,7 +18,7 @@ import flint
 import numpy as np
 
 from echelon.base.ball_rows import stated_generators
-from echelon.base.ball_tables import Balls, vanishes
+from echelon.base.ball_tables import BALL_BITS, Balls, vanishes
 from echelon.base.derive import base_parameters
 from echelon.base.elimination import eliminated
 from echelon.base.linear_base import LinearBase
@@ -28,7 +28,10 @@ from echelon.base.real_states import RealStates
 from echelon.doors import public
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
 from echelon.exact.field import (
+    AGREEING_POINTS,
     DEFAULT_SEED,
+    MOST_ATTEMPTS,
+    SURPLUS_ROWS,
     PrimeField,
     Residues,
     random_generator,
@@ -126,8 +129,6 @@ def power_regressor(mechanism: Mechanism | Readable) -> RecordedRows:
 Model = Mechanism | BaseModel | LinearModel | LinearBase | RecordedRows | LinearForms
 """What has a row space."""
 
-_ATTEMPTS, _AGREEING = 8, 2
-
 
 @public
 @dataclass(frozen=True)
@@ -209,7 +210,7 @@ def same_row_space(
     if first.real or second.real:
         return _compared_in_balls(first, second, places, rng)
     seen: list[_Comparison] = []
-    for _ in range(_ATTEMPTS):
+    for _ in range(MOST_ATTEMPTS):
         field = PrimeField.random(rng)
         try:
             geometry = {
@@ -223,7 +224,7 @@ def same_row_space(
         seen.append(_Comparison(field, upper, lower))
         most = tuple(max(s.ranks[k] for s in seen) for k in range(3))
         agreeing = [s for s in seen if s.ranks == most]
-        if len(agreeing) >= _AGREEING:
+        if len(agreeing) >= AGREEING_POINTS:
             names = (
                 first.names
                 or second.names
@@ -362,8 +363,10 @@ def _compared_in_balls(
             for states in models
             for name, text in states.elsewhere(rng).items()
         }
-    bits = _BITS_OF_DECIMALS if any(found.radius for found in numbers) else _BITS
-    with flint.ctx.workprec(_BITS):
+    # with coefficients in forty decimals, what is below 2^-64 counts as zero
+    decimals = any(found.radius for found in numbers)
+    bits = BALL_BITS // 2 if decimals else 2 * BALL_BITS
+    with flint.ctx.workprec(2 * BALL_BITS):
         upper, lower = (side.in_balls(at) for side in sides)
         lower = lower[:, list(places)]
         both = [
@@ -413,11 +416,8 @@ def _unseen_in_balls(
     return ""
 
 
-_BITS = 1024
-"""Precision of comparisons in ball arithmetic; row spaces are known to half of it and more."""
-_BITS_OF_DECIMALS = 256
-"""With coefficients in forty decimals: what is below 2^-64 counts as zero then."""
-_FIRST_STATES, _SURPLUS_STATES = 32, 8
+FIRST_STATES = 32
+"""States at first; more follow while the rank may grow."""
 
 
 def row_space(
@@ -433,14 +433,14 @@ def row_space(
     """
     sampler, columns = forms.sampler(), forms.shape[1]
     states, seen = (
-        max(min(_FIRST_STATES, columns + _SURPLUS_STATES), sampler.regions),
+        max(min(FIRST_STATES, columns + SURPLUS_ROWS), sampler.regions),
         -1,
     )
     while True:
         reduced, pivots = reduced_echelon(
             forms.stacked(sampler.evaluate(field, rng, states, at))[0], field
         )
-        enough = states >= min(len(pivots), columns) + _SURPLUS_STATES
+        enough = states >= min(len(pivots), columns) + SURPLUS_ROWS
         if enough and (sampler.regions == 1 or len(pivots) == seen):
             break
         # with too few states, or because a region of signs may have more to show

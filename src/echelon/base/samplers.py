@@ -8,5 +8,5 @@ from echelon.regressor.linear_forms import Rows
 
 
 def states_of(rows: Rows) -> PrimeStates | RealStates:
-    """What samples rows: points of prime fields where these are rational in free variables, else real states."""
+    """Sampler of rows: points of prime fields where rows are rational in free variables, else real states."""
     return PrimeStates(rows) if rows.forms.rational else RealStates(rows)

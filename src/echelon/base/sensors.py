@@ -26,7 +26,9 @@ from echelon.errors import (
     InputError,
 )
 from echelon.exact.field import (
+    AGREEING_POINTS,
     DEFAULT_SEED,
+    MOST_ATTEMPTS,
     PrimeField,
     Residues,
     random_generator,
@@ -38,9 +40,8 @@ from echelon.mechanism.mechanism import Cut, Mechanism, Output
 from echelon.mechanism.sources import Readable, mechanism_of
 from echelon.regressor.linear_forms import LinearForms, virtual_power_form
 
-_FIELDS = 2
-_ATTEMPTS = 8
-_BALL = 100  # operations modulo a prime take as long as one in ball arithmetic
+BALL_COST = 100
+"""Cost of a rank in ball arithmetic, in ranks modulo a prime."""
 Progress = Callable[[str], None]
 Geometry = Mapping[str, Residues]
 
@@ -216,9 +217,9 @@ def _spaces(
         found = spaces_of(
             forms, lambda name: progress(said.format(name, numbers[name]))
         )
-        return _Spaces([(found.rank, found.bases)], _BALL)
+        return _Spaces([(found.rank, found.bases)], BALL_COST)
     bases = list[_Base]()
-    for _ in range(_ATTEMPTS):
+    for _ in range(MOST_ATTEMPTS):
         field = PrimeField.random(rng)
         try:
             bases.append(
@@ -226,7 +227,7 @@ def _spaces(
             )
         except (DegenerateSampleError, ClosedFormError):
             continue
-        if len(bases) == _FIELDS:
+        if len(bases) == AGREEING_POINTS:
             return _Spaces(bases)
     raise EchelonError("every random point is singular; please report this model")
 

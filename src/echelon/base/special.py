@@ -24,7 +24,8 @@ _TURNS = (
     ("-90°", _ZERO, -_ONE),
 )
 _GRAVITY = "gravity"
-_MOST_PAIRS = 200
+MOST_PAIRS = 200
+"""Pairs of special values that are tried: each takes a structure."""
 _AXES = (("x", (1, 0, 0)), ("y", (0, 1, 0)), ("z", (0, 0, 1)))
 
 
@@ -138,13 +139,13 @@ def special_geometry(
         if found != rank
     ]
     pairs = [(a, b) for a, b in combinations(single, 2) if not a.symbols & b.symbols]
-    for a, b in pairs[:_MOST_PAIRS]:
+    for a, b in pairs[:MOST_PAIRS]:
         found = find_structure((a & b).of(mechanism), rng).rank
         if found < min(alone[a], alone[b]):
             cases.append(SpecialCase((a & b).text, found))
-    tried = len(single) + min(len(pairs), _MOST_PAIRS)
+    tried = len(single) + min(len(pairs), MOST_PAIRS)
     return SpecialGeometry(
-        rank, tried, tuple(cases), seed, max(0, len(pairs) - _MOST_PAIRS)
+        rank, tried, tuple(cases), seed, max(0, len(pairs) - MOST_PAIRS)
     )
 
 

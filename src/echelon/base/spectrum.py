@@ -18,43 +18,38 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.base.elimination import Independent
-from echelon.base.real_states import RealStates
+from echelon.base.real_states import SURPLUS, RealStates
 from echelon.exact.field import DEFAULT_SEED, random_generator
+from echelon.hints import MOST_NAMED
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.nudge import nudged
 from echelon.mechanism.stated import characteristic_length
 from echelon.regressor.linear_forms import rows_of
 
 EXPLAINED = 10_000.0
-"""Times the last decimal, as a share of the largest singular value: what rounding of all numbers may make at most."""
-_MOST = 0.05
-"""Share of the largest singular value above which nothing is taken for rounding, however coarse the file is."""
+"""Singular value, as a share of the largest, that rounding by one unit of the last decimal explains at most."""
+LARGEST_EXPLAINED = 0.05
+"""Share of the largest singular value above which rounding explains nothing, however coarse the file is."""
 _PART = Fraction(1, 10_000)
 """Part of the last decimal by which numbers are changed."""
-_DRAWS = 3
-"""Random changes: by one of them a value may change little by chance."""
+DRAWS = 3
+"""Random changes of the last decimals: in one alone, a value may stay by chance."""
 _KEEPS, _CHANGES = 0.02, 0.3
 """Relative changes, for a change of numbers by a whole last decimal: up to the first, rounding does not make a value,
 as it would take fifty last decimals; from the second on, it is likely to do so."""
-_COARSE = 1e-4
-"""Last decimal, rad or a share of the size, beyond which files are not rounded more than once: fifty of them would be
-half a percent.  Rounding then makes no value unless it is likely to do so for one."""
-_WIDE = 1e4
-"""Fall that is clear whatever follows."""
-_BETWEEN = 1.5
-"""Power of the last decimals between what they make and what their squares make."""
-_MOST_NAMED = 24
-"""Numbers that a doubt names one by one."""
-_SURPLUS = 20
-"""Rows beyond the rank in which values are compared."""
-_CLEAR = 300.0
-"""Fall of the spectrum behind the last value that does not change, from which on the gap is clear: the true values of
-86 exact mechanisms fall by more from one to the next in two of them."""
+COARSE_ROUNDING = 1e-4
+"""Last decimal, rad or a share of the size, from which fifty units are half a percent: nobody rounds so twice."""
+WIDEST_GAP = 1e4
+"""Fall of the spectrum that separates whatever follows."""
+BETWEEN_ORDERS = 1.5
+"""Power of the last decimal between the values that rounding makes (1) and those that its square makes (2)."""
+CLEAR_GAP = 300.0
+"""Fall of the spectrum behind the last firm value that is clear: only 2 of 86 exact mechanisms have larger ones."""
 
 
 @dataclass(frozen=True)
-class Spectrum:
-    """How much each base parameter shows beside those before, and what of it rounding explains.
+class RankSpectrum:
+    """Residual norms of the base parameters' columns, and how many of them rounding explains.
 
     Attributes
     ----------
@@ -80,11 +75,11 @@ class Spectrum:
 
     @property
     def doubt(self) -> str:
-        """What speaks against the intended number; empty if it is clear."""
+        """Reason to doubt the intended number; empty if it is clear."""
         if len(self.counts) < 2:
             return ""
         named = f"{self.counts[0]} to {self.counts[-1]}, most likely {self.intended},"
-        if len(self.counts) <= _MOST_NAMED:
+        if len(self.counts) <= MOST_NAMED:
             named = f"{', '.join(map(str, self.counts[:-1]))} or {self.counts[-1]}"
         return (
             f"{named} base parameters: the file's last decimals do not tell, as what rounding may show "
@@ -94,7 +89,7 @@ class Spectrum:
 
     @property
     def note(self) -> str:
-        """What was left out, in words; empty if nothing was."""
+        """Message about columns that were left out; empty if there are none."""
         if self.intended == self.literal:
             return ""
         return (
@@ -128,20 +123,20 @@ def units_of(
 
 def spectrum_of(
     mechanism: Mechanism, states: RealStates, columns: Sequence[int], found: Independent
-) -> Spectrum:
+) -> RankSpectrum:
     """Read the spectrum of some columns of a mechanism with loops."""
     shown = tuple(sorted(found.shown, reverse=True))
     count = len(shown)
-    most = min(_MOST, EXPLAINED * mechanism.rounding)
+    most = min(LARGEST_EXPLAINED, EXPLAINED * mechanism.rounding)
     first = next((k for k, size in enumerate(shown) if size <= most), count)
     if not mechanism.rounding or first == count:
-        return Spectrum(shown, count, inf, (count,))
+        return RankSpectrum(shown, count, inf, (count,))
     changes = _changes(mechanism, states, columns, found)
     firm = (np.arange(count) < first) | (changes < _KEEPS)
     made = ~firm & (changes > _CHANGES)
-    coarse = mechanism.rounding > _COARSE
+    coarse = mechanism.rounding > COARSE_ROUNDING
     if firm.all() or (coarse and not made.any()):
-        return Spectrum(shown, count, inf, (count,))
+        return RankSpectrum(shown, count, inf, (count,))
     falls = np.divide(
         shown,
         [*shown[1:], 0.0],
@@ -153,13 +148,13 @@ def spectrum_of(
     # what is as small as the last decimals changes as a whole, made by rounding or not: a wider gap may follow.  Gaps
     # towards what is made by squares of the last decimals mean nothing
     last = max(
-        intended + 1, int((np.array(shown) > mechanism.rounding**_BETWEEN).sum())
+        intended + 1, int((np.array(shown) > mechanism.rounding**BETWEEN_ORDERS).sum())
     )
     widest = float(falls[intended:last].max())
-    if not firm[intended:].any() and fall >= min(_WIDE, max(_CLEAR, widest)):
-        return Spectrum(shown, intended, fall, (intended,))
+    if not firm[intended:].any() and fall >= min(WIDEST_GAP, max(CLEAR_GAP, widest)):
+        return RankSpectrum(shown, intended, fall, (intended,))
     likely = count - int(made.sum())
-    return Spectrum(
+    return RankSpectrum(
         shown,
         likely,
         float(falls[likely - 1]) if likely else inf,
@@ -175,7 +170,7 @@ def _changes(
     amount = Fraction(mechanism.rounding) * _PART
     largest = np.zeros(len(found.shown))
     before = _logs(states, states, found)
-    for _ in range(_DRAWS):
+    for _ in range(DRAWS):
         other = nudged(mechanism, amount, length, rng)
         near = RealStates(rows_of(other).columns(columns), states.units)
         largest = np.maximum(
@@ -187,6 +182,6 @@ def _changes(
 def _logs(states: RealStates, like: RealStates, found: Independent) -> Floats:
     """Logarithms of as many singular values as were found, at states next to known ones."""
     count = len(found.shown)
-    sizes = states.sizes(like, count + _SURPLUS, found.bits)
+    sizes = states.sizes(like, count + SURPLUS, found.bits)
     padded = [*sizes, *[0.0] * count][:count]
     return np.array([log(size) if size > 0 else np.nan for size in padded])

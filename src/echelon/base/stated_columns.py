@@ -16,11 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.base.ball_rows import ball_rows, stated_generators
-from echelon.base.ball_tables import Balls, ball_error, rounded
-from echelon.base.closed_form import Kernel, Relation
+from echelon.base.ball_tables import BALL_BITS, Balls, ball_error, rounded
+from echelon.base.closed_form import Dependence, PlacedDependence
 from echelon.base.matrix import StatedNumbers
 from echelon.errors import ClosedFormError
 from echelon.exact.field import (
+    SURPLUS_ROWS,
     PrimeField,
     Residues,
     by_pivots,
@@ -35,13 +36,13 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, symbol_roles, value_texts
 from echelon.program.arithmetics import ball
 
-_BITS, _MOST_BITS = 512, 4096
-_LOOSE = 1e-60
-"""Coefficients must be known as well as this before they are rounded."""
-_SURPLUS_ROWS = 6
-_MOTIONS = 2  # through each closed pose, which takes long to enclose; even one freedom without gravity shows as many
-_MOST_PRIMES = 8
-"""Fractions of up to 37 digits are found exactly; nobody reads longer ones, and balls take less time."""
+_MOST_BITS = 8 * BALL_BITS
+LARGEST_RELATIVE_ERROR = 1e-60
+"""Relative error of a coefficient below which it can be rounded."""
+MOTIONS_PER_POSE = 2
+"""Motions through a closed pose, which takes long to enclose: even one freedom without gravity shows as many."""
+MOST_PRIMES = 8
+"""Primes for fractions of up to 37 digits; for longer ones, balls take less time."""
 
 Pair = tuple[int, int]
 """(pivot, column) of a coefficient of B."""
@@ -53,7 +54,7 @@ class StatedColumns:
     def __init__(
         self,
         mechanism: Mechanism,
-        found: Sequence[Relation],
+        found: Sequence[PlacedDependence],
         zero: Sequence[int],
         order: tuple[int, ...],
         rng: np.random.Generator,
@@ -123,14 +124,14 @@ class StatedColumns:
             column: set(combination) for column, combination in solved.items()
         }
 
-    def _needed(self, columns: Sequence[int]) -> list[Relation]:
+    def _needed(self, columns: Sequence[int]) -> list[PlacedDependence]:
         """The relations that some columns depend on."""
         if not self._is_classical:
             return list(self.found)
         owner = {
             target: relation for relation in self.found for target in relation.targets
         }
-        needed: list[Relation] = []
+        needed: list[PlacedDependence] = []
         pending = [owner[c] for c in columns if c in owner]
         while pending:
             relation = pending.pop()
@@ -155,7 +156,7 @@ class StatedColumns:
         self,
         field: PrimeField,
         geometry: Mapping[str, Residues],
-        needed: Sequence[Relation],
+        needed: Sequence[PlacedDependence],
     ) -> dict[int, dict[int, int]]:
         """Dependent columns as combinations of pivots at one geometry."""
 
@@ -167,10 +168,10 @@ class StatedColumns:
                 % field.p
             )
 
-        def coefficients(kernel: Kernel) -> npt.NDArray[Any]:
-            own = {s: geometry[s] for s in kernel.sampler.symbols}
-            found = kernel.coefficients(field, own, self.rng)[:, 0].astype(object)
-            return found.reshape(len(kernel.sources), -1)
+        def coefficients(dependence: Dependence) -> npt.NDArray[Any]:
+            own = {s: geometry[s] for s in dependence.sampler.symbols}
+            found = dependence.coefficients(field, own, self.rng)[:, 0].astype(object)
+            return found.reshape(len(dependence.sources), -1)
 
         def reduced(combination: dict[int, int]) -> dict[int, int]:
             return {
@@ -183,26 +184,26 @@ class StatedColumns:
 
     def _solved(
         self,
-        needed: Sequence[Relation],
-        coefficients: Callable[[Kernel], npt.NDArray[Any] | None],
+        needed: Sequence[PlacedDependence],
+        coefficients: Callable[[Dependence], npt.NDArray[Any] | None],
         number: Callable[[Polynomial], Any],
         reduced: Callable[[dict[int, Any]], dict[int, Any]],
     ) -> dict[int, dict[int, Any]] | None:
-        """Dependent columns as combinations of classical pivots; None where a kernel has no coefficients."""
+        """Dependent columns as combinations of classical pivots; None where a dependence has no coefficients."""
         raw: dict[int, dict[int, Any]] = {column: {} for column in self.zero}
-        known: dict[Kernel, dict[int, dict[int, Any]]] = {}
+        known: dict[Dependence, dict[int, dict[int, Any]]] = {}
         for relation in needed:
-            kernel = relation.kernel
-            if kernel not in known:
-                values = coefficients(kernel)
+            dependence = relation.dependence
+            if dependence not in known:
+                values = coefficients(dependence)
                 if values is None:
                     return None
-                columns = zip(kernel.targets, values.T, strict=True)
-                known[kernel] = {
-                    t: dict(zip(kernel.sources, column, strict=True))
+                columns = zip(dependence.targets, values.T, strict=True)
+                known[dependence] = {
+                    t: dict(zip(dependence.sources, column, strict=True))
                     for t, column in columns
                 }
-            raw |= relation.placed(known[kernel], number)
+            raw |= relation.placed(known[dependence], number)
         solved: dict[int, dict[int, Any]] = {}
         for column in sorted(raw):
             solved[column] = reduced(substituted(raw[column], solved))
@@ -227,7 +228,7 @@ class StatedColumns:
     def _exact(
         self,
         pairs: Sequence[Pair],
-        needed: Sequence[Relation],
+        needed: Sequence[PlacedDependence],
         values: Mapping[str, Number],
     ) -> list[Number] | None:
         """Exact values, or None where these are no short fractions."""
@@ -247,7 +248,7 @@ class StatedColumns:
             evaluate, (), frozenset(), frozenset(), [0] * len(pairs), roots
         )
         try:
-            found = interpolate(unknown, self.rng, Work.of(1), _MOST_PRIMES)
+            found = interpolate(unknown, self.rng, Work.of(1), MOST_PRIMES)
         except ClosedFormError:
             return None
         return (
@@ -259,15 +260,19 @@ class StatedColumns:
     # -- in balls ------------------------------------------------------------------------------------------------
 
     def _from_balls(
-        self, pairs: Sequence[Pair], needed: Sequence[Relation], at: Mapping[str, str]
+        self,
+        pairs: Sequence[Pair],
+        needed: Sequence[PlacedDependence],
+        at: Mapping[str, str],
     ) -> tuple[list[Number], float]:
         """Values rounded to a fixed number of digits, and the largest error."""
-        bits = _BITS
+        bits = BALL_BITS
         while bits <= _MOST_BITS:
             with flint.ctx.workprec(bits):
                 found = self._balls(pairs, needed, at)
                 if found is not None and all(
-                    ball_error(x) <= _LOOSE * max(1.0, float(abs(x).mid()))
+                    ball_error(x)
+                    <= LARGEST_RELATIVE_ERROR * max(1.0, float(abs(x).mid()))
                     for x in found
                 ):
                     return rounded(found)
@@ -277,7 +282,10 @@ class StatedColumns:
         )
 
     def _balls(
-        self, pairs: Sequence[Pair], needed: Sequence[Relation], at: Mapping[str, str]
+        self,
+        pairs: Sequence[Pair],
+        needed: Sequence[PlacedDependence],
+        at: Mapping[str, str],
     ) -> list[Any] | None:
         def number(polynomial: Polynomial) -> Any:
             return polynomial.evaluate(
@@ -286,7 +294,7 @@ class StatedColumns:
 
         solved = self._solved(
             needed,
-            lambda kernel: _solved(kernel, at, self.rng),
+            lambda dependence: _solved(dependence, at, self.rng),
             number,
             lambda found: found,
         )
@@ -328,13 +336,13 @@ class StatedColumns:
 
 
 def _solved(
-    kernel: Kernel, at: Mapping[str, str], rng: np.random.Generator
+    dependence: Dependence, at: Mapping[str, str], rng: np.random.Generator
 ) -> Balls | None:
-    """Coefficients of a kernel, shape (sources, targets), or None if the precision does not decide them."""
-    unknowns, forms = kernel.unknowns, kernel.rows.forms
-    states = -(-(unknowns + _SURPLUS_ROWS) // max(1, forms.shape[0]))
+    """Coefficients of a dependence, shape (sources, targets), or None if the precision does not decide them."""
+    unknowns, forms = dependence.unknowns, dependence.rows.forms
+    states = -(-(unknowns + SURPLUS_ROWS) // max(1, forms.shape[0]))
     for count in (states, 8 * states):  # regions of signs may need more
-        rows = ball_rows(forms, at, count, rng, _MOTIONS)
+        rows = ball_rows(forms, at, count, rng, MOTIONS_PER_POSE)
         left, right = (
             flint.arb_mat(rows[:, :unknowns].tolist()),
             flint.arb_mat(rows[:, unknowns:].tolist()),
@@ -344,7 +352,7 @@ def _solved(
             solution = (across * left).solve(across * right)
         except ZeroDivisionError:
             continue
-        table = np.empty((unknowns, len(kernel.targets)), dtype=object)
+        table = np.empty((unknowns, len(dependence.targets)), dtype=object)
         table.ravel()[:] = solution.entries()
-        return table[kernel.rows.auxiliary :]
+        return table[dependence.rows.auxiliary :]
     return None

@@ -1,4 +1,4 @@
-"""What the stated values of symbols change: relations among them that a rank depends on, and structures at them.
+"""Effect of the symbols' stated values: relations among them that a rank depends on, and the structures they give.
 
 Relations are zeros, equal values, ratios and sums.  Put into a mechanism, they leave one whose general answer is the
 answer for this robot, so closed forms keep all other symbols.
@@ -35,9 +35,10 @@ from echelon.mechanism.stated import (
 )
 from echelon.mechanism.substitute import substituted
 
-_MOST_TRIALS = 400
-"""Structures that the search may cost; after that, values stand for relations that were not found."""
-_LARGEST_RATIO = 12
+MOST_STRUCTURES = 400
+"""Structures of a search for relations; after it, values stand for relations that were not found."""
+LARGEST_RATIO = 12
+"""Numerator and denominator of ratios of symbols that count as meant."""
 
 PivotsOf = Callable[[Mapping[str, Polynomial]], tuple[int, ...]]
 """Pivots of a model with something put in for generators of its symbols."""
@@ -75,7 +76,7 @@ Terms = tuple[tuple[str, Fraction], ...]
 
 
 @dataclass(frozen=True)
-class Relations:
+class SymbolRelations:
     """Symbols that have their values, and symbols that are combinations of others."""
 
     fixed: frozenset[str]
@@ -151,12 +152,12 @@ class RelationSearch:
         self, values: StatedValues, wanted: tuple[int, ...], pivots_of: PivotsOf
     ) -> None:
         self.values, self.wanted, self.pivots_of = values, wanted, pivots_of
-        self._known: dict[Relations, bool] = {}
+        self._known: dict[SymbolRelations, bool] = {}
 
-    def find(self) -> Relations:
+    def find(self) -> SymbolRelations:
         """Relations that are enough, and none that is not needed."""
         names = sorted(self.values.names, key=self._plainness)
-        found = Relations(frozenset(self._needed([], names)))
+        found = SymbolRelations(frozenset(self._needed([], names)))
         while (simpler := self._simpler(found)) is not None:
             found = simpler
         return found
@@ -167,9 +168,9 @@ class RelationSearch:
             return not any(self.values.multiples[name][1:])
         return not self.values.numbers.get(name, 1)
 
-    def _enough(self, relations: Relations) -> bool:
+    def _enough(self, relations: SymbolRelations) -> bool:
         if relations not in self._known:
-            if len(self._known) >= _MOST_TRIALS:
+            if len(self._known) >= MOST_STRUCTURES:
                 return False
             try:
                 self._known[relations] = (
@@ -183,7 +184,7 @@ class RelationSearch:
 
     def _needed(self, fixed: Sequence[str], names: Sequence[str]) -> list[str]:
         """A smallest part of some symbols that must have their values beside the fixed ones."""
-        if self._enough(Relations(frozenset(fixed))):
+        if self._enough(SymbolRelations(frozenset(fixed))):
             return []
         if len(names) <= 1:
             return list(names)
@@ -191,12 +192,12 @@ class RelationSearch:
         kept = self._needed([*fixed, *first], second)
         return [*self._needed([*fixed, *kept], first), *kept]
 
-    def _simpler(self, found: Relations) -> Relations | None:
+    def _simpler(self, found: SymbolRelations) -> SymbolRelations | None:
         """One more symbol as a combination of others instead of with its value, and these others free."""
         for name in sorted(found.fixed, key=lambda n: (len(n), n), reverse=True):
             for terms in _combinations(name, sorted(found.fixed - {name}), self.values):
                 involved = {symbol for symbol, _ in terms}
-                trial = Relations(
+                trial = SymbolRelations(
                     found.fixed - {name} - involved, (*found.combined, (name, terms))
                 )
                 if self._enough(trial):
@@ -244,7 +245,7 @@ def _ratio(name: str, other: str, values: StatedValues) -> Fraction | None:
     small = (
         f
         for f in factors
-        if f and max(abs(f.numerator), f.denominator) <= _LARGEST_RATIO
+        if f and max(abs(f.numerator), f.denominator) <= LARGEST_RATIO
     )
     return next((f for f in small if _holds(name, ((other, f),), values)), None)
 

@@ -20,10 +20,16 @@ from echelon.arrays import one_thread
 from echelon.base.ball_tables import vanishes
 from echelon.base.elimination import Independent
 from echelon.base.real_states import RealStates
-from echelon.base.spectrum import Spectrum, spectrum_of, units_of
+from echelon.base.spectrum import RankSpectrum, spectrum_of, units_of
 from echelon.doors import public
 from echelon.errors import DegenerateSampleError, EchelonError, SingularPoseError
-from echelon.exact.field import PrimeField, by_pivots
+from echelon.exact.field import (
+    AGREEING_POINTS,
+    MOST_ATTEMPTS,
+    SURPLUS_ROWS,
+    PrimeField,
+    by_pivots,
+)
 from echelon.exact.unknown_functions import persistent
 from echelon.mechanism.joint import (
     ALL,
@@ -46,10 +52,8 @@ from echelon.regressor.linear_forms import (
     rows_of,
 )
 
-_SURPLUS_ROWS = 8
-_ATTEMPTS, _PASSES = 8, 2
-_BRANCHES = 6
-"""Poses near a singular one from which ways of assembly are told apart by their ranks."""
+BRANCHES = 6
+"""Poses near a singular one whose ranks tell assembly modes apart."""
 
 
 @public
@@ -74,7 +78,7 @@ class Structure:
         meet there.
     real : Independent, optional
         Independent columns at real states, where primes do not show them; of columns that are not in ``by_joint``.
-    spectrum : Spectrum, optional
+    spectrum : RankSpectrum, optional
         With loops, how much each shows, and what of it rounding of a file explains.
     functions_are_free : bool
         Whether all relations hold for free values of functions such as exp, too.
@@ -86,7 +90,7 @@ class Structure:
     by_robot: Mapping[int, tuple[int, ...]]
     singular: bool = False
     real: Independent | None = field(default=None, repr=False, compare=False)
-    spectrum: Spectrum | None = None
+    spectrum: RankSpectrum | None = None
     ways: tuple[int, ...] = ()
     functions_are_free: bool = False
 
@@ -97,7 +101,7 @@ class Structure:
 
     @property
     def doubt(self) -> str:
-        """What speaks against the rank; empty if nothing does."""
+        """Reason to doubt the rank; empty if there is none."""
         if self.ways:
             ranks = " and ".join(map(str, self.ways))
             return (
@@ -181,7 +185,7 @@ def from_regular_pose(
     if loops is None or not loops.singular:
         return mechanism, ()
     seen = dict[int, Mechanism]()
-    for pose in loops.known_poses(0, _BRANCHES):
+    for pose in loops.known_poses(0, BRANCHES):
         beside = replace(
             mechanism,
             assembly=dict(zip(mechanism.positions, map(float, pose), strict=True)),
@@ -412,7 +416,7 @@ def _shown_by_blocks(
     if blocks is None:
         return set()
     seen = {column - rows.auxiliary for _, column in rows.forms.entries}
-    for _ in range(_ATTEMPTS):
+    for _ in range(MOST_ATTEMPTS):
         try:
             return blocks.independent(
                 seen.intersection(columns), PrimeField.random(rng), rng
@@ -427,8 +431,8 @@ def _confirmed_dependence(
 ) -> dict[int, tuple[int, ...]]:
     """Dependent columns and the pivots they depend on, as several primes, geometries and states agree."""
     seen: list[dict[int, tuple[int, ...]]] = []
-    sampler, count = rows.forms.sampler(), rows.forms.shape[1] + _SURPLUS_ROWS
-    for _ in range(_ATTEMPTS):
+    sampler, count = rows.forms.sampler(), rows.forms.shape[1] + SURPLUS_ROWS
+    for _ in range(MOST_ATTEMPTS):
         field = PrimeField.random(rng)
         try:
             current = dependent_columns(rows, sampler, count, field, rng)
@@ -442,7 +446,7 @@ def _confirmed_dependence(
         # an unlucky point can only make more columns dependent, never fewer
         fewest = min(len(s) for s in seen)
         agreeing = [s for s in seen if len(s) == fewest and s == seen[-1]]
-        if len(agreeing) >= _PASSES:
+        if len(agreeing) >= AGREEING_POINTS:
             return seen[-1]
     raise EchelonError(
         "results at random points keep contradicting each other; please report this model"

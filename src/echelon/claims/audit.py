@@ -22,7 +22,7 @@ from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseModel
 from echelon.base.reading_report import ROUNDING
 from echelon.claims.compare import (
-    Geometry,
+    RobotNumbers,
     Row,
     compare_row,
     led_by,
@@ -41,7 +41,7 @@ from echelon.claims.reading import (
     read_claims,
     unknown_token,
 )
-from echelon.claims.result import Agreement, Audit, Finding, Missing, Witness
+from echelon.claims.result import Agreement, Audit, ClaimFinding, Missing, Witness
 from echelon.doors import public
 from echelon.errors import InputError
 from echelon.exact.expressions import parse
@@ -141,11 +141,11 @@ def _compare(
 ) -> Audit:
     rng = np.random.default_rng(model.seed)
     geometry, precision = (
-        Geometry.of(model),
+        RobotNumbers.of(model),
         precision_of(claim.text for claim in claims),
     )
     matrix = led_by(model.matrix, rows, rng)
-    stated = [Finding(number, claim) for number, claim in enumerate(claims, 1)]
+    stated = [ClaimFinding(number, claim) for number, claim in enumerate(claims, 1)]
     found = [
         compare_row(f, row, matrix, geometry, precision)
         for f, row in zip(stated, rows, strict=True)
@@ -173,7 +173,7 @@ def _compare(
     )
 
 
-def _notes(model: BaseModel, found: Sequence[Finding]) -> tuple[str, ...]:
+def _notes(model: BaseModel, found: Sequence[ClaimFinding]) -> tuple[str, ...]:
     """Numeric programs take a file's 1.5708 literally; terms of that size then come from there."""
     snapped = max((snap.difference for snap in model.reading.snaps), default=0.0)
     gaps = [
@@ -267,11 +267,11 @@ class WitnessSearch:
     model: BaseModel
     matrix: BaseMatrix  # B with the representatives that the claims lead with
     rows: tuple[Row, ...]  # the claimed set
-    geometry: Geometry
+    geometry: RobotNumbers
     seed: int  # of the example states, and of values for symbols that have none
 
-    def against(self, finding: Finding) -> Witness | None:
-        """Of a wrong row: a unit of the parameter with the worst coefficient, compensated in all outputs."""
+    def against(self, finding: ClaimFinding) -> Witness | None:
+        """Witness against a wrong row: one unit of the worst parameter, compensated in all outputs."""
         if not finding.differences:
             return None
         worst = max(

@@ -26,10 +26,16 @@ import numpy.typing as npt
 from echelon.arrays import Floats, independent_columns
 from echelon.base.matrix import BaseMatrix, coefficient_value, reordered
 from echelon.base.model import BaseModel
-from echelon.claims.reading import Precision, precision_of
-from echelon.claims.result import Agreement, Finding, TermDifference
+from echelon.claims.reading import DecimalPrecision, precision_of
+from echelon.claims.result import Agreement, ClaimFinding, TermDifference
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
-from echelon.exact.field import PrimeField, reduced_echelon, residues_at, substituted
+from echelon.exact.field import (
+    MOST_ATTEMPTS,
+    PrimeField,
+    reduced_echelon,
+    residues_at,
+    substituted,
+)
 from echelon.exact.polynomial import Number, Surd, is_trigonometric, symbol_of
 from echelon.exact.rational import RationalFunction
 from echelon.exact.unknown_functions import Work
@@ -40,25 +46,24 @@ Row = Mapping[
 
 _ZERO, _ONE = RationalFunction(0), RationalFunction(1)
 _PRIME_BITS = 61
-_ATTEMPTS = 8
 _NOISE = 1e-9
 
 
 @dataclass(frozen=True)
-class Geometry:
+class RobotNumbers:
     """The robot's numbers, to put in for its symbols."""
 
     exact: Mapping[str, Number]  # lengths with an exact value
     floats: Mapping[str, float]  # all symbols with a value
 
     @staticmethod
-    def of(model: BaseModel) -> Geometry:
+    def of(model: BaseModel) -> RobotNumbers:
         """The values that a model's mechanism states."""
         symbols = model.mechanism.symbols.items()
         exact = {
             name: symbol.number for name, symbol in symbols if symbol.number is not None
         }
-        return Geometry(
+        return RobotNumbers(
             exact,
             {
                 name: symbol.value
@@ -108,12 +113,12 @@ def led_by(
 
 
 def compare_row(
-    finding: Finding,
+    finding: ClaimFinding,
     row: Row,
     matrix: BaseMatrix,
-    geometry: Geometry,
-    precision: Precision,
-) -> Finding:
+    geometry: RobotNumbers,
+    precision: DecimalPrecision,
+) -> ClaimFinding:
     """A claimed row with its agreement and what differs."""
     expected = combination(row, matrix)
     differing = [
@@ -169,13 +174,13 @@ def combination(row: Row, matrix: BaseMatrix) -> dict[int, RationalFunction]:
 
 
 def _same(
-    claimed: RationalFunction, expected: RationalFunction, geometry: Geometry
+    claimed: RationalFunction, expected: RationalFunction, geometry: RobotNumbers
 ) -> bool:
     left, right = geometry.exactly(claimed), geometry.exactly(expected)
     return left is not None and left == right
 
 
-def _gap(column: int, row: Row, expected: Row, geometry: Geometry) -> float | None:
+def _gap(column: int, row: Row, expected: Row, geometry: RobotNumbers) -> float | None:
     left, right = (
         geometry.roughly(terms.get(column, _ZERO)) for terms in (row, expected)
     )
@@ -186,8 +191,8 @@ def _rounding(
     columns: Iterable[int],
     row: Row,
     matrix: BaseMatrix,
-    geometry: Geometry,
-    precision: Precision,
+    geometry: RobotNumbers,
+    precision: DecimalPrecision,
 ) -> Floats:
     """The most that rounding explains at some columns: of their coefficients, and of those that multiply rows of B."""
 
@@ -223,7 +228,7 @@ def coefficient_words(value: RationalFunction) -> str:
 
 @dataclass(frozen=True)
 class Span:
-    """What claimed rows span of the row space of B."""
+    """Part of the row space of B that claimed rows span."""
 
     redundant: tuple[int, ...]  # right rows that depend on the right rows before them
     missing: tuple[int, ...]  # rows of B that complete the claimed ones
@@ -236,7 +241,7 @@ def span_exactly(
     rng: np.random.Generator,
 ) -> Span:
     """The span for generic geometry."""
-    for _ in range(_ATTEMPTS):
+    for _ in range(MOST_ATTEMPTS):
         field = PrimeField.random(rng, _PRIME_BITS)
         try:
             values = _residues(rows, matrix, field, rng)
@@ -251,7 +256,7 @@ def span_roughly(
     rows: Sequence[Row],
     right: Sequence[int],
     matrix: BaseMatrix,
-    geometry: Geometry,
+    geometry: RobotNumbers,
     tolerance: float,
 ) -> Span:
     """The span at the robot's geometry for coefficients that are known to a tolerance."""

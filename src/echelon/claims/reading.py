@@ -191,7 +191,7 @@ def _from_base_model(data: Mapping[str, Any], source: str) -> tuple[Claim, ...]:
 
 
 @dataclass(frozen=True)
-class Precision:
+class DecimalPrecision:
     """Rounding of a set of decimals."""
 
     decimals: (
@@ -219,11 +219,11 @@ class Precision:
         return "exact" if self.decimals is None else f"{self.decimals} decimals"
 
 
-def precision_of(texts: Iterable[str]) -> Precision:
+def precision_of(texts: Iterable[str]) -> DecimalPrecision:
     """The rounding of all decimals in some texts.
 
     >>> precision_of(["Ixx2 - 1.0*Iyy2 - 0.050625*m3 + 0.07*mz3"])
-    Precision(decimals=6, significant=5)
+    DecimalPrecision(decimals=6, significant=5)
     """
     found = [
         Decimal(match[0]).normalize().as_tuple()
@@ -233,9 +233,9 @@ def precision_of(texts: Iterable[str]) -> Precision:
     decimals = max((-int(number.exponent) for number in found), default=0)
     significant = max((len(number.digits) for number in found), default=0)
     return (
-        Precision(min(decimals, _MOST_DIGITS), min(significant, _MOST_DIGITS))
+        DecimalPrecision(min(decimals, _MOST_DIGITS), min(significant, _MOST_DIGITS))
         if decimals > 0
-        else Precision(None)
+        else DecimalPrecision(None)
     )
 
 
@@ -534,7 +534,7 @@ def plain_words(text: str, words: Iterable[str]) -> tuple[str, dict[str, str]]:
 def unknown_token(
     token: str, naming: Naming, words: Iterable[str], symbols: Iterable[str]
 ) -> str:
-    """What is wrong with a token that is neither a parameter nor a symbol, and what would be valid."""
+    """Message about a token that is neither a parameter nor a symbol, with the nearest valid names."""
     valid = [*words, *symbols]
     plain = re.sub(r"^([A-Z]+)R(?=\w)", r"\1", token)
     if plain != token and plain in valid:

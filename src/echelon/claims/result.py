@@ -1,4 +1,4 @@
-"""What an audit found: verdicts, wrong coefficients, witnesses; as objects, as text and as JSON-able data."""
+"""Results of an audit: verdicts, wrong coefficients, witnesses; as objects, as text and as JSON-able data."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Witness:
 
 
 @dataclass(frozen=True)
-class Finding:
+class ClaimFinding:
     """One claimed base parameter."""
 
     number: int  # its place in the claimed set, from 1
@@ -118,7 +118,7 @@ class Audit:
         The mechanism's name.
     rank : int
         Number of base parameters that the outputs see.
-    findings : tuple of Finding
+    findings : tuple of ClaimFinding
         One per claimed row that was compared.
     missing : tuple of Missing
         Base parameters without which the claimed set does not determine the outputs.
@@ -134,7 +134,7 @@ class Audit:
 
     name: str
     rank: int
-    findings: tuple[Finding, ...]
+    findings: tuple[ClaimFinding, ...]
     missing: tuple[Missing, ...]
     naming: str
     precision: str
@@ -167,7 +167,7 @@ class Audit:
         """Whether the claimed set is right, exactly or to its printed digits."""
         return self.verdict in (Verdict.EQUAL, Verdict.EQUAL_TO_PRINTED_DIGITS)
 
-    def of(self, agreement: Agreement) -> tuple[Finding, ...]:
+    def of(self, agreement: Agreement) -> tuple[ClaimFinding, ...]:
         """Findings of one kind.
 
         Parameters
@@ -257,7 +257,7 @@ def _counts(audit: Audit) -> list[str]:
     return lines + [f"note: {note}" for note in audit.notes]
 
 
-def _title(finding: Finding) -> str:
+def _title(finding: ClaimFinding) -> str:
     name = f"{finding.claim.name} = " if finding.claim.name else ""
     text = one_line(
         f"row {finding.number} ({finding.claim.where}): {name}{finding.claim.text}"
@@ -265,7 +265,7 @@ def _title(finding: Finding) -> str:
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 2]} …"
 
 
-def _proof(finding: Finding) -> list[str]:
+def _proof(finding: ClaimFinding) -> list[str]:
     if finding.witness is None:
         return []
     felt = finding.witness.claimed.get(finding.number, 0.0)
@@ -302,7 +302,7 @@ def _change(witness: Witness) -> str:
     return f"{change} (with {assumed})" if assumed else change
 
 
-def _finding(finding: Finding) -> dict[str, Any]:
+def _finding(finding: ClaimFinding) -> dict[str, Any]:
     claim = finding.claim
     return {
         "number": finding.number,

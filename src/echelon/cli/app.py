@@ -49,7 +49,11 @@ class _Application(typer.Typer):
 
 def _with_verbosity(command: Command) -> Command:
     def run(verbose: bool, **given: Any) -> Any:
+        from echelon.inputs import READ
+
         set_verbosity(verbose)
+        READ.clear()
+        READ.update(_files(value for name, value in given.items() if name != "output"))
         return command(**given)
 
     own = signature(command, eval_str=True).parameters.values()
@@ -57,6 +61,14 @@ def _with_verbosity(command: Command) -> Command:
         "verbose", Parameter.KEYWORD_ONLY, annotation=Verbose, default=False
     )
     return with_parameters(run, command, [*own, last])
+
+
+def _files(values: Iterable[Any]) -> Iterator[str]:
+    """Paths of files among the arguments of a command."""
+    for value in values:
+        for one in value if isinstance(value, list) else [value]:
+            if isinstance(one, str | Path) and os.path.isfile(one):
+                yield str(one)
 
 
 @contextmanager
@@ -85,7 +97,7 @@ def application(name: str, text: str, **more: Any) -> typer.Typer:
 app = application(
     "echelon",
     "Exact base inertial parameters of robots, in closed form, with a certificate.",
-    epilog="Exit codes: 0 success, 1 a claim was refuted, a check failed or a robot of a zoo got no answer, "
+    epilog="Exit codes: 0 success, 1 a claim was refuted or a check failed, "
     "2 bad input or usage.",
 )
 
@@ -122,7 +134,7 @@ Force = Annotated[
     bool,
     typer.Option(
         "--force",
-        help="Replace files that are read, or that no earlier command wrote, as well.",
+        help="Replace files that no earlier command wrote, too; never files that are read.",
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Machine-readable output.")]

@@ -292,7 +292,7 @@ def identify(
 
     With -o: model.json, report.html, the robot with identified inertials, and source code of the fitted model.
     """
-    from echelon.cli.destination import output_folder
+    from echelon.cli.destination import Destination
     from echelon.cli.identify import run_identify
 
     changed = {
@@ -303,7 +303,7 @@ def identify(
         "seed": seed,
     }
     stated = {name: value for name, value in changed.items() if value is not None}
-    folder = None if output is None else output_folder(output, force)
+    folder = None if output is None else Destination(output, force)
     reasons = run_identify(
         setup,
         logs,
@@ -502,7 +502,7 @@ def schema(
     show(json.dumps(found, indent=2))
 
 
-from echelon.cli import excite_commands, generate, zoo  # noqa: E402, F401  their commands follow in the help
+from echelon.cli import excite_commands, generate  # noqa: E402, F401  their commands follow in the help
 
 
 def run() -> None:

@@ -1,4 +1,4 @@
-"""What the ``excite`` and ``check-trajectory`` commands say."""
+"""Terminal output of the ``excite`` and ``check-trajectory`` commands."""
 
 from __future__ import annotations
 

@@ -120,7 +120,7 @@ def excite(
 
     With -o: trajectory.json (coefficients and all figures), samples, and a preview page.
     """
-    from echelon.cli.destination import output_folder
+    from echelon.cli.destination import Destination
     from echelon.cli.excite import say
     from echelon.excite.excite import exciting_trajectory
     from echelon.excite.files.trajectory_file import (
@@ -146,7 +146,7 @@ def excite(
         model=model and str(model.absolute()),
     )
     kinds = [f".{one.value}" for one in formats or [SampleFormat.CSV]]
-    folder = None if output is None else output_folder(output, force)
+    folder = None if output is None else Destination(output, force)
     if folder is not None:
         folder.check((TRAJECTORY, PREVIEW, *(f"trajectory{kind}" for kind in kinds)))
     robot = load_setup(setup, prior=prior, **read)

@@ -92,12 +92,12 @@ def generate(
     ] = False,
 ) -> None:
     """Write source code of the robot's functions in terms of its base parameters."""
-    from echelon.cli.destination import output_folder
+    from echelon.cli.destination import Destination
     from echelon.codegen import FROM_FILE, generate, operations_text
 
     started, folder, kept = (
         perf_counter(),
-        output_folder(output, force),
+        Destination(output, force),
         _names(keep_symbols or ""),
     )
     options: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""What commands say: text that a terminal shows and does not obey, progress on a terminal, silence in a pipe."""
+"""Terminal output of commands: text with control characters removed, and progress, which pipes do not get."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ def print_identification(result: Identification) -> None:
 
 
 def _hypotheses(hypotheses: Sequence[Judged]) -> Table:
-    """What may be wrong or lacking, with what held-out blocks say of it."""
+    """Table of hypotheses about the model and the log, scored on held-out blocks."""
     table = plain_table(
         "hypothesis",
         "residuals",

@@ -31,7 +31,6 @@ FROM_FILE = "file"  # the parameters that the robot's file states
 SHARED = ("inputs", "symbols")  # arguments of which a function holds only what it uses
 
 _MOST_BITS = 512
-_SHOWN = 6
 
 
 @dataclass(frozen=True)
@@ -132,15 +131,13 @@ def parameter_constants(
 def _check_names(base: BaseModel, given: Mapping[str, float]) -> None:
     strange = [name for name in given if name not in base.parameters]
     if strange:
-        raise InputError(
-            f"there are no parameters {in_quotes(map(one_line, strange), _SHOWN)}"
-        )
+        raise InputError(f"there are no parameters {in_quotes(map(one_line, strange))}")
     missing = [name for name in base.pivots if name not in given] or [
         n for n in base.parameters if n not in given
     ]
     if missing:
         raise InputError(
-            f"values are missing for {in_quotes(map(one_line, missing), _SHOWN)}: give all {len(base.pivots)} base "
+            f"values are missing for {in_quotes(map(one_line, missing))}: give all {len(base.pivots)} base "
             "parameters by the names of their representatives and nothing else, or all "
             f"{len(base.parameters)} standard parameters"
         )
@@ -154,7 +151,7 @@ def specialised(
     values: Mapping[str, Number],
     layout: Mapping[str, Sequence[str]] | None = None,
 ) -> Function:
-    """The same function, on a program of its own, with some uniform inputs replaced by numbers, by the input's name.
+    """Copy of a function on a program of its own, with values in place of the uniform inputs that are named.
 
     ``layout`` holds labels of the arguments in :data:`SHARED`, so that several functions take the same vectors.
     Arguments that are constant altogether are left out.

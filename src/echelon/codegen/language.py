@@ -83,7 +83,7 @@ class Precision(StrEnum):
 
     @property
     def suffix(self) -> str:
-        """What C appends to literals and names of functions."""
+        """Suffix of C's literals and functions for this precision."""
         return "f" if self is Precision.SINGLE else ""
 
 

@@ -32,7 +32,7 @@ _ARITHMETIC = (Op.ADD, Op.SUB, Op.MUL, Op.NEG, Op.DIV)
 
 
 @dataclass(frozen=True)
-class Angle:
+class NamedAngle:
     """An angle whose sine or cosine is needed."""
 
     node: int  # the argument of the sine and cosine
@@ -49,11 +49,11 @@ class Statement:
 
 
 @dataclass(frozen=True)
-class Plan:
+class FunctionPlan:
     """How a function is written."""
 
     function: Function
-    angles: tuple[Angle, ...]  # their sines and cosines come first, all at once
+    angles: tuple[NamedAngle, ...]  # their sines and cosines come first, all at once
     parts: tuple[tuple[Statement, ...], ...]
     names: Mapping[
         int, str
@@ -63,7 +63,7 @@ class Plan:
     ]  # for temporaries that a later part uses, their place in the array that parts share
 
 
-def plan(function: Function, longest_part: int) -> Plan:
+def plan(function: Function, longest_part: int) -> FunctionPlan:
     """Order a function's operations, with a new part after every ``longest_part`` statements."""
     angles = _angles(function)
     names = _sines_and_cosines(function, angles)
@@ -79,7 +79,7 @@ def plan(function: Function, longest_part: int) -> Plan:
     parts = cut(writer.statements, longest_part)
     made = [[s.node for s in part if s.entry is None] for part in parts]
     used = [used_names(function.program, part, names) for part in parts]
-    return Plan(function, angles, parts, names, waiting_places(made, used))
+    return FunctionPlan(function, angles, parts, names, waiting_places(made, used))
 
 
 def homes(parts: Sequence[Sequence[Statement]]) -> dict[int, int]:
@@ -90,7 +90,7 @@ def homes(parts: Sequence[Sequence[Statement]]) -> dict[int, int]:
 # -- angles ------------------------------------------------------------------------------------------------------------
 
 
-def _angles(function: Function) -> tuple[Angle, ...]:
+def _angles(function: Function) -> tuple[NamedAngle, ...]:
     """Arguments of sines and cosines that are coordinates or short expressions in inputs."""
     program = function.program
     found = dict.fromkeys(
@@ -107,8 +107,8 @@ def _angles(function: Function) -> tuple[Angle, ...]:
     }
     joints = sorted((n for n in simple if n in place), key=place.__getitem__)
     others = [n for n in simple if n not in place]
-    named = [Angle(n, str(place[n])) for n in joints]
-    return (*named, *(Angle(n, f"a{k}") for k, n in enumerate(others, 1)))
+    named = [NamedAngle(n, str(place[n])) for n in joints]
+    return (*named, *(NamedAngle(n, f"a{k}") for k, n in enumerate(others, 1)))
 
 
 def _inlined_leaves(program: Program, node: int, most: int) -> int:
@@ -127,7 +127,9 @@ def _inlined_leaves(program: Program, node: int, most: int) -> int:
     return leaves
 
 
-def _sines_and_cosines(function: Function, angles: Sequence[Angle]) -> dict[int, str]:
+def _sines_and_cosines(
+    function: Function, angles: Sequence[NamedAngle]
+) -> dict[int, str]:
     program, label = function.program, {angle.node: angle.label for angle in angles}
     stems = {Op.SIN: "s", Op.COS: "c"}
     nodes = [

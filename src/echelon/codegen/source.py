@@ -65,7 +65,7 @@ class _AsciiStyle(TextStyle):
 
 @dataclass(frozen=True)
 class Subject:
-    """What is documented."""
+    """Robot, closed forms and values that a source file's comments document."""
 
     robot: str  # the robot's own name
     base: Sequence[Expression]  # closed forms of the parameters
@@ -184,7 +184,7 @@ def _arguments(
 
 
 def _results(functions: Sequence[FunctionView], first: int) -> list[str]:
-    """What the axes of results count, each said once."""
+    """Lines about the axes of results; functions with equal axes share theirs."""
     groups: dict[tuple[tuple[str, ...], tuple[str, ...]], list[str]] = {}
     for shown in functions:
         units = shown.function.units or ("",) * shown.function.shape[0]
@@ -404,7 +404,7 @@ def printed(
 def _layout(
     functions: Sequence[Function], known: Mapping[str, object]
 ) -> dict[str, list[str]]:
-    """What any of the functions takes in the arguments that hold what is used."""
+    """Labels of the arguments in :data:`SHARED`: each holds what any of the functions reads from it."""
     labels: dict[str, dict[str, None]] = {name: {} for name in SHARED}
     for function in functions:
         for argument in function.arguments:

@@ -1,4 +1,4 @@
-"""What templates see: a planned function as lines of text in one language.
+"""Views for templates: a planned function as lines of text in one language.
 
 Nodes are written as expressions with no more parentheses than the order of operations needs.
 """
@@ -13,7 +13,14 @@ from math import prod
 from sys import maxsize
 
 from echelon.codegen.language import Language, Precision
-from echelon.codegen.plan import LONGEST_PART, Plan, Statement, homes, plan, used_names
+from echelon.codegen.plan import (
+    LONGEST_PART,
+    FunctionPlan,
+    Statement,
+    homes,
+    plan,
+    used_names,
+)
 from echelon.exact.polynomial import Number, is_negative
 from echelon.program.function import Argument, Function
 from echelon.program.operations import Op
@@ -32,7 +39,7 @@ class Binding(IntEnum):
 Text = tuple[str, Binding]
 
 
-class Expressions:
+class NodePrinter:
     """Prints nodes of one program."""
 
     def __init__(
@@ -139,7 +146,7 @@ class PartView:
 
     @property
     def passed(self) -> list[str]:
-        """What a part is called with."""
+        """Arguments with which a part is called."""
         names = [argument.name for argument in self.arguments]
         names += ["sine", "cosine"] * bool(self.trig) + [WORK] * self.shares
         return names + ["result"] * self.writes
@@ -215,7 +222,9 @@ def view(function: Function, language: Language, precision: Precision) -> Functi
 
 
 class _Printer:
-    def __init__(self, planned: Plan, language: Language, precision: Precision) -> None:
+    def __init__(
+        self, planned: FunctionPlan, language: Language, precision: Precision
+    ) -> None:
         self._plan, self._language, self._precision = planned, language, precision
         self._program = planned.function.program
         self._owner: dict[int, Argument] = {}
@@ -230,8 +239,8 @@ class _Printer:
         self._slots = {n: language.at(WORK, slot) for n, slot in planned.slots.items()}
         self._places = {angle.node: k for k, angle in enumerate(planned.angles)}
 
-    def expressions(self, names: Mapping[int, str]) -> Expressions:
-        return Expressions(
+    def expressions(self, names: Mapping[int, str]) -> NodePrinter:
+        return NodePrinter(
             self._program, {**self._inputs, **names}, self._language, self._precision
         )
 
@@ -258,7 +267,7 @@ class _Printer:
             or any(s.node in slots for s in statements),
         )
 
-    def _lines(self, statement: Statement, expressions: Expressions) -> list[str]:
+    def _lines(self, statement: Statement, expressions: NodePrinter) -> list[str]:
         language, node = self._language, statement.node
         if statement.entry is not None:
             target = language.result_at(statement.entry, self._plan.function.shape)

@@ -205,7 +205,7 @@ def _parse_piece(
         )
     python = text.replace("^", "**")
     try:
-        return _Reader(python, symbols, named).read(expression_tree(python))
+        return _ExpressionReader(python, symbols, named).read(expression_tree(python))
     except (SyntaxError, RecursionError):
         raise ValueError(
             f"'{text}' is not an expression such as 0.5, pi/2, D3/2 or 2*cos(alpha)"
@@ -239,7 +239,7 @@ def as_angle(polynomial: Polynomial) -> Angle:
     return Angle(Fraction(turns), tuple(parts), Fraction(radians))
 
 
-class _Reader:
+class _ExpressionReader:
     """One walk over the syntax tree of an expression."""
 
     def __init__(

@@ -38,9 +38,15 @@ _SMALL_PRIMES = int(flint.fmpz.primorial_ui(flint.fmpz(400)))  # their product
 _FEW = 16  # below this many elements, inverting one by one is faster than a tree of products
 
 
-DEFAULT_SEED = (
-    2015  # seeds are recorded in results, so that the same input gives the same output
-)
+MOST_ATTEMPTS = 16
+"""Random points before a degenerate model is reported: chance makes one degenerate in less than 2^-20 of the cases."""
+AGREEING_POINTS = 2
+"""Random points of random fields that must agree; one alone is unlucky with a probability of about 2^-31."""
+SURPLUS_ROWS = 8
+"""Rows beyond those that determine a relation: a false one holds in all of them with a probability of about p^-8."""
+
+DEFAULT_SEED = 2015
+"""Seed of a random generator that nobody chose; results record it."""
 
 
 def random_generator(seed: int) -> np.random.Generator:
@@ -89,7 +95,7 @@ class PrimeField:
         return PrimeField.of(random_prime(rng, bits))
 
     def conjugate(self, flip2: bool, flip3: bool) -> PrimeField:
-        """The same field with the other square root of 2 and/or 3."""
+        """Copy of the field with the other square root of 2 and/or 3."""
         p = self.p
         return PrimeField(
             p,
@@ -277,7 +283,7 @@ def solve_batched(left: Residues, right: Residues, field: PrimeField) -> Residue
     return table[:, :unknowns, unknowns:]
 
 
-class Ring(Protocol):
+class RingElement(Protocol):
     """Numbers that can be added and multiplied."""
 
     def __add__(self, other: Any, /) -> Any: ...
@@ -285,7 +291,7 @@ class Ring(Protocol):
     def __mul__(self, other: Any, /) -> Any: ...
 
 
-T = TypeVar("T", bound=Ring)
+T = TypeVar("T", bound=RingElement)
 
 
 def substituted(
@@ -327,7 +333,7 @@ def residues_of_generators(
 def residues_at(
     generators: Iterable[str], symbols: Mapping[str, Residues], field: PrimeField
 ) -> dict[str, int]:
-    """The same at one geometry.  Shapes: symbols (1,)."""
+    """Residues of generators as plain integers, for one value (shape (1,)) of every symbol."""
     return {
         g: int(value[0])
         for g, value in residues_of_generators(generators, symbols, field).items()

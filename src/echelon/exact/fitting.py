@@ -286,7 +286,7 @@ class Numerator:
 
 @dataclass(frozen=True)
 class SparseInterpolation:
-    """What numerators are interpolated from."""
+    """Sparse interpolation of numerators, one symbol after another, within a budget of work."""
 
     unknown: UnknownFunctions
     field: PrimeField
@@ -295,7 +295,7 @@ class SparseInterpolation:
     work: Work
 
     def finish(self, numerators: Sequence[Numerator]) -> list[Numerator]:
-        """Those whose terms in all symbols could be found within the budget."""
+        """Numerators whose terms in all symbols were found within the budget."""
         names = {name for numerator in numerators for name in numerator.degrees}
         order = sorted(names, key=lambda name: (name in self.unknown.lengths, name))
         going = list(numerators)

@@ -153,7 +153,7 @@ class _Interpolation:
         return done
 
     def _confirmed(self, functions: Mapping[int, RationalFunction]) -> list[int]:
-        """Those that hold at a fresh point of a fresh field, which a mistaken reconstruction does not."""
+        """Indices of functions that also hold at a fresh point of a fresh field, as mistaken reconstructions do not."""
         if not functions:
             return []
         field = PrimeField.random(self.rng)

@@ -435,7 +435,7 @@ def float_generators(
 
 
 def as_polynomial(x: Polynomial | Number) -> Polynomial:
-    """The same polynomial, or a number as a constant one."""
+    """Polynomial itself, or the constant polynomial of a number."""
     return x if isinstance(x, Polynomial) else Polynomial.constant(x)
 
 

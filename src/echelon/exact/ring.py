@@ -47,7 +47,7 @@ def lowest_terms(top: Polynomial, bottom: Polynomial) -> tuple[Polynomial, Polyn
 
 
 def _monic(top: Polynomial, bottom: Polynomial) -> tuple[Polynomial, Polynomial]:
-    """The same quotient with 1 as first coefficient of the denominator."""
+    """Equal quotient whose denominator has the first coefficient 1."""
     lead = next(bottom.sorted_terms())[1]
     scale = inverse(lead)
     scale = scale if isinstance(scale, Surd) else simplest(scale)
@@ -111,7 +111,7 @@ class Ring:
         return Polynomial(terms)
 
     def reduced(self, element: Any) -> Any:
-        """The same element with sines and roots to the first power at most."""
+        """Equal element with sines and roots to the first power at most."""
         for index, generator, square in self.squares:
             if element.degrees()[index] > 1:
                 p, q = self._split(element, index, square)
@@ -124,7 +124,7 @@ class Ring:
         return sum(bool(degrees[index]) for index, _, _ in self.squares)
 
     def rationalised(self, top: Any, bottom: Any) -> tuple[Any, Any]:
-        """The same quotient with a denominator free of sines and roots, by multiplying with its conjugates."""
+        """Equal quotient with a denominator free of sines and roots, by multiplying with its conjugates."""
         degrees = bottom.degrees()
         for index, element, square in self.squares:
             if not degrees[index]:

@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from echelon.errors import ClosedFormError, DegenerateSampleError
-from echelon.exact.field import Geometry, PrimeField, Residues
+from echelon.exact.field import MOST_ATTEMPTS, Geometry, PrimeField, Residues
 
 _OPERATIONS = 5e8  # a few seconds
 _TERMS = 500
@@ -21,7 +21,7 @@ SOLVING = 0.05  # what an operation of FLINT's linear algebra costs beside one o
 
 @dataclass
 class Work:
-    """What is left of a budget."""
+    """Remaining work of a budget."""
 
     operations: float  # operations on residues that are left
     terms: float  # the most terms that one coefficient may have
@@ -55,7 +55,6 @@ class Work:
 
 
 Found = TypeVar("Found")
-_ATTEMPTS = 8
 _CHUNK = 512  # geometries that are evaluated at once
 
 
@@ -102,9 +101,9 @@ class UnknownFunctions:
 
 def persistent(attempt: Callable[[], Found]) -> Found:
     """The result of an attempt that depends on random points, several times if they are singular."""
-    for _ in range(_ATTEMPTS):
+    for _ in range(MOST_ATTEMPTS):
         try:
             return attempt()
         except DegenerateSampleError:
             continue
-    raise ClosedFormError(f"{_ATTEMPTS} random geometries in a row were singular")
+    raise ClosedFormError(f"{MOST_ATTEMPTS} random geometries in a row were singular")

@@ -25,7 +25,13 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.polynomial import Polynomial, cosine_of_turn
-from echelon.formats.snapping import LENGTH_TOLERANCE, PRECISION, TO_AXIS, Snapping
+from echelon.formats.snapping import (
+    COMPUTED_ROUNDING,
+    LENGTH_TOLERANCE,
+    PRECISION,
+    TO_AXIS,
+    Snapping,
+)
 from echelon.mechanism.closed_pose import parted
 from echelon.mechanism.joint import (
     ALL,
@@ -163,8 +169,6 @@ class Bodies:
 
 
 _STEP = pi / STEPS_PER_HALF_TURN
-_NOISE = 1e-14
-_NEAR = 1e-9  # nearer than this, exact values are looked at whatever the tolerance is
 _TURNS = (MotionKind.ROTATION, MotionKind.SCREW)
 
 
@@ -248,7 +252,7 @@ def _down(gravity: Vector | None, snapping: Snapping) -> _Down | None:
 
 
 @dataclass(frozen=True)
-class _Pair:
+class _MotionPair:
     """A joint's first motion and what moves before it."""
 
     body: Body
@@ -321,7 +325,7 @@ class _Pair:
         element, difference = self._element("axis against"), abs(twist - steps * _STEP)
         excess = rotation[self.axis][self.motion.axis] - cosine_of_turn(steps)
         if not excess or difference > max(
-            self._tolerance(snapping.angle_tolerance(element)), _NEAR
+            self._tolerance(snapping.angle_tolerance(element)), PRECISION
         ):
             return rotation
         if not vanishes(excess, snapping.symbols):
@@ -346,7 +350,7 @@ class _Pair:
             first, second = atan2(matrix[1, 0], matrix[0, 0]), 0.0
         one, two = (
             snapping.computed_angle(angle, f"{element}, turn", f"turn{self.body.label}")
-            if abs(angle) > _NOISE
+            if abs(angle) > COMPUTED_ROUNDING
             else Angle()
             for angle in (first, second)
         )
@@ -373,7 +377,7 @@ class _Pair:
             for v in (place, direction)
         )
         sine = hypot(d[i], d[j])
-        if sine > _NOISE:
+        if sine > COMPUTED_ROUNDING:
             gap, exact = (
                 abs(p[i] * d[j] - p[j] * d[i]) / sine,
                 place[i] * direction[j] - place[j] * direction[i],
@@ -386,13 +390,17 @@ class _Pair:
             if self.literal or element in snapping.literal
             else LENGTH_TOLERANCE
         )
-        if not exact or gap > max(tolerance, _NEAR) * self.scale:
+        if not exact or gap > max(tolerance, PRECISION) * self.scale:
             return self.leading.translation
         if not vanishes(exact, snapping.symbols):
             if not snapping.options.snap_tolerance:
                 return self.leading.translation
             snapping.snaps.append(Snap(element, f"{gap:.3g}", "0", float(gap)))
-        second = 0.0 if sine <= _NOISE else float(p[i] * d[i] + p[j] * d[j]) / sine**2
+        second = (
+            0.0
+            if sine <= COMPUTED_ROUNDING
+            else float(p[i] * d[i] + p[j] * d[j]) / sine**2
+        )
         along = [Polynomial({})] * 3
         along[self.axis] = snapping.length(
             float(p[self.axis] - second * d[self.axis]), f"d{self.body.label}", element
@@ -403,7 +411,7 @@ class _Pair:
         return rotate(transpose(self.trailing.rotation), (x, y, z))
 
 
-def _pair(bodies: Sequence[Body], body: Body, down: _Down | None) -> _Pair | None:
+def _pair(bodies: Sequence[Body], body: Body, down: _Down | None) -> _MotionPair | None:
     """A joint with what moves before it; None where there is no axis to compare with."""
     motions = body.joint.motions
     if not motions or motions[0].kind is MotionKind.BALL:
@@ -412,7 +420,9 @@ def _pair(bodies: Sequence[Body], body: Body, down: _Down | None) -> _Pair | Non
         return (
             None
             if down is None
-            else _Pair(body, "gravity", down.axis, down.frame.inverse(), turns=False)
+            else _MotionPair(
+                body, "gravity", down.axis, down.frame.inverse(), turns=False
+            )
         )
     joint = bodies[body.parent].joint
     if not joint.motions or joint.motions[-1].kind is MotionKind.BALL:
@@ -420,7 +430,7 @@ def _pair(bodies: Sequence[Body], body: Body, down: _Down | None) -> _Pair | Non
     last = joint.steps[-1]
     trailing = last if isinstance(last, Placement) else Placement()
     motion = joint.motions[-1]
-    return _Pair(
+    return _MotionPair(
         body,
         f"joint '{joint.name}'",
         motion.axis,

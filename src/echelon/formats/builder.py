@@ -34,7 +34,7 @@ from echelon.formats.literal import (
 )
 from echelon.formats.met_frames import second_frame
 from echelon.formats.rounding import rounding_of_tree
-from echelon.formats.snapping import ReadingOptions, Snapping, gravity_vector
+from echelon.formats.snapping import PRECISION, ReadingOptions, Snapping, gravity_vector
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.effect import Side
 from echelon.mechanism.impossible import stated_impossibilities
@@ -200,7 +200,7 @@ class _Builder:
                 raise self._error(f"joint '{name}'", problem)
 
     def _rides(self) -> dict[str, Ride]:
-        """What is fixed to bodies, by name: links, frames, and joints, which mark the link that they fix."""
+        """Parts fixed to bodies, by name: links, frames, and joints, which mark the link that they fix."""
         links, bodies = self.tree.links, {body.name for body in self.bodies}
         rides = {
             link.name: self._ride(k)
@@ -217,7 +217,7 @@ class _Builder:
         return rides
 
     def _measured(self, mechanism: Mechanism) -> tuple[Output, ...] | None:
-        """What the sensors of the file measure, if that is asked for."""
+        """Outputs from the file's force sensors; None if the drives are measured."""
         if self.options.measured == "drives":
             if self.tree.sensors:
                 unused = (
@@ -472,8 +472,8 @@ def _floats(step: LiteralStep) -> bool:
     return not isinstance(step, LiteralPlacement) and step.kind == "floating"
 
 
-_CLOSED = 1e-9  # of the characteristic length, or rad: rounding of doubles, and nobody wants to know
-_NEAR = 0.02  # a pose that is this near to closing is taken for the one that is meant
+NEARLY_CLOSED = 0.02
+"""Closure error, rad or share of the characteristic length, up to which the first stated pose is the intended one."""
 
 
 def chosen_pose(
@@ -489,14 +489,14 @@ def chosen_pose(
     motion = ClosedMotion(mechanism)
     q = normalised(mechanism, np.array([_positions(mechanism, pose) for pose in known]))
     open_by = largest(motion.closures.at(q)[0])
-    best = 0 if open_by[0] < _NEAR else int(open_by.argmin())
+    best = 0 if open_by[0] < NEARLY_CLOSED else int(open_by.argmin())
     names = list(poses)
     if best:
         at_first = f"at {names[0]} {motion.opening(q[0])}"
         return known[
             best
         ], f"the loops are assembled near {names[best]}, because {at_first}"
-    if open_by[0] > _CLOSED:
+    if open_by[0] > PRECISION:
         return known[
             0
         ], f"at {names[0]} {motion.opening(q[0])}: the loops are assembled near it"

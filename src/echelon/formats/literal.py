@@ -14,6 +14,7 @@ from fractions import Fraction
 from functools import reduce
 from graphlib import CycleError, TopologicalSorter
 from math import atan2, cos, hypot, sin
+from sys import float_info
 
 import numpy as np
 import numpy.typing as npt
@@ -334,14 +335,18 @@ def rotation_matrix(roll: float, pitch: float, yaw: float) -> Floats:
     )
 
 
-_ROUNDING = 1e-15  # what is left of a zero in a product of two rotations
+DOUBLE_DIGITS = float_info.dig
+"""Decimals that a double always keeps; numbers with more were computed."""
+
+DOUBLE_ROUNDING = 10.0**-DOUBLE_DIGITS
+"""Relative error of a number with as many digits as a double keeps."""
 
 
 def roll_pitch_yaw(r: Floats) -> tuple[float, float, float]:
     """Angles with R = Rz(yaw) Ry(pitch) Rx(roll)."""
     # the roll is taken after the yaw is undone, so that at a pitch near ±90°, where neither is well determined, their
     # errors cancel
-    yaw = atan2(r[1, 0], r[0, 0]) if hypot(r[0, 0], r[1, 0]) > _ROUNDING else 0.0
+    yaw = atan2(r[1, 0], r[0, 0]) if hypot(r[0, 0], r[1, 0]) > DOUBLE_ROUNDING else 0.0
     c, s = cos(yaw), sin(yaw)
     return (
         atan2(s * r[0, 2] - c * r[1, 2], c * r[1, 1] - s * r[0, 1]),

@@ -10,6 +10,7 @@ from operator import matmul
 import numpy as np
 
 from echelon.exact.polynomial import as_polynomial, is_trigonometric, symbol_of
+from echelon.formats.literal import DOUBLE_ROUNDING
 from echelon.inertia import rotation_quaternion
 from echelon.mechanism.closed_pose import parted
 from echelon.mechanism.closure import ClosureKind
@@ -17,9 +18,7 @@ from echelon.mechanism.joint import IDENTITY, Body, Motion, Placement, Symbol, s
 from echelon.mechanism.rational_turns import rational_rotation
 from echelon.mechanism.stated import placement_matrix
 
-_ROUNDING = 1e-15
-"""Entries of a rotation by rational numbers differ from doubles by no more."""
-_MOST_ANGLES = 18
+MOST_ANGLES = 18
 """A product of rotations by more angles has thousands of terms: it is rounded to doubles."""
 
 
@@ -47,7 +46,7 @@ def second_frame(
     angles = _angles(chain)
     frame = (
         reduce(matmul, chain)
-        if len(angles) <= _MOST_ANGLES
+        if len(angles) <= MOST_ANGLES
         else _rounded(chain, angles, symbols)
     )
     return frame if kind.directions else Placement(IDENTITY, frame.translation)
@@ -89,7 +88,7 @@ def _rounded(
     )
     x, y, z = (as_polynomial(Fraction(f"{value:.15f}")) for value in pose[:3, 3])
     return shift(x, y, z) @ rational_rotation(
-        rotation_quaternion(pose[:3, :3]).tolist(), _ROUNDING
+        rotation_quaternion(pose[:3, :3]).tolist(), DOUBLE_ROUNDING
     )
 
 

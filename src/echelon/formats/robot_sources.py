@@ -18,24 +18,20 @@ import numpy as np
 from echelon.errors import InputError
 from echelon.extras import extra
 from echelon.formats.literal import roll_pitch_yaw
+from echelon.formats.mjcf.mjcf_model import import_mujoco
 from echelon.hints import nearest
 from echelon.inputs import parse_xml, read_content
 
 _DESCRIPTION = re.compile(r"\w+_description")
 _XACRO = re.compile(rb"""xmlns:xacro\s*=\s*["']https?://[^"']*xacro/?["']""")
 _MACROS = re.compile(rb"<xacro:|\$[{(]")
-_LEVELS = 6  # of folders above a xacro file around which packages are looked for; deeper ones are not seen
+PACKAGE_LEVELS = 6
+"""Folders above a xacro file around which packages are looked for."""
 _EQUALITIES = ("connect", "weld", "joint", "tendon")
 _JOINTS = ("free", "ball", "slide", "hinge")
-_CONSTRAINT_OFF, _EQUALITY_OFF, _GRAVITY_OFF = (
-    1 << 0,
-    1 << 1,
-    1 << 7,
-)  # of mjtDisableBit
 _ONE_AXIS = re.compile(
     r"(R|P|RUB)[XYZ]|(Revolute|RevoluteUnbounded|Prismatic)Unaligned"
 )
-_SITE, _WRAP_JOINT = 6, 1  # mjOBJ_SITE, mjWRAP_JOINT
 _SENSORS = {
     "mjSENS_FORCE": ("force", "site"),
     "mjSENS_TORQUE": ("torque", "site"),
@@ -123,7 +119,7 @@ def _packages_around(file: Path) -> dict[str, Path]:
     """
     stated: dict[str, Path] = {}
     by_folder: dict[str, Path] = {}
-    for folder in file.resolve().parents[:_LEVELS]:
+    for folder in file.resolve().parents[:PACKAGE_LEVELS]:
         try:
             beside = sorted(child for child in folder.iterdir() if child.is_dir())
         except OSError:  # a folder that nobody may list holds no packages for us
@@ -153,7 +149,8 @@ def _mjcf(model: Any) -> Element:
     """A compiled model with the bodies, joints, inertias and equalities that it has."""
     root = Element("mujoco", model=model.names.split(b"\0")[0].decode() or "robot")
     SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
-    weightless = model.opt.disableflags & _GRAVITY_OFF
+    disabled, bits = model.opt.disableflags, import_mujoco().mjtDisableBit
+    weightless = disabled & bits.mjDSBL_GRAVITY
     SubElement(
         root, "option", gravity="0 0 0" if weightless else _row(model.opt.gravity)
     )
@@ -187,7 +184,7 @@ def _mjcf(model: Any) -> Element:
     tendons = SubElement(root, "tendon")
     for k in range(model.ntendon):
         _add_fixed_tendon(tendons, model, k)
-    if not model.opt.disableflags & (_CONSTRAINT_OFF | _EQUALITY_OFF):
+    if not disabled & (bits.mjDSBL_CONSTRAINT | bits.mjDSBL_EQUALITY):
         equality = SubElement(root, "equality")
         for k in np.flatnonzero(model.eq_active0).tolist():
             SubElement(equality, *_mjcf_equality(model, k))
@@ -217,10 +214,11 @@ def _mjcf_joint(model: Any, k: int) -> dict[str, str]:
 
 def _add_fixed_tendon(tendons: Element, model: Any, k: int) -> None:
     """A tendon whose length is a sum of joints; others couple no joints."""
+    of_joint = import_mujoco().mjtWrap.mjWRAP_JOINT
     path = range(
         int(model.tendon_adr[k]), int(model.tendon_adr[k] + model.tendon_num[k])
     )
-    if all(model.wrap_type[i] == _WRAP_JOINT for i in path):
+    if all(model.wrap_type[i] == of_joint for i in path):
         fixed = SubElement(tendons, "fixed", name=_name(model, "tendon", k))
         for i in path:
             joint = _name(model, "joint", int(model.wrap_objid[i]))
@@ -234,13 +232,14 @@ def _mjcf_equality(model: Any, k: int) -> tuple[str, dict[str, str]]:
             f"of equality constraints only {', '.join(_EQUALITIES)} are supported"
         )
     tag = _EQUALITIES[kind]
-    of = (
-        tag
-        if tag in ("joint", "tendon")
-        else "site"
-        if model.eq_objtype[k] == _SITE
-        else "body"
-    )
+    if tag in ("joint", "tendon"):
+        of = tag
+    else:
+        of = (
+            "site"
+            if model.eq_objtype[k] == import_mujoco().mjtObj.mjOBJ_SITE
+            else "body"
+        )
     ends = (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
     found = {
         f"{of}{n}": _name(model, of, end) for n, end in enumerate(ends, 1) if end >= 0
@@ -256,9 +255,7 @@ def _mjcf_equality(model: Any, k: int) -> tuple[str, dict[str, str]]:
 
 def _mjcf_drives(root: Element, model: Any) -> None:
     """Actuators of joints, and sensors of forces."""
-    with extra("mjcf"):
-        import mujoco
-
+    mujoco = import_mujoco()
     actuators, sensors = SubElement(root, "actuator"), SubElement(root, "sensor")
     driving = np.isin(
         model.actuator_trntype,

@@ -11,24 +11,27 @@ from collections.abc import Iterable, Sequence
 from fractions import Fraction
 
 from echelon.exact.polynomial import Rational, parts_of
-from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralTree
-from echelon.formats.snapping import nearest_step
+from echelon.formats.literal import (
+    DOUBLE_DIGITS,
+    LiteralMotion,
+    LiteralPlacement,
+    LiteralTree,
+)
+from echelon.formats.snapping import ANGLE_TOLERANCE, nearest_step
 from echelon.mechanism.joint import Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import characteristic_length
 
 COARSEST = 0.05
 """Largest unit of a last decimal that means something, rad or a share of the size."""
-_FEWEST, _MOST = 3, 15
-"""Decimals of numbers that may be rounded; doubles have no more than 15 that mean something."""
-_FEWEST_DIGITS = 5
+FEWEST_DECIMALS = 3
+"""Decimals from which a number may be rounded: shorter ones are meant."""
+FEWEST_DIGITS = 5
 """Digits of numbers that were printed to some significant digits, as C's %g does: six of them, more rarely others."""
-_GRID, _FEW = Fraction(5, 1000), 3
-"""m or rad: one in five numbers with three decimals is a multiple; where so many are, and no other, none is rounded."""
-_MANY = 0.05
+GRID = Fraction(5, 1000)
+"""m or rad: one in five numbers with three decimals is a multiple; where several are, and no other, none is rounded."""
+MOST_COMPUTED = 0.05
 """Share of the numbers that are not short which have the last decimal: a few may have been computed to more digits."""
-_NEAR = 2e-3
-"""rad: angles this near to a multiple of 15 degrees are that multiple, to as many digits as it takes."""
 
 
 def rounding_of_tree(tree: LiteralTree) -> float:
@@ -50,7 +53,7 @@ def rounding_of_tree(tree: LiteralTree) -> float:
 
 
 def rounding_of_mechanism(mechanism: Mechanism) -> float:
-    """The same of the numbers of a description, whose angles are symbols with exact values."""
+    """Largest unit of the last decimal of a described mechanism, in rad or as a share of its size; 0 if exact."""
     placed = [
         step
         for body in mechanism.bodies
@@ -73,7 +76,7 @@ def _coarsest(
     general = [
         value
         for value in turns
-        if abs(float(value) - nearest_step(float(value))) > _NEAR
+        if abs(float(value) - nearest_step(float(value))) > ANGLE_TOLERANCE
     ]
     return max(_last_decimal(lengths) / (size or 1.0), _last_decimal(general))
 
@@ -86,9 +89,9 @@ def _last_decimal(numbers: Iterable[Rational]) -> float:
     long = [
         value
         for number in numbers
-        if _decimals(value := abs(Fraction(number))) >= _FEWEST
+        if _decimals(value := abs(Fraction(number))) >= FEWEST_DECIMALS
     ]
-    on_grid = not any(value % _GRID for value in long) and len(set(long)) >= _FEW
+    on_grid = not any(value % GRID for value in long) and len(set(long)) > 2
     if on_grid or not long:
         return 0.0
     decimals = [_decimals(value) for value in long]
@@ -97,20 +100,28 @@ def _last_decimal(numbers: Iterable[Rational]) -> float:
         for value, count in zip(long, decimals, strict=True)
     ]
     most_decimals, most_digits = _nearly_most(decimals), _nearly_most(digits)
-    if most_digits >= _FEWEST_DIGITS and digits.count(most_digits) > decimals.count(
+    if most_digits >= FEWEST_DIGITS and digits.count(most_digits) > decimals.count(
         most_decimals
     ):
         return float(
-            10.0 ** (len(str(int(max(long) * 10**_MOST))) - _MOST - most_digits)
+            10.0
+            ** (
+                len(str(int(max(long) * 10**DOUBLE_DIGITS)))
+                - DOUBLE_DIGITS
+                - most_digits
+            )
         )
     return float(10.0**-most_decimals)
 
 
 def _nearly_most(counts: Sequence[int]) -> int:
-    return sorted(counts)[-1 - int(_MANY * len(counts))]
+    return sorted(counts)[-1 - int(MOST_COMPUTED * len(counts))]
 
 
 def _decimals(number: Rational) -> int:
     """Decimals of a number, at most 15."""
     value = Fraction(number)
-    return next((d for d in range(_MOST) if (value * 10**d).denominator == 1), _MOST)
+    return next(
+        (d for d in range(DOUBLE_DIGITS) if (value * 10**d).denominator == 1),
+        DOUBLE_DIGITS,
+    )

@@ -42,12 +42,15 @@ from echelon.exact.polynomial import (
     square_root,
 )
 from echelon.formats.literal import (
+    DOUBLE_DIGITS,
+    DOUBLE_ROUNDING,
     LiteralMotion,
     LiteralPlacement,
     StatedJoint,
     Triple,
     numeric_placements,
 )
+from echelon.hints import listed
 from echelon.mechanism.joint import (
     Motion,
     MotionKind,
@@ -69,7 +72,8 @@ ANGLE_TOLERANCE = 2e-3
 LENGTH_TOLERANCE = 1e-5
 """Translations below this fraction of the robot's largest one are read as zero, unless snapping is off."""
 
-PRECISION = 1e-9  # the literal reading: what agrees to nine digits is the exact number, written as well as decimals can
+PRECISION = 1e-9
+"""Difference, rad or share of a length, up to which the literal reading takes a number for the exact one."""
 
 Gravity = Sequence[str | float | int] | str | None
 
@@ -153,13 +157,10 @@ def _component(text: str) -> Polynomial:
     return value
 
 
-LARGEST = (
-    10**100
-)  # of lengths, masses and the like: mass times a distance squared is still far within double precision
+LARGEST = 10**100
+"""Largest length, mass or the like, SI: mass times a squared distance is still far within double precision."""
 
 SMALLEST = Fraction(1, LARGEST)  # of what is not zero
-
-_SHOWN = 3  # tiny numbers that a note names
 
 LARGEST_ANGLE = 10**9
 """Of angles, rad: beyond, the digits of a double no longer say which multiple of 15° is the nearest."""
@@ -177,13 +178,11 @@ def is_tiny(value: Rational) -> bool:
 
 def tiny_notes(places: Sequence[str]) -> list[str]:
     """That tiny numbers at some places of a file are read as zero."""
-    count, shown = len(places), ", ".join(places[:_SHOWN])
-    more = f" and {count - _SHOWN} others" * (count > _SHOWN)
-    return (
-        [f"read as zero, since no robot has numbers below 1e-100: {shown}{more}"]
-        if places
-        else []
-    )
+    if not places:
+        return []
+    return [
+        f"read as zero, since no robot has numbers below 1e-100: {listed(places, 3)}"
+    ]
 
 
 def checked_size(value: AnyNumber, shown: str) -> AnyNumber:
@@ -204,15 +203,12 @@ TO_AXIS = (turn(1, Angle(_QUARTER)), turn(0, Angle(-_QUARTER)), Placement())
 """Rotations that bring z to the x, y and z axis."""
 
 _STEP = pi / STEPS_PER_HALF_TURN
-_SAME = 1e-12
-_EXACT = 1e-15
-_FEW = 6  # digits of quaternions and angles in many files, of which other angles are computed
-_ROUNDED_TWICE = 2  # components of a direction, which its angles have the rounding of
-_WRITTEN = 15  # decimals that a number has at most which nobody computed
-_DIGITS, _DOUBLE = (
-    12,
-    1e-15,
-)  # digits of a short decimal, and how far a double is from it, of the largest length
+COMPUTED_ROUNDING = 10 * DOUBLE_ROUNDING
+"""Residue of a zero, or of a multiple of 15°, after a few roundings of doubles."""
+LENGTH_DIGITS = DOUBLE_DIGITS - 3
+"""Digits of a length that a few roundings of a double leave."""
+PRINTED_DIGITS = 6
+"""Digits that C prints by default: many files have quaternions and angles with so many."""
 
 
 @dataclass
@@ -283,13 +279,13 @@ class Snapping:
         """
         if not self.scale or not self.options.snap_tolerance or element in self.literal:
             return value
-        digits = _DIGITS - ceil(log10(self.scale))
+        digits = LENGTH_DIGITS - ceil(log10(self.scale))
         short = round(Fraction(value), digits)
-        if abs(float(short - value)) <= _DOUBLE * self.scale:
+        if abs(float(short - value)) <= DOUBLE_ROUNDING * self.scale:
             return short
         return (
             round(Fraction(value), digits + 2)
-            if Fraction(value).denominator > 10**_WRITTEN
+            if Fraction(value).denominator > 10**DOUBLE_DIGITS
             else value
         )
 
@@ -399,9 +395,9 @@ class Snapping:
         steps = round(number / _STEP)
         difference = abs(number - steps * _STEP)
         if difference <= max(
-            self.angle_tolerance(element), _EXACT * max(1.0, abs(number))
+            self.angle_tolerance(element), DOUBLE_ROUNDING * max(1.0, abs(number))
         ):
-            if difference > _EXACT * max(1.0, abs(number)):
+            if difference > DOUBLE_ROUNDING * max(1.0, abs(number)):
                 self.snaps.append(
                     Snap(element, _decimal(value), f"{steps * 15}°", difference)
                 )
@@ -412,7 +408,10 @@ class Snapping:
         self, value: float, element: str, name: str, square: Fraction | None = None
     ) -> Angle:
         """An angle that was computed; in loops it is near a multiple of 15° by chance unless it is very near."""
-        chance = self.options.looped and abs(value - nearest_step(value)) > 10.0**-_FEW
+        chance = (
+            self.options.looped
+            and abs(value - nearest_step(value)) > 10.0**-PRINTED_DIGITS
+        )
         return (
             self.named_angle(value, element, name, square)
             if chance
@@ -472,7 +471,7 @@ class Snapping:
                 self.options.separate_symbols
                 and self.symbols[symbol].meaning != wanted.meaning
             )
-            if abs(known - size) <= _SAME and not apart:
+            if abs(known - size) <= 10.0**-LENGTH_DIGITS and not apart:
                 return symbol
         symbol = self._new_symbol(wanted.name, wanted)
         self._angles.append((size, symbol))
@@ -530,7 +529,7 @@ class Snapping:
             frames.append(
                 (turns[:count], (_shortened(x), _shortened(y), _shortened(z)))
             )
-        rounding = _ROUNDED_TWICE * max(map(_written, axis)) / hypot(*axis)
+        rounding = 2 * max(map(_written, axis)) / hypot(*axis)  # two rounded components
         return max(
             frames, key=lambda frame: self._simplicity(frame[1], element, rounding)
         )  # the first of equals
@@ -541,7 +540,7 @@ class Snapping:
         One of them may be there by chance, so it has to be within the rounding error of the axis, rad.
         """
         x, y, z = (float(v) for v in direction)
-        tolerance = max(self.angle_tolerance(element), _EXACT)
+        tolerance = max(self.angle_tolerance(element), DOUBLE_ROUNDING)
         if min(hypot(y, z), hypot(x, z), hypot(x, y)) <= tolerance * hypot(x, y, z):
             return 3
         off = [
@@ -560,7 +559,7 @@ class Snapping:
         for axis, component in enumerate((x, y, z)):
             rest = [v for k, v in enumerate((x, y, z)) if k != axis]
             off = atan2(hypot(*rest), abs(component))
-            if off <= max(self.angle_tolerance(element), _EXACT):
+            if off <= max(self.angle_tolerance(element), DOUBLE_ROUNDING):
                 if off:
                     text = " ".join(_decimal(v) for v in direction)
                     self.snaps.append(Snap(element, f"({text})", "xyz"[axis], off))
@@ -644,13 +643,16 @@ def nearest_step(angle: float) -> float:
 
 def _shortened(component: float) -> Fraction:
     """A component of a computed direction without the noise of computing it."""
-    return round(Fraction(component), _WRITTEN)
+    return round(Fraction(component), DOUBLE_DIGITS)
 
 
 def _written(value: Rational | float) -> float:
     """The rounding error of an angle, rad, from the number of its digits."""
     number = Fraction(value)
-    digits = next((d for d in range(_FEW) if (number * 10**d).denominator == 1), _FEW)
+    digits = next(
+        (d for d in range(PRINTED_DIGITS) if (number * 10**d).denominator == 1),
+        PRINTED_DIGITS,
+    )
     return 10.0**-digits
 
 

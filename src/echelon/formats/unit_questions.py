@@ -13,6 +13,7 @@ from math import pi
 
 from echelon.exact.polynomial import Rational
 from echelon.formats.snapping import ANGLE_TOLERANCE, nearest_step
+from echelon.hints import listed
 from echelon.mechanism.joint import GROUND, Body, Motion, Placement
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values, largest_offset
@@ -20,10 +21,8 @@ from echelon.mechanism.stated import known_values, largest_offset
 _MORE_THAN_A_TURN = 2 * pi * (1 + 1e-3)
 """Angles up to a turn, rounded to a few digits, are radians, rad."""
 
-_HUNDREDS = 100.0
-"""Offset between joints, m, from which on it is asked: cranes have less, and arms have that many millimetres."""
-
-_MOST_NAMED = 3  # elements in messages
+LARGEST_METRES = 100.0
+"""Offset between joints, m, from which a file is asked for millimetres: cranes have less, arms that many of them."""
 
 
 def looks_like_degrees(angle: Rational) -> bool:
@@ -46,14 +45,10 @@ def unit_questions(
         element: angle for element, angle in angles.items() if looks_like_degrees(angle)
     }
     if odd:
-        named = [
-            f"{element}: {float(angle):.9g}"
-            for element, angle in list(odd.items())[:_MOST_NAMED]
-        ]
-        more = f" and {len(odd) - _MOST_NAMED} more" if len(odd) > _MOST_NAMED else ""
+        named = [f"{element}: {float(angle):.9g}" for element, angle in odd.items()]
         first = next(iter(odd.values()))
         yield (
-            f"angles of more than a turn, in radians ({'; '.join(named)}{more}): degrees? "
+            f"angles of more than a turn, in radians ({listed(named, 3, '; ')}): degrees? "
             f"write {_in_radians(first)} for {float(first):.9g}"
         )
     known = known_values(mechanism)
@@ -62,7 +57,7 @@ def unit_questions(
         for body in mechanism.bodies
     }
     largest = max(sizes, key=lambda name: sizes[name], default="")
-    if largest and sizes[largest] >= _HUNDREDS:
+    if largest and sizes[largest] >= LARGEST_METRES:
         size = sizes[largest]
         yield f"joint '{largest}' has an offset of {size:g} m: millimetres? write {size / 1000:g}, and so everywhere"
 

@@ -23,7 +23,7 @@ from echelon.loops.closed_motion import (
     RATE,
     REMEMBERED,
     ClosedMotion,
-    Known,
+    Keyed,
     identity,
     largest,
     normalised,
@@ -81,11 +81,11 @@ class Assembly(ClosedMotion):
         self._nearly: Floats | None = None  # where rounded equations are closed best
         self._left_open = self.explained  # by equations that contradict one another
         if mechanism.rounding:
-            self.held, self._nearly = _held(Known(self._identity, self))
+            self.held, self._nearly = _held(Keyed(self._identity, self))
             self.closures, self._left_open = self.closures.with_rows(self.held), 0.0
 
     def at(self, symbols: Mapping[str, Floats]) -> Assembly:
-        """The same mechanism at other values of its symbols, one for every configuration, in the same units."""
+        """Copy at other values of the symbols, one for every configuration, in the units of this one."""
         other = copy(self)
         for name in {"pose", "assembled"} & vars(self).keys():
             delattr(other, name)
@@ -103,7 +103,7 @@ class Assembly(ClosedMotion):
         if self._nearly is not None:
             nearest: Floats = self.closed(self._nearly[None])[0][0]
             return nearest
-        return _nearest(Known(self._identity, self)).copy()
+        return _nearest(Keyed(self._identity, self)).copy()
 
     @property
     def _identity(self) -> Hashable:
@@ -166,7 +166,7 @@ class Assembly(ClosedMotion):
         return q
 
     def written(self, q: Floats) -> str:
-        """What a description says of a configuration (positions,)."""
+        """Text that states a configuration (positions,) in a description."""
         return to_write(dict(zip(self.mechanism.positions, q.tolist(), strict=True)))
 
     def moving_pose(self) -> Floats | None:
@@ -195,7 +195,7 @@ class Assembly(ClosedMotion):
         return self._moved(np.repeat(self._stated[None], TOGETHER, axis=0), change)
 
     def easiest(self, q: Floats) -> tuple[str, str, float]:
-        """Of the motions that a closed configuration does not allow, the one that closures resist least.
+        """Forbidden motion that the closures resist least at a closed configuration.
 
         Its coordinate that moves most, the closure that resists most, and its singular value about the largest one.
         """
@@ -213,7 +213,7 @@ class Assembly(ClosedMotion):
 
     @cached_property
     def assembled(self) -> Assembled | None:
-        """What was moved from the stated assembly pose to :attr:`pose`; None if nothing but rounding."""
+        """Moves from the stated assembly pose to :attr:`pose`; None if there are none beyond rounding."""
         mechanism, moved = self.mechanism, []
         distances = self._distances(self.pose[None])[0].tolist()
         for motion, relative in zip(mechanism.free_motions, distances, strict=True):
@@ -247,7 +247,7 @@ class Assembly(ClosedMotion):
         return upright_pose
 
     def _distances(self, q: Floats) -> Floats:
-        """How far each motion is from the stated pose, rad or characteristic lengths, shape (N, motions)."""
+        """Distance of each motion from the stated pose, rad or characteristic lengths, shape (N, motions)."""
         found = []
         for motion, place, _ in places(self.mechanism):
             if motion.kind is MotionKind.BALL:
@@ -453,12 +453,12 @@ class Assembly(ClosedMotion):
 
 
 @lru_cache(maxsize=REMEMBERED)
-def _held(known: Known[Assembly]) -> tuple[Sequence[int], Floats]:
+def _held(known: Keyed[Assembly]) -> tuple[Sequence[int], Floats]:
     return known.subject.independent_equations()
 
 
 @lru_cache(maxsize=REMEMBERED)
-def _nearest(known: Known[Assembly]) -> Floats:
+def _nearest(known: Keyed[Assembly]) -> Floats:
     return known.subject.nearest()
 
 

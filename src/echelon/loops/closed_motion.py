@@ -67,7 +67,7 @@ class _ComplexArithmetic(FloatArithmetic):
 
 
 @dataclass(frozen=True)
-class Known(Generic[T]):
+class Keyed(Generic[T]):
     """A subject that is known again by a part of it: one derivation asks for the same things from many places."""
 
     part: Hashable
@@ -89,7 +89,7 @@ def identity(mechanism: Mechanism) -> Hashable:
 
 
 @lru_cache(maxsize=REMEMBERED)
-def _recorded(known: Known[Mechanism]) -> tuple[ClosureEquations, StagedSchedule]:
+def _recorded(known: Keyed[Mechanism]) -> tuple[ClosureEquations, StagedSchedule]:
     recorder = Recorder(known.subject, Program())
     return _scheduled(
         record_closures(known.subject, recorder, Probes(known.subject, recorder))
@@ -115,7 +115,7 @@ class ClosureValues:
         equations: ClosureEquations | None = None,
     ) -> None:
         self.mechanism = mechanism
-        moving = Known(
+        moving = Keyed(
             (
                 mechanism.bodies,
                 mechanism.couplings,
@@ -157,7 +157,7 @@ class ClosureValues:
         )
 
     def _constant(self, symbols: Mapping[str, Floats], count: int) -> dict[int, Floats]:
-        """What depends on symbols alone, at one set of their values or one for every configuration."""
+        """Nodes that depend on symbols alone, at one set of their values or one for every configuration."""
         return self._schedule.kept(FloatArithmetic(), symbols, count)
 
     def with_rows(self, rows: Sequence[int]) -> ClosureValues:
@@ -384,7 +384,7 @@ class ClosedMotion:
         )
 
     def opening(self, q: Floats) -> str:
-        """What the closure equations miss most in a configuration (positions,), in words."""
+        """Message about the largest closure error of a configuration (positions,)."""
         closure, size, unit = self.widest(q)
         return f"closure '{closure}' is off by {size:.3g} {unit} between {self.mechanism.ends(closure)}"
 

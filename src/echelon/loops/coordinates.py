@@ -81,7 +81,7 @@ def independent_coordinates(
 
 
 def _left(columns: Sequence[int], taken: Sequence[int], real: Floats) -> list[int]:
-    """How much some coordinates can move while those that are taken rest, alike but for what is negligible."""
+    """Mobility of coordinates while the taken ones rest, in units of the negligible."""
     moved, _ = np.linalg.qr(real[taken].T)
     resting = real[columns] - real[columns] @ moved @ moved.T
     return [round(float(size) / NEGLIGIBLE) for size in np.linalg.norm(resting, axis=1)]

@@ -1,4 +1,4 @@
-"""What moves dependently in a mechanism with loops, recorded: velocities, accelerations, positions, closing forces.
+"""Dependent motion in mechanisms with loops, recorded: velocities, accelerations, positions, closing forces.
 
 With J the Jacobian of the closure equations, J_D its columns of dependent coordinates and J_I those of independent
 ones,
@@ -108,7 +108,7 @@ class DependentMotion:
 
     @property
     def pivots(self) -> dict[str, Scalar]:
-        """How far each dependent coordinate is from being undetermined, see :class:`LeastSquares`."""
+        """Pivot of each dependent coordinate, small where it is nearly undetermined; see :class:`LeastSquares`."""
         return self._system.pivots
 
     def speeds(self, chosen: Mapping[str, Scalar]) -> dict[str, Scalar]:

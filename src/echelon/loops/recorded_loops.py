@@ -1,4 +1,4 @@
-"""What keeps recorded forms of a mechanism with loops on closed configurations, with random real states there."""
+"""Closed states for recorded forms of a mechanism with loops, and random real states among them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from echelon.arrays import Floats
 from echelon.errors import DegenerateSampleError, InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.loops.assembly import FEW, NEARBY, POSES, TOGETHER, Assembly
-from echelon.loops.closed_motion import REMEMBERED, Known, identity
+from echelon.loops.closed_motion import REMEMBERED, Keyed, identity
 from echelon.loops.closures import ClosureEquations, record_closures
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, value_texts
@@ -31,7 +31,7 @@ _SHARED = 4
 
 @dataclass(frozen=True)
 class Loops:
-    """What keeps the motions of recorded forms on closed configurations."""
+    """Loop closures of recorded forms, with motions and random states that satisfy them."""
 
     mechanism: Mechanism
     equations: ClosureEquations
@@ -73,7 +73,7 @@ class Loops:
     def known_poses(self, first: int, count: int) -> Floats:
         """Some of a sequence of random closed poses that is drawn once, shape (count, positions)."""
         pool = _pool(
-            Known((identity(self.mechanism), frozenset(self.values.items())), self)
+            Keyed((identity(self.mechanism), frozenset(self.values.items())), self)
         )
         while len(pool.poses) < first + count:
             pool.grow()
@@ -100,7 +100,7 @@ class Loops:
 
     @cached_property
     def singular(self) -> bool:
-        """Whether more motions are possible at the assembly pose than near it, so that ways of assembly may meet."""
+        """Whether the mechanism has more freedoms at the assembly pose than nearby, so that assembly modes may meet."""
         at_pose, near = (
             self.assembly.mobility(q)
             for q in (self.assembly.pose[None], self.known_poses(0, POSES))
@@ -123,7 +123,7 @@ def loops_of(
     probes: Probes | None = None,
     speeds: Mapping[str, Scalar] | None = None,
 ) -> Loops:
-    """What keeps forms that were recorded for a mechanism with loops on closed configurations."""
+    """Loop closures for forms that were recorded for a mechanism with loops."""
     nodes = (
         None if speeds is None else {name: speed.node for name, speed in speeds.items()}
     )
@@ -138,7 +138,7 @@ def closing_values(mechanism: Mechanism) -> Mapping[str, str]:
     InputError
         If the loops close at none of the random values that are tried.
     """
-    return _closing_values(Known(identity(mechanism), mechanism))
+    return _closing_values(Keyed(identity(mechanism), mechanism))
 
 
 class _Pool:
@@ -157,12 +157,12 @@ class _Pool:
 
 
 @lru_cache(maxsize=REMEMBERED)
-def _pool(known: Known[Loops]) -> _Pool:
+def _pool(known: Keyed[Loops]) -> _Pool:
     return _Pool(known.subject)
 
 
 @lru_cache(maxsize=REMEMBERED)
-def _closing_values(known: Known[Mechanism]) -> Mapping[str, str]:
+def _closing_values(known: Keyed[Mechanism]) -> Mapping[str, str]:
     mechanism = known.subject
     stated = value_texts(mechanism, all_symbols(mechanism))
     unknown = sorted(all_symbols(mechanism) - stated.keys())

@@ -29,7 +29,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError, SlowWarning
-from echelon.machine.kernel_text import Block, kernel_text, prepare_text
+from echelon.machine.kernel_text import KernelBlock, kernel_text, prepare_text
 from echelon.machine.operations_text import Lowered, Vector, lowered, module_text
 from echelon.machine.rows_text import rows_of, rows_text
 from echelon.machine.target import (
@@ -48,7 +48,7 @@ _LINE = 64
 
 
 @dataclass(frozen=True)
-class Batch:
+class BatchArguments:
     """Arguments of many samples."""
 
     samples: int
@@ -57,31 +57,35 @@ class Batch:
     ]  # arguments that vary, of shape (samples, size), each row contiguous
     uniform: Floats  # the others, one after another
 
-    def part(self, first: int, end: int) -> Batch:
+    def part(self, first: int, end: int) -> BatchArguments:
         """Some of the samples, in place."""
-        return Batch(
+        return BatchArguments(
             end - first,
             tuple(column[first:end] for column in self.columns),
             self.uniform,
         )
 
-    def copy(self) -> Batch:
+    def copy(self) -> BatchArguments:
         """A copy of the samples, which no other code can change."""
-        return Batch(
+        return BatchArguments(
             self.samples, tuple(column.copy() for column in self.columns), self.uniform
         )
 
     @staticmethod
-    def joined(pieces: Sequence[Batch]) -> Batch:
+    def joined(pieces: Sequence[BatchArguments]) -> BatchArguments:
         """The samples of several batches of the same function; those of one stay where they are."""
         if len(pieces) == 1:
             return pieces[0]
         columns = zip(*(piece.columns for piece in pieces), strict=True)
         joined = tuple(np.concatenate(some) for some in columns)
-        return Batch(sum(piece.samples for piece in pieces), joined, pieces[0].uniform)
+        return BatchArguments(
+            sum(piece.samples for piece in pieces), joined, pieces[0].uniform
+        )
 
 
-def batch(arguments: Sequence[Argument], values: Mapping[str, npt.ArrayLike]) -> Batch:
+def batch(
+    arguments: Sequence[Argument], values: Mapping[str, npt.ArrayLike]
+) -> BatchArguments:
     """Check and arrange values of arguments: of shape (samples, size), or (size,) for one sample and uniform ones."""
     columns, uniform = [], [np.zeros(0)]
     for argument in arguments:
@@ -95,7 +99,7 @@ def batch(arguments: Sequence[Argument], values: Mapping[str, npt.ArrayLike]) ->
         columns.append(
             array if whole and array.flags.aligned else np.ascontiguousarray(array)
         )
-    return Batch(
+    return BatchArguments(
         _sample_count(arguments, [len(c) for c in columns]),
         tuple(columns),
         np.concatenate(uniform),
@@ -199,7 +203,7 @@ class Interpreted:
         self.function = function
 
     def __call__(
-        self, given: Batch, together: int | None = None
+        self, given: BatchArguments, together: int | None = None
     ) -> Iterator[tuple[int, Floats]]:
         """The first sample of each piece of a batch, with the entries there, of shape (entries, samples)."""
         schedule = self._schedule
@@ -218,7 +222,7 @@ class Interpreted:
     def _schedule(self) -> Schedule:
         return Schedule(self.function.program, self.function.outputs)
 
-    def _values(self, piece: Batch) -> dict[int, Floats]:
+    def _values(self, piece: BatchArguments) -> dict[int, Floats]:
         """Values of the inputs by node."""
         uniform = [
             node for a in self.function.arguments if a.uniform for node in a.nodes
@@ -294,8 +298,8 @@ class Kernel:
             list(pool.map(run, _pieces(given.samples, workers, self.target.lanes)))
         return result
 
-    def _interpret(self, given: Batch, result: Floats) -> None:
-        """The same without machine code."""
+    def _interpret(self, given: BatchArguments, result: Floats) -> None:
+        """Evaluate a batch without machine code."""
         places = np.array(self._places(), dtype=np.intp)
         flat = result.reshape(given.samples, len(places))
         flat[:, places < 0] = 0.0
@@ -305,9 +309,9 @@ class Kernel:
             ].T
 
     def _runner(
-        self, given: Batch, result: Floats
+        self, given: BatchArguments, result: Floats
     ) -> Callable[[tuple[int, int]], None]:
-        """What computes a piece of a batch, from its first sample to its end."""
+        """Function that computes a piece of a batch, from its first sample to its end."""
         code = self._code(big=result.nbytes > _CACHED_BYTES)
         arrays = code.inputs(given)
 
@@ -362,7 +366,7 @@ class Columns:
         self._made: _Code | None = None
         self._interpreted = Interpreted(function)
 
-    def __call__(self, given: Batch) -> Iterator[Floats]:
+    def __call__(self, given: BatchArguments) -> Iterator[Floats]:
         """Arrays of shape (entries, samples); each is valid until the next one is asked for."""
         if not compiles():
             yield from (
@@ -386,7 +390,9 @@ class Columns:
     def _code(self) -> _Code:
         if self._made is None:
             target = self._asked or host()
-            block = Block(lowered(self.function), Vector(target.lanes), self.samples)
+            block = KernelBlock(
+                lowered(self.function), Vector(target.lanes), self.samples
+            )
             self._made = _Code(
                 block.lowered,
                 kernel_text(block),
@@ -420,8 +426,8 @@ class _Code:
             Floats
         ] = []  # of threads that have done their work; its zeros are still zero
 
-    def inputs(self, given: Batch) -> tuple[npt.NDArray[Any], ...]:
-        """What the code reads: addresses and strides of arguments, and values that are the same for all samples."""
+    def inputs(self, given: BatchArguments) -> tuple[npt.NDArray[Any], ...]:
+        """Inputs of the code: addresses and strides of arguments, and values that all samples share."""
         prepared = aligned((self._uniform,))
         self._prepare(given.uniform.ctypes.data, prepared.ctypes.data)
         addresses = np.array(

@@ -31,7 +31,7 @@ _DECLARED = (
 
 
 @dataclass(frozen=True)
-class Block:
+class KernelBlock:
     """The shape of what a kernel writes."""
 
     lowered: Lowered
@@ -68,7 +68,7 @@ class Block:
         return self.entries * self.samples
 
 
-def kernel_text(block: Block) -> str:
+def kernel_text(block: KernelBlock) -> str:
     """Definitions of ``@compute`` and of all that it calls."""
     v = block.vector
     parts = [_part(block, number) for number in range(len(block.lowered.parts))]
@@ -78,7 +78,7 @@ def kernel_text(block: Block) -> str:
 # -- parts ---------------------------------------------------------------------------------------------------------
 
 
-def _part(block: Block, number: int) -> str:
+def _part(block: KernelBlock, number: int) -> str:
     """One part: reads the rows of the inputs and values that wait, writes its outputs and values for later parts."""
     lowered, v = block.lowered, block.vector
     writer = Writer(lowered, v)
@@ -103,7 +103,7 @@ def _part(block: Block, number: int) -> str:
     )
 
 
-def _stream(code: Code, block: Block, done: int) -> None:
+def _stream(code: Code, block: KernelBlock, done: int) -> None:
     """Copy the cache lines that are due before one of the operations on a vector, past the caches."""
     total = block.lowered.length
     for line in range(
@@ -116,11 +116,11 @@ def _stream(code: Code, block: Block, done: int) -> None:
         code.do(f"store <8 x double> {value}, ptr {target}, align 64, !nontemporal !1")
 
 
-def _waiting(code: Code, block: Block, node: int) -> str:
+def _waiting(code: Code, block: KernelBlock, node: int) -> str:
     return code.at("%waiting", block.lowered.waiting[node], block.vector.type)
 
 
-def _store_entry(writer: Writer, block: Block, entry: int, node: int) -> None:
+def _store_entry(writer: Writer, block: KernelBlock, entry: int, node: int) -> None:
     writer.code.store(
         writer.code.at("%out", entry * block.samples),
         f"{block.vector.type} {writer.value(node)}",
@@ -167,7 +167,7 @@ def _row_pointers(code: Code, v: Vector, argument: int) -> list[str]:
 # -- the loop over a block ------------------------------------------------------------------------------------------
 
 
-def _compute(block: Block) -> str:
+def _compute(block: KernelBlock) -> str:
     """``@compute``: all parts for one vector of samples after the other; beyond the last sample it is repeated."""
     v, code = block.vector, Code()
     sizes = [len(a) for a in block.lowered.function.arguments if not a.uniform]
@@ -252,7 +252,7 @@ def _pad_rows(
     _set_rows(code, argument, padding, str(size * _DOUBLE))
 
 
-def _store_the_rest(block: Block, code: Code) -> None:
+def _store_the_rest(block: KernelBlock, code: Code) -> None:
     """Entries that no part computes: inputs, constants and uniform values."""
     lowered = block.lowered
     writer = Writer(lowered, block.vector)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from echelon.machine.kernel_text import Block
+from echelon.machine.kernel_text import KernelBlock
 from echelon.machine.operations_text import Code, Lowered, Vector
 
 LINE = 8  # doubles in a cache line
@@ -33,10 +33,10 @@ class Way(Enum):
 
 
 @dataclass(frozen=True)
-class Rows:
+class StoredRows:
     """Rows made of a block's columns."""
 
-    block: Block  # of as many samples as its vectors have lanes
+    block: KernelBlock  # of as many samples as its vectors have lanes
     places: tuple[
         int, ...
     ]  # for each column of the row, the entry of the block, or −1 for a structural zero
@@ -69,19 +69,19 @@ class Rows:
 
 def rows_of(
     lowered: Lowered, vector: Vector, places: tuple[int, ...], *, big: bool
-) -> Rows:
+) -> StoredRows:
     """The best way for rows; ``big`` says whether the whole result is larger than the caches."""
-    direct = Rows(Block(lowered, vector, vector.lanes), places, Way.CACHED)
+    direct = StoredRows(KernelBlock(lowered, vector, vector.lanes), places, Way.CACHED)
     fits = vector.lanes * len(places) <= _LARGEST_IMAGE
     if big and not fits and not len(places) % LINE:
         return replace(direct, way=Way.STREAMED)
     streamed = min(direct.lines, lowered.length // _OPERATIONS[fits])
     if not (big and streamed):
         return direct
-    return Rows(replace(direct.block, streamed=streamed), places, Way.IMAGED)
+    return StoredRows(replace(direct.block, streamed=streamed), places, Way.IMAGED)
 
 
-def rows_text(rows: Rows) -> str:
+def rows_text(rows: StoredRows) -> str:
     """Definitions of ``@run`` and what it calls; to be put beside the block's ``@compute``."""
     laid = [] if rows.way is Way.CACHED else [laying(rows, "lay", Way.IMAGED)]
     if rows.way is not Way.IMAGED:
@@ -193,7 +193,7 @@ done:
 """
 
 
-def _run(rows: Rows) -> str:
+def _run(rows: StoredRows) -> str:
     block, width = rows.block, len(rows.places)
     values = {
         "arguments": "ptr %inputs, ptr %strides, ptr %uniforms, i64 %first, i64 %end, ptr %buffer, ptr %out",
@@ -215,7 +215,7 @@ def _run(rows: Rows) -> str:
 # -- transposition -----------------------------------------------------------------------------------------------------
 
 
-def tables(rows: Rows) -> str:
+def tables(rows: StoredRows) -> str:
     """For each column, its offset in the buffer, and how many columns before it are not structurally zero."""
     zeros, samples = rows.block.zeros, rows.block.samples
     offsets = [place * samples if place >= 0 else zeros for place in rows.places]
@@ -235,7 +235,7 @@ def tables(rows: Rows) -> str:
     )
 
 
-def laying(rows: Rows, name: str, towards: Way) -> str:
+def laying(rows: StoredRows, name: str, towards: Way) -> str:
     """A function that writes the rows of a block: single columns up to ``%head``, tiles, and the columns left over."""
     v, width, code = rows.block.vector, len(rows.places), Code()
     head = f"define internal void @{name}(ptr noalias %buffer, ptr noalias %target, i64 %head) noinline {{\nentry:\n"
@@ -289,7 +289,7 @@ def laying(rows: Rows, name: str, towards: Way) -> str:
 
 def _single_columns(
     code: Code,
-    rows: Rows,
+    rows: StoredRows,
     name: str,
     first: str,
     end: str,

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats, one_thread
 from echelon.errors import InputError
-from echelon.machine.kernel import Batch, Columns, batch, processors
+from echelon.machine.kernel import BatchArguments, Columns, batch, processors
 from echelon.machine.target import Target
 from echelon.observe.observation import (
     NormalEquations,
@@ -155,7 +155,7 @@ def _add_products(gram: Floats, columns: Floats) -> None:
 class _Block:
     """Samples that are factored together, and the number of the first of them among all."""
 
-    batch: Batch
+    batch: BatchArguments
     number: int
 
 
@@ -166,7 +166,7 @@ def _rounds(
     threads: int,
 ) -> Iterator[list[_Block]]:
     """Blocks, as soon as there are enough for all threads; what waits for more samples is copied."""
-    waiting: list[Batch] = []
+    waiting: list[BatchArguments] = []
     number = ready = 0
     for values in [data] if isinstance(data, Mapping) else data:
         given = batch(arguments, values)
@@ -175,7 +175,7 @@ def _rounds(
         ready += given.samples
         whole = ready // length * length if ready >= threads * length else 0
         if whole:
-            joined = Batch.joined(waiting)
+            joined = BatchArguments.joined(waiting)
             yield [
                 _Block(joined.part(k, k + length), number + k)
                 for k in range(0, whole, length)
@@ -187,7 +187,7 @@ def _rounds(
             )
         waiting[-1] = waiting[-1].copy()
     if ready:
-        rest = Batch.joined(waiting)
+        rest = BatchArguments.joined(waiting)
         yield [
             _Block(rest.part(k, min(k + length, ready)), number + k)
             for k in range(0, ready, length)
@@ -195,7 +195,9 @@ def _rounds(
 
 
 def _check_uniform(
-    arguments: tuple[Argument, ...], given: Batch, earlier: list[Batch]
+    arguments: tuple[Argument, ...],
+    given: BatchArguments,
+    earlier: list[BatchArguments],
 ) -> None:
     names = [(a.name, label) for a in arguments if a.uniform for label in a.labels]
     for (name, label), value in zip(names, given.uniform.tolist(), strict=True):

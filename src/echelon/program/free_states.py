@@ -21,7 +21,7 @@ import numpy as np
 
 from echelon.arrays import Floats, SignArray
 from echelon.errors import InputError
-from echelon.exact.field import DEFAULT_SEED, random_generator
+from echelon.exact.field import DEFAULT_SEED, MOST_ATTEMPTS, random_generator
 from echelon.exact.polynomial import Rational
 from echelon.program.arithmetics import Balls, ball, stated_ball
 from echelon.program.operations import Op
@@ -31,8 +31,6 @@ from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.surfaces import RealValues, find_surfaces
 from echelon.program.tape import Program
 
-_ATTEMPTS = 16
-"""Sets of random values that are tried for symbols without one until the domain is not empty."""
 _SPREAD, _STATE_SPREAD = 1.5, 0.5
 """Standard deviation of the logarithm of random values: most lie between 1/20 and 20; those of states, where functions
 grow fast, between 1/3 and 3."""
@@ -134,7 +132,7 @@ class RealPoints:
         self._rng = random_generator(DEFAULT_SEED)
 
     def of(self, outputs: Sequence[int]) -> RealPoints:
-        """The same points for some of the outputs."""
+        """Copy that evaluates some of the outputs at these points."""
         _ = self._found  # is searched for once
         found = copy(self)
         found.__dict__.pop("rows", None)
@@ -169,7 +167,7 @@ class RealPoints:
 
     @cached_property
     def report(self) -> RegionReport:
-        """What was visited."""
+        """Report of the regions that the points visit."""
         return RegionReport(
             self.count, self._found[0].ended, (*self._one_sided(), *self._unstated())
         )
@@ -180,7 +178,7 @@ class RealPoints:
     def _found(self) -> tuple[RegionSearch, Mapping[str, str]]:
         """All regions, at values of the symbols where the domain is not empty."""
         previous: Mapping[str, str] | None = None
-        for attempt in range(_ATTEMPTS):
+        for attempt in range(MOST_ATTEMPTS):
             values = self._drawn_values(attempt)
             if values == previous:
                 break
@@ -309,7 +307,7 @@ class RealPoints:
         constants = {n: np.full(count, value) for n, value in self._constants.items()}
 
         def excess(table: Floats) -> tuple[Floats, Floats]:
-            """How far arguments are beyond the moderate, (arguments, states), and in all; infinite outside."""
+            """Excess of arguments over the moderate size, (arguments, states), and its sum; infinite outside."""
             leaves = {
                 **constants,
                 **signs,
@@ -465,7 +463,7 @@ def _number(text: str) -> Rational | float:
 
 
 def _one_side(program: Program, node: int, sign: int, known: str) -> str:
-    """What to say of a sign of which only one side was seen."""
+    """Message about a sign of which only one side was visited."""
     from echelon.program.sympy_bridge import to_sympy
 
     kind = {1: "positive", -1: "negative", 0: "zero"}[sign]

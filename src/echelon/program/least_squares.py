@@ -83,7 +83,7 @@ class LeastSquares:
         return found
 
     def share(self, row: Column) -> Scalar:
-        """How much of a linear form in y is the same for all y with Aᵀ y = c: its square's share in the span of A."""
+        """Share of a linear form in y that is constant on {y : Aᵀ y = c}: of its square, the part in the span of A."""
         form = {k: entry / self._weights.get(k, 1) for k, entry in row.items()}
         parts = (self._dot(column, form) for column in self._orthogonal.values())
         inside = sum(

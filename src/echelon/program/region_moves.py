@@ -73,7 +73,7 @@ def descended(
 
 
 def _violation(table: Floats, wanted: Floats, scale: Floats) -> Floats:
-    """How far points are from the wanted signs, in units of the surfaces' first values."""
+    """Distance of points from the wanted signs, in units of the surfaces' first values."""
     with np.errstate(all="ignore"):
         wrong = np.where(wanted * table > 0, 0.0, 1e-12 + np.abs(table) / scale)
     wrong = np.where(np.isfinite(wrong), wrong, _UNREAL)

@@ -40,7 +40,7 @@ def without_absolutes(
 def with_free_functions(
     program: Program, outputs: Sequence[int]
 ) -> tuple[Program, list[int]]:
-    """The same outputs with a random variable in the place of every function that finite fields do not have."""
+    """Outputs with a free variable in place of every function that finite fields lack."""
 
     def operation(copy: Program, op: Op, a: int, b: int) -> int:
         if op not in FUNCTIONS or op in (*CIRCULAR, Op.SIGN, Op.ABS):
@@ -54,7 +54,7 @@ def with_free_functions(
 def smoothed(
     program: Program, outputs: Sequence[int], width: float
 ) -> tuple[Program, list[int]]:
-    """The same outputs without jumps; the program itself if it has none."""
+    """Outputs with jumps made gradual; the program itself if it has none."""
     if not any(program.ops[n] in (Op.SIGN, Op.ABS) for n in program.needed(outputs)):
         return program, list(outputs)
     inverse = 1 / Fraction(width)
@@ -73,7 +73,7 @@ def smoothed(
 def with_values(
     program: Program, outputs: Sequence[int], values: Mapping[str, Polynomial]
 ) -> tuple[Program, list[int]]:
-    """The same outputs with expressions in the place of inputs."""
+    """Outputs with expressions in place of inputs."""
     copy = Program()
     known = {
         n: copy.polynomial(values[i.name]).node
@@ -130,7 +130,7 @@ def _input(program: Program, node: int, copy: Program) -> int:
 
 
 def smooth_function(function: Function, width: float) -> Function:
-    """The same function with signs that change gradually."""
+    """Copy of a function whose signs change gradually."""
     nodes = [node for argument in function.arguments for node in argument.nodes]
     program, new = smoothed(
         function.program, [*function.entries.values(), *nodes], width

@@ -37,7 +37,7 @@ Array = npt.NDArray[Any]
 
 
 class Arithmetic(Protocol):
-    """What a schedule needs to know about the numbers it works on."""
+    """Arithmetic that a schedule runs in."""
 
     dtype: npt.DTypeLike
     shape: tuple[
@@ -153,7 +153,7 @@ class StagedSchedule:
     def kept(
         self, arithmetic: Arithmetic, symbols: Mapping[str, Array], count: int
     ) -> dict[int, Array]:
-        """What depends on symbols alone, at some sets of values of the symbols: arrays of shape (count,) by node."""
+        """Arrays of shape (count,) of the nodes that depend on symbols alone, at ``count`` sets of symbol values."""
         names = {node: self.program.inputs[node].name for node in self.constants.leaves}
         found = self.constants.run(
             arithmetic, {node: symbols[name] for node, name in names.items()}, count

@@ -434,7 +434,7 @@ def _sum(a: _Linear, b: _Linear, factor: Rational) -> _Linear:
 
 
 def _excluded(f: int, g: int, of_f: _Linear, of_g: _Linear) -> list[Combination]:
-    """What f = c·g + k excludes, if there are such numbers."""
+    """Combinations of signs that f = c·g + k excludes, if there are such c and k."""
     atoms = of_g.keys() - {-1}
     if not atoms or atoms != of_f.keys() - {-1}:
         return []
@@ -507,7 +507,7 @@ class IndependentRegions:
         return not self._every and self.rank + self._relations == len(self.products)
 
     def rests(self, signs: SignArray) -> Floats:
-        """What of the vectors of some regions is not a combination of those so far."""
+        """Residuals of the vectors of some regions modulo those included so far."""
         # shapes: signs (surfaces, regions); returns (regions, products)
         vectors = np.ones((signs.shape[1], len(self.products)))
         for k, product in enumerate(self.products):  # shorter ones come first

@@ -72,7 +72,7 @@ def from_sympy(
             f"a scalar sympy expression is needed, not {type(expression).__name__}"
         )
     try:
-        return _Reader(program, symbols).read(checked)
+        return _SympyReader(program, symbols).read(checked)
     except ZeroDivisionError:
         raise InputError("division by zero", element=f"'{expression}'") from None
 
@@ -149,7 +149,7 @@ def sympy_number(x: Number) -> Any:
     return sympy.Rational(x.numerator, x.denominator)
 
 
-class _Reader:
+class _SympyReader:
     """One walk over an expression; shared parts are read once."""
 
     def __init__(self, program: Program, symbols: Mapping[str, Scalar]) -> None:

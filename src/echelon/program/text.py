@@ -218,7 +218,7 @@ class _Recorder:
         raise InputError(f"'{self._source(term)}' is not a multiple of pi/12")
 
     def _index(self, inner: ast.expr) -> str:
-        """What stands in brackets: a quoted text, or just as it is written."""
+        """Text in brackets, without quotation marks."""
         if isinstance(inner, ast.Constant) and isinstance(inner.value, str):
             return inner.value
         return self._source(inner)

@@ -62,7 +62,7 @@ class SeenBody:
 
     @property
     def level(self) -> int:
-        """How much of it is seen: 0 nothing, 1 to 3 in thirds, 4 everything."""
+        """Identifiable share of the body's parameters: 0 none, 1 to 3 in thirds, 4 all."""
         carried = sum(1 for cell in self.cells if cell)
         seen = sum(1 for cell in self.cells if cell in ("alone", "combined"))
         if seen in (0, carried):
@@ -87,7 +87,7 @@ class SeenBody:
 
 
 def seen_links(base: BaseModel) -> Context:
-    """What ``links.html.j2`` shows: a drawing of the robot that says how much the sensors can see of every body."""
+    """Context of ``links.html.j2``: a drawing of the robot that shows how much of every body is identifiable."""
     bodies, pose = seen_bodies(base), drawable_pose(base.mechanism)
     classes = list(base.classification.values())
     return {

@@ -240,7 +240,7 @@ def _signals(found: ExcitingTrajectory) -> dict[str, Any]:
 
 
 def _limits(found: ExcitingTrajectory) -> Context:
-    """What every limit allows, what the trajectory reaches, and the room between, the least room first."""
+    """Table of limits: the allowed value, the reached one and the margin, least margin first."""
     rows = sorted((_limit(margin) for margin in found.margins), key=_urgency)
     counts = {
         state: sum(row["state"] == state for row in rows)
@@ -430,7 +430,7 @@ def _positions(found: ExcitingTrajectory, time: Floats) -> Floats:
 
 
 def robot(found: ExcitingTrajectory) -> tuple[Context, dict[str, Any] | None]:
-    """What the section with the picture shows, and all pictures, JSON-able; None where a length has no value."""
+    """Context of the section with the moving robot, and its JSON-able frames; None where a length has no value."""
     try:
         view = scene(found)
     except EchelonError as error:

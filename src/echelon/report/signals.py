@@ -152,7 +152,7 @@ def _residual(time: Floats, values: Floats) -> dict[str, Any] | None:
 
 @dataclass(frozen=True)
 class Envelope:
-    """What remains of a signal."""
+    """Plotted points of a signal."""
 
     time: Floats  # shape (k,), in order, s
     values: Floats  # shape (k,); nan where a line must not be drawn

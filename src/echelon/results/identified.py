@@ -282,7 +282,7 @@ def servo_document(fit: ServoFit) -> dict[str, Any]:
 
 
 def servo_to_json(fit: ServoFit) -> str:
-    """The same as text."""
+    """Servo document as JSON text."""
     return (
         json.dumps(servo_document(fit), indent=1, ensure_ascii=False, allow_nan=False)
         + "\n"

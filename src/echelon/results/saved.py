@@ -101,7 +101,7 @@ def linear_to_dict(base: LinearBase) -> dict[str, Any]:
 
 
 def _set(model: BaseModel | LinearBase, known: Mapping[str, float]) -> dict[str, Any]:
-    """What both kinds of sets save in one form; ``known`` are values of symbols."""
+    """Fields that both kinds of saved sets share; ``known`` are values of symbols."""
     evidence = model.certificate
     return {
         "parameters": list(model.parameters),
@@ -340,7 +340,7 @@ def _check_derived(
     name: str,
     outputs: Sequence[str],
 ) -> None:
-    """What people and other programs read instead of the exact terms must follow from them."""
+    """Check that the values for people and other programs follow from the exact terms."""
     stated = (record.name, record.rank, record.outputs, record.classification)
     true = (name, model.rank, list(outputs), _classes(model))
     for key, mine, theirs in zip(

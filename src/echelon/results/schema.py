@@ -84,18 +84,18 @@ def json_schema(kind: type[Schema]) -> dict[str, Any]:
     return published_schema(name.removeprefix("echelon."), schema)
 
 
-class _Strict(Schema):
+class _StrictRecord(Schema):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class _Finite(_Strict):
+class _Finite(_StrictRecord):
     model_config = ConfigDict(allow_inf_nan=False)
 
 
 # -- base models -------------------------------------------------------------------------------------------------------
 
 
-class TermRecord(_Strict):
+class TermRecord(_StrictRecord):
     """One standard parameter in a base parameter."""
 
     parameter: str = Field(description="Name of the standard parameter.")
@@ -108,7 +108,7 @@ class TermRecord(_Strict):
     )
 
 
-class BaseParameterRecord(_Strict):
+class BaseParameterRecord(_StrictRecord):
     """One base parameter, a row of B."""
 
     name: str = Field(description="The representative; its coefficient is 1.")
@@ -119,7 +119,7 @@ class BaseParameterRecord(_Strict):
     )
 
 
-class CertificateRecord(_Strict):
+class CertificateRecord(_StrictRecord):
     """Evidence; see the documentation of the certificate."""
 
     rank: int
@@ -172,7 +172,7 @@ class CertificateRecord(_Strict):
     )
 
 
-class NumbersRecord(_Strict):
+class NumbersRecord(_StrictRecord):
     """Columns of B whose coefficients are numbers in place of closed forms."""
 
     parameters: list[str] = Field(
@@ -189,7 +189,7 @@ class NumbersRecord(_Strict):
     )
 
 
-class BaseModelRecord(_Strict):
+class BaseModelRecord(_StrictRecord):
     """A saved set of base parameters with everything needed to check it again."""
 
     format: Literal["echelon.base-model/1"] = Field(alias="schema")
@@ -229,7 +229,7 @@ class BaseModelRecord(_Strict):
     )
 
 
-class LinearBaseRecord(_Strict):
+class LinearBaseRecord(_StrictRecord):
     """A saved set of base parameters of a linear model."""
 
     format: Literal["echelon.linear-base/1"] = Field(alias="schema")
@@ -288,7 +288,7 @@ class EstimateRecord(_Finite):
 
 
 class HypothesisRecord(_Finite):
-    """What may be wrong or lacking, as it was judged."""
+    """A hypothesis about the model or the log, and its score."""
 
     kind: str = Field(
         description="What it is about, such as an effect, a gain, gravity or another reading."
@@ -308,7 +308,7 @@ class HypothesisRecord(_Finite):
 
 
 class ConditioningRecord(_Finite):
-    """What the data show."""
+    """Conditioning of the observation matrix."""
 
     condition: float | None
     scaled_condition: float | None
@@ -374,7 +374,7 @@ class ScoreRecord(_Finite):
 
 
 class RangeRecord(_Finite):
-    """What an output was fitted to; elsewhere the model extrapolates."""
+    """Range of the data that an output was fitted to; beyond it the model extrapolates."""
 
     output: str
     band: float | None = Field(description="Highest frequency, Hz.")

@@ -94,7 +94,7 @@ class Rounded:
 
 
 def rounded(value: arb, digits: int) -> str:
-    """A decimal number with so many decimals at most."""
+    """Decimal text of a number, with at most ``digits`` decimals."""
     count = (value.mid() * 10**digits + arb(1) / 2).mid().floor().unique_fmpz()
     text = format(Decimal(int(count)).scaleb(-digits), "f")
     return text.rstrip("0").rstrip(".") if int(count) else "0"

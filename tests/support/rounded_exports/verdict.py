@@ -1,4 +1,4 @@
-"""What the package says of exports, beside the truth."""
+"""The package's answers about exports, beside the truth."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from echelon.errors import InputError
+from echelon.errors import InputError, shortened
 from echelon.exact.expressions import (
     PER_PI,
     PI,
@@ -48,6 +48,7 @@ from echelon.formats.bodies import BASE
 from echelon.formats.literal import central_inertial
 from echelon.formats.snapping import (
     NOT_FINITE,
+    PRINTED_DIGITS,
     ReadingOptions,
     Snapping,
     checked_size,
@@ -77,9 +78,6 @@ if TYPE_CHECKING:
     from echelon.formats.schema.schema_types import Frame
 
 
-_LONGEST_MESSAGE = 600
-
-
 @dataclass(frozen=True)
 class Document:
     """A description as plain data: mappings, lists, texts, None (and, from JSON, truth values)."""
@@ -101,8 +99,7 @@ class Document:
             known = known[: max(known.rfind("."), known.rfind("["), 0)]
         line = f" (line {self.lines[known]})" if known else ""
         problem, path = " ".join(problem.split()), " ".join(path.split())
-        if len(problem) > _LONGEST_MESSAGE:
-            problem = f"{problem[:_LONGEST_MESSAGE]}…"
+        problem = shortened(problem, 600)
         return InputError(f"{problem}{line}", source=self.source, element=path or None)
 
 
@@ -162,8 +159,8 @@ def check_document(document: Document) -> RobotDescription:
         ) from None
 
 
-_MOST_TERMS = 5000
-_SAME = 1e-6  # angles with seven digits, rad
+MOST_TERMS = 5000
+"""Terms of an expression that is multiplied out: more take minutes and are no geometry of a robot."""
 _LEADING_ZERO = re.compile(r"[+-]?0\d+")
 
 
@@ -233,9 +230,9 @@ class Expressions:
 
         try:
             value = parse(text, named=named)
-            if len(value.terms) > _MOST_TERMS:
+            if len(value.terms) > MOST_TERMS:
                 raise ValueError(
-                    f"the expression expands to {len(value.terms)} terms (at most {_MOST_TERMS})"
+                    f"the expression expands to {len(value.terms)} terms (at most {MOST_TERMS})"
                 )
             for coefficient in value.terms.values():
                 checked_size(coefficient, text)
@@ -470,7 +467,7 @@ def _tangent_squared(
         isinstance(square, Surd)
         or square <= 0
         or angle is None
-        or abs(math.atan(math.sqrt(square)) - angle) > _SAME
+        or abs(math.atan(math.sqrt(square)) - angle) > 10.0**-PRINTED_DIGITS
     ):
         problem = (
             "it must be that of the angle stated as approximate, between 0 and pi/2"

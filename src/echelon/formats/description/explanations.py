@@ -1,4 +1,4 @@
-"""What is wrong with a description that does not fit its schema, in words, with the line to write instead."""
+"""Messages about descriptions that do not fit their schema, with the line to write instead."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ _ALIASES = {"points": ClosureKind.SPHERICAL, "axes": ClosureKind.CYLINDRICAL}
 
 
 class Additions:
-    """What a description adds to a mechanism: loops, drives, rotors, effects and outputs."""
+    """Set-up that a description adds to a mechanism: loops, drives, rotors, effects and outputs."""
 
     def __init__(
         self,

@@ -15,20 +15,20 @@ from echelon.errors import InputError
 from echelon.exact.expressions import parse_decimal
 from echelon.exact.polynomial import Polynomial, Rational, inverse
 from echelon.formats.literal import StatedCoupling, substituted
+from echelon.formats.mjcf.mjcf_model import import_mujoco
 from echelon.mechanism.coupling import Spline
 
 JOINT = "joint"
 TENDON = "tendon"
 _SUPPORTED = (JOINT, TENDON, "connect", "weld")
-_SIZE = 5  # coefficients of polycoef
-_OFF = 1 << 0 | 1 << 1  # of mjtDisableBit: all constraints, or equalities
+_POLYCOEF = slice(0, 5)
 _IGNORE = (
     "read the model without couplings (--mimic independent, independent_mimics=True)"
 )
 
 
 @dataclass(frozen=True)
-class Relation:
+class EqualityRelation:
     """Σ f_j(δ_j) + constant = 0, where δ_j is a joint's displacement from its reference position."""
 
     element: str
@@ -45,9 +45,11 @@ def take_equalities(spec: Any, source: str) -> tuple[list[Any], list[str]]:
             source=source,
             element=f"flex '{flex.name}'",
         )
+    bits = import_mujoco().mjtDisableBit
+    off = bits.mjDSBL_CONSTRAINT | bits.mjDSBL_EQUALITY
     active, notes = [], []
     for equality in list(spec.equalities):
-        if not equality.active or spec.option.disableflags & _OFF:
+        if not equality.active or spec.option.disableflags & off:
             notes.append(f"{equality_label(equality)} is ignored: it is not active")
             spec.delete(equality)
         elif _follows_mocap(equality, spec):
@@ -77,19 +79,19 @@ def _follows_mocap(equality: Any, spec: Any) -> bool:
     )
 
 
-def read_relation(equality: Any, spec: Any, source: str) -> Relation:
-    """What a joint or tendon equality says."""
+def read_relation(equality: Any, spec: Any, source: str) -> EqualityRelation:
+    """Relation between joint positions that a joint or tendon equality states."""
     where = equality_label(equality)
     offset, *powers = (
         Polynomial.constant(parse_decimal(repr(float(a))))
-        for a in equality.data[:_SIZE]
+        for a in equality.data[_POLYCOEF]
     )
     first, second = str(equality.name1), str(equality.name2)
     if equality_kind(equality) == JOINT:
         terms = {first: Spline((-_ONE,))}
         if second:
             terms[second] = Spline(tuple(powers))
-        return Relation(where, first, terms, offset)
+        return EqualityRelation(where, first, terms, offset)
     terms = {
         name: Spline((-coefficient,))
         for name, coefficient in _joints(spec, first, source, where).items()
@@ -106,7 +108,7 @@ def read_relation(equality: Any, spec: Any, source: str) -> Relation:
             Spline((coefficient,)), Polynomial({})
         )
         terms[name] = terms.get(name, Spline(())) + function
-    return Relation(where, "", terms, offset)
+    return EqualityRelation(where, "", terms, offset)
 
 
 def _joints(spec: Any, tendon: str, source: str, where: str) -> dict[str, Polynomial]:
@@ -129,7 +131,7 @@ def _joints(spec: Any, tendon: str, source: str, where: str) -> dict[str, Polyno
 
 
 def resolve(
-    relations: Sequence[Relation],
+    relations: Sequence[EqualityRelation],
     reference: Mapping[str, Rational],
     driven: Collection[str],
     source: str,
@@ -156,7 +158,7 @@ def resolve(
             known,
             error,
         )
-        left = Relation(relation.element, "", whole.terms, whole.offset)
+        left = EqualityRelation(relation.element, "", whole.terms, whole.offset)
         free = [
             name for name, function in left.terms.items() if function.ratio is not None
         ]
@@ -198,7 +200,7 @@ def resolve(
     return held, tuple(_counted(c, reference) for c in known.values() if c.terms), notes
 
 
-def _solved(relation: Relation, joint: str) -> StatedCoupling:
+def _solved(relation: EqualityRelation, joint: str) -> StatedCoupling:
     """A relation as one joint's displacement."""
     ratio = relation.terms[joint].ratio
     assert ratio is not None

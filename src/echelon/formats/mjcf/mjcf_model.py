@@ -55,8 +55,8 @@ _NUMERIC = {
     ),
 }
 _MULTIPLYING = ("replicate", "composite", "flexcomp")
-_MOST_COPIES = 10_000
-_MOST_NAMED = 6  # bodies in messages
+MOST_COPIES = 10_000
+"""Copies that replicate and its kin may make: more are an attack on memory."""
 
 
 @dataclass(frozen=True)
@@ -192,8 +192,8 @@ def _check(root: Any, source: str) -> None:
                 for word in element.get("count", "1").split()
                 if is_whole(word)
             )
-            if copies > _MOST_COPIES:
-                problem = f"{copies} copies are too many; {_MOST_COPIES} are allowed"
+            if copies > MOST_COPIES:
+                problem = f"{copies} copies are too many; {MOST_COPIES} are allowed"
                 raise InputError(problem, source=source, element=element.tag)
         pending.extend((child, copies) for child in element)
 
@@ -316,7 +316,7 @@ def _without_tiny(model: Any) -> list[str]:
 
 
 def _bodies(names: Collection[str]) -> str:
-    return f"{'body' if len(names) == 1 else 'bodies'} {in_quotes(sorted(names), _MOST_NAMED)}"
+    return f"{'body' if len(names) == 1 else 'bodies'} {in_quotes(sorted(names))}"
 
 
 def refusal(error: Exception, source: str) -> InputError:

@@ -13,6 +13,7 @@ from echelon.errors import InputError
 from echelon.exact.expressions import parse_decimal
 from echelon.exact.polynomial import Rational
 from echelon.formats.literal import (
+    DOUBLE_DIGITS,
     LiteralMotion,
     LiteralPlacement,
     LiteralStep,
@@ -20,12 +21,16 @@ from echelon.formats.literal import (
     roll_pitch_yaw,
     rotation_matrix,
 )
-from echelon.formats.snapping import checked_size, is_tiny, nearest_step
+from echelon.formats.snapping import (
+    COMPUTED_ROUNDING,
+    checked_size,
+    is_tiny,
+    nearest_step,
+)
 from echelon.inertia import rotation_of
 
-_NOISE = 1e-14  # what a few roundings of MuJoCo's compiler leave of a zero or of a multiple of 15°
-_LOCK = 1e-2  # cosine of the pitch below which roll and yaw are hardly told apart
-_DIGITS = 15  # significant decimal digits that a double always keeps
+GIMBAL_LOCK = 1e-2
+"""Cosine of the pitch below which roll and yaw lose two digits."""
 
 # -- geometry ----------------------------------------------------------------------------------------------------------
 
@@ -50,7 +55,7 @@ def placements_of(
     # with a pitch of nearly ±90° a rounded quaternion has arbitrary roll and yaw, and only their sum or difference
     # means anything.  Then the first placement has roll 0 and pitch ±90° exactly, and a second one, of three small
     # angles, the remainder
-    if hypot(matrix[0, 0], matrix[1, 0]) >= _LOCK:
+    if hypot(matrix[0, 0], matrix[1, 0]) >= GIMBAL_LOCK:
         return (LiteralPlacement(element, xyz, _rpy(matrix)),)
     pitch, yaw = (
         (pi / 2 if matrix[2, 0] < 0 else -pi / 2),
@@ -80,7 +85,7 @@ def displaced(
     """A constant displacement and then a motion along or about one axis, which becomes z meanwhile."""
     # so both have exactly the same direction, however the angles of the axis are read
     x, y, z = (float(v) for v in axis)
-    if hypot(x, y) < _LOCK:
+    if hypot(x, y) < GIMBAL_LOCK:
         turns = ((1, exact_angle(atan2(x, z))), (0, exact_angle(-asin(y))))
     else:
         turns = ((2, exact_angle(atan2(y, x))), (1, exact_angle(atan2(hypot(x, y), z))))
@@ -120,7 +125,7 @@ def exact_number(value: float) -> Rational:
 def exact_angle(value: float) -> Rational:
     """An angle in rad without the noise of computing it, if it is a multiple of 15°."""
     nearest = nearest_step(value)
-    return exact_number(nearest if abs(value - nearest) <= _NOISE else value)
+    return exact_number(nearest if abs(value - nearest) <= COMPUTED_ROUNDING else value)
 
 
 def exact_triple(
@@ -132,7 +137,7 @@ def exact_triple(
         x, y, z = (exact_number(v) for v in vector)
     else:
         x, y, z = (
-            exact_number(round(float(v), _DIGITS - 1 - floor(log10(largest))))
+            exact_number(round(float(v), DOUBLE_DIGITS - 1 - floor(log10(largest))))
             for v in vector
         )
     return x, y, z
@@ -140,5 +145,5 @@ def exact_triple(
 
 def cleaned(direction: npt.NDArray[np.float64]) -> Triple:
     """A unit vector without the noise of computing it."""
-    x, y, z = (exact_number(v) if abs(v) > _NOISE else 0 for v in direction)
+    x, y, z = (exact_number(v) if abs(v) > COMPUTED_ROUNDING else 0 for v in direction)
     return x, y, z

@@ -133,7 +133,7 @@ def _read(document: MjcfDocument, mimics: bool) -> LiteralTree:
         {str(k.name) or str(n): list(k.qpos) for n, k in enumerate(spec.keys)},
     )
     sensors = Sensors(spec)
-    reader = _Reader(compile_spec(spec, document), source)
+    reader = _MjcfReader(compile_spec(spec, document), source)
     loops = [equality for equality in equalities if equality not in couples]
     sliding = [
         str(j.name) for j in spec.joints if loops and _KINDS[int(j.type)] == "slide"
@@ -190,7 +190,7 @@ def _points(spec: Any, loops: Sequence[Any]) -> Iterator[Any]:
         yield equality.data[:6]  # the anchor, and of a weld where the second body is
 
 
-class _Reader:
+class _MjcfReader:
     """Links of a compiled model."""
 
     def __init__(self, compiled: CompiledModel, source: str) -> None:
@@ -425,12 +425,8 @@ def is_motor(actuator: Any) -> bool:
     return bool((actuator.gaintype, actuator.biastype, actuator.dyntype) == plain)
 
 
-_ANCHOR, _POSITION, _QUATERNION, _TORQUE_SCALE = (
-    slice(0, 3),
-    slice(3, 6),
-    slice(6, 10),
-    10,
-)
+_ANCHOR, _POSITION, _QUATERNION = slice(0, 3), slice(3, 6), slice(6, 10)
+_TORQUE_SCALE = 10
 _BALL = ("w", "x", "y", "z")
 
 

@@ -21,7 +21,7 @@ from echelon.formats.schema.schema_outputs import OutputEntry
 from echelon.formats.schema.schema_setup import (
     EffectEntry,
     LinearTerms,
-    RobotFile,
+    RobotFileEntry,
     RotorEntry,
     effect_list,
 )
@@ -129,7 +129,7 @@ Inertial = Annotated[
 
 
 class _Carrier(Model):
-    """What a row of a table and a body have in common."""
+    """Fields that a row of a table and a body share."""
 
     label: Name | None = optional(
         None,
@@ -153,7 +153,7 @@ class _Carrier(Model):
     )
 
 
-class _Row(_Carrier):
+class _TableRow(_Carrier):
     name: Name | None = optional(
         None,
         "Name of the joint and of the body that it moves; default j1, j2, …",
@@ -176,7 +176,7 @@ class _Row(_Carrier):
     )
 
 
-class ModifiedRow(_Row):
+class ModifiedRow(_TableRow):
     """Rot z(gamma) Trans z(b) Rot x(alpha) Trans x(a) Rot z(theta) Trans z(d), with the motion last."""
 
     parent: Name | None = optional(
@@ -193,7 +193,7 @@ class ModifiedRow(_Row):
     )
 
 
-class StandardRow(_Row):
+class StandardRow(_TableRow):
     """Rot z(theta) Trans z(d) with the motion, then Trans x(a) Rot x(alpha); the body's frame is at the far end."""
 
 
@@ -343,10 +343,10 @@ class RobotDescription(Model):
         "Exciting trajectory that is recorded for the identification.",
     )
     robot: Annotated[
-        RobotFile | None,
+        RobotFileEntry | None,
         BeforeValidator(
             lambda value: {"file": value} if isinstance(value, str) else value,
-            json_schema_input_type=str | RobotFile | None,
+            json_schema_input_type=str | RobotFileEntry | None,
         ),
     ] = optional(
         None,

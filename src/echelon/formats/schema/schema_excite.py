@@ -162,7 +162,7 @@ _WHOSE = "one for all, or by name of a coordinate or an actuator, where all is e
 
 
 class LimitsEntry(Model):
-    """What the robot can do; what is stated here comes before what the robot file states."""
+    """Limits of the robot; they come before those of the robot file."""
 
     position: Ranges = optional(
         {}, f"Lowest and highest position, rad or m: {_WHOSE}", {"j1": ["-pi/2", 1.5]}
@@ -237,7 +237,7 @@ class FrameEntry(Model):
 
 
 class CollisionsEntry(Model):
-    """What must not touch."""
+    """Bodies and obstacles that must not touch."""
 
     self: Flag = optional(True, "Keep the robot's bodies apart.", False)
     clearance: NotNegative = optional(0.02, "Least distance, m.", 0.05)
@@ -267,7 +267,7 @@ class CollisionsEntry(Model):
 
 
 class ExcitationEntry(Model):
-    """What the motion that excites the parameters looks like, and what it has to keep."""
+    """The exciting motion: its form, its criterion, and conditions that it keeps."""
 
     duration: Positive | None = optional(
         None, "Length of the motion, or of its period, s.", 10

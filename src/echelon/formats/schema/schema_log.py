@@ -1,4 +1,4 @@
-"""What a log's columns mean, how it is prepared and what is fitted, as data models of the description format."""
+"""Columns of logs, their preparation, and the fit, as data models of the description format."""
 
 from __future__ import annotations
 
@@ -186,7 +186,7 @@ class PreparationEntry(Model):
 
 
 class BodyBoundsEntry(Model):
-    """What is known about a body before anything is measured, about and along its own frame."""
+    """Knowledge about a body before any measurement, about and along its own frame."""
 
     mass: MassBound | None = optional(None, "Least and largest mass, kg.", [1, 5])
     box: Box | None = optional(
@@ -212,7 +212,7 @@ class BodyBoundsEntry(Model):
 
 
 class PriorEntry(Model):
-    """What was believed before."""
+    """Prior values of the parameters, and their weight."""
 
     file: Name | None = optional(
         None,
@@ -225,7 +225,7 @@ class PriorEntry(Model):
 
 
 class IdentificationEntry(Model):
-    """What is fitted and how."""
+    """Identification: estimator, known values, validation and bounds."""
 
     estimator: Estimator = optional("irls", "Estimator of the base parameters.", "irls")
     known: dict[str, Real] = optional(

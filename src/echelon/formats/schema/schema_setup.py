@@ -23,7 +23,7 @@ Side = Literal["joint", "actuator"]
 
 
 class FileJoint(Model):
-    """What a joint of a robot file really is, where its format cannot say so."""
+    """Actual type of a joint whose robot file cannot state it."""
 
     type: Literal["spherical", "universal", "fixed"] = required(
         "Type of the joint.", "spherical"
@@ -51,7 +51,7 @@ class FileJoint(Model):
         return self
 
 
-class RobotFile(Model):
+class RobotFileEntry(Model):
     """A robot file of another format that this description adds to."""
 
     file: Name = required("URDF, SDF or MJCF file, relative to this one.", "arm.urdf")

@@ -46,7 +46,7 @@ _RENAMED = {
 
 
 def kind_of(value: object) -> str:
-    """What a value is called in messages."""
+    """Name of a value in messages."""
     if value is None:
         return "nothing"
     if isinstance(value, dict):

@@ -21,6 +21,7 @@ from echelon.errors import InputError
 from echelon.exact.expressions import PER_PI
 from echelon.exact.polynomial import Polynomial, as_polynomial
 from echelon.formats.literal import (
+    DOUBLE_DIGITS,
     LiteralClosure,
     LiteralFrame,
     LiteralLink,
@@ -50,8 +51,6 @@ from echelon.mechanism.joint import MotionKind
 
 WORLD, MODEL = "world", "__model__"
 _WORLDS_GRAVITY = "0 0 -9.8"  # of a world that states none, by the specification
-_SIX, _SEVEN = 6, 7
-_DIGITS = 15  # decimals of a metre
 _MOST_GENERAL = 2  # rotations by general angles that are multiplied exactly; products of more have too many terms
 _AXIS_IN_JOINT = (
     1,
@@ -83,7 +82,7 @@ def read_sdf(
         raise InputError(f"{problem} of echelon.load)", source=source)
     chosen = models[names.index(model) if model else 0]
     gravity = worlds[0].findtext("gravity", _WORLDS_GRAVITY) if worlds else None
-    return _Reader(root, chosen, source).read(gravity, mimics)
+    return _SdfReader(root, chosen, source).read(gravity, mimics)
 
 
 def _says(flag: str) -> bool:
@@ -113,7 +112,7 @@ _UP: Triple = (0, 0, 1)
 
 
 @dataclass(frozen=True)
-class _Frame:
+class _SdfFrame:
     """A frame of a model."""
 
     name: str
@@ -126,7 +125,7 @@ class _Frame:
 
 
 @dataclass(frozen=True)
-class _Joint:
+class _SdfJoint:
     """A joint between two links, or a link and the world."""
 
     element: str
@@ -146,9 +145,9 @@ class _Frames(ExactXml):
 
     def __init__(self, source: str) -> None:
         super().__init__(source)
-        self.known = {WORLD: _Frame(WORLD, "world", "", "", ())}
+        self.known = {WORLD: _SdfFrame(WORLD, "world", "", "", ())}
 
-    def place(self, frame: _Frame) -> None:
+    def place(self, frame: _SdfFrame) -> None:
         """One more frame, whose name nothing else has."""
         if frame.name in self.known:
             raise self.error(
@@ -187,7 +186,7 @@ class _Frames(ExactXml):
         if sum(_is_general(p) for p in way) <= _MOST_GENERAL:
             return way
         frame = numeric_placements(way)  # several as one, rounded as doubles are
-        x, y, z = (exact_number(round(float(v), _DIGITS)) for v in frame[:3, 3])
+        x, y, z = (exact_number(round(float(v), DOUBLE_DIGITS)) for v in frame[:3, 3])
         return placements_of(element, (x, y, z), frame[:3, :3])
 
     def _way(self, name: str, element: str) -> list[str]:
@@ -203,7 +202,7 @@ class _Frames(ExactXml):
             name = self._known(name, element).base
         return way[::-1]
 
-    def _known(self, name: str, element: str) -> _Frame:
+    def _known(self, name: str, element: str) -> _SdfFrame:
         if name not in self.known:
             raise self.error(
                 f"there is no link, joint or frame '{name}'{nearest_of(name, self.known)}",
@@ -221,9 +220,10 @@ class _Frames(ExactXml):
             return ()
         turned = stated.get("rotation_format", "euler_rpy") == "quat_xyzw"
         numbers = [self.number(part, f"{where} pose") for part in text.split()]
-        if len(numbers) != (_SEVEN if turned else _SIX):
+        needed = 3 + (4 if turned else 3)  # a point, and a quaternion or three angles
+        if len(numbers) != needed:
             raise self.error(
-                f"needs {_SEVEN if turned else _SIX} numbers, found '{text.strip()}'",
+                f"needs {needed} numbers, found '{text.strip()}'",
                 f"{where} pose",
             )
         x, y, z, *rest = numbers
@@ -239,7 +239,7 @@ class _Frames(ExactXml):
         return (LiteralPlacement(f"{where} pose", (x, y, z), (roll, pitch, yaw)),)
 
 
-class _Reader(_Frames):
+class _SdfReader(_Frames):
     def __init__(self, root: Any, model: Any, source: str) -> None:
         super().__init__(source)
         self.model = model
@@ -302,7 +302,9 @@ class _Reader(_Frames):
             )
             raise self.error(problem, where)
         carrier = self.model.get("canonical_link") or next(iter(self.links))
-        self.place(_Frame(MODEL, "model", carrier, WORLD, self.pose(self.model, where)))
+        self.place(
+            _SdfFrame(MODEL, "model", carrier, WORLD, self.pose(self.model, where))
+        )
         for name, link in self._named("link"):
             self._add(name, link, "", MODEL)
         for name, joint in self._named("joint"):
@@ -316,7 +318,7 @@ class _Reader(_Frames):
         pose = element.find("pose")
         base = (None if pose is None else pose.get("relative_to")) or usual
         placed = self.pose(element, f"{element.tag} '{name}'")
-        self.place(_Frame(name, element.tag, carrier, base, placed))
+        self.place(_SdfFrame(name, element.tag, carrier, base, placed))
 
     def _end(self, joint: Any, tag: str, where: str) -> str:
         text = joint.findtext(tag)
@@ -324,7 +326,7 @@ class _Reader(_Frames):
             raise self.error(f"needs <{tag}>, the name of a link or frame", where)
         return str(text).strip()
 
-    def _joint(self, name: str, joint: Any) -> _Joint:
+    def _joint(self, name: str, joint: Any) -> _SdfJoint:
         where, kind = f"joint '{name}'", joint.get("type")
         if kind not in _JOINT_TYPES:
             valid = ", ".join(_JOINT_TYPES)
@@ -339,11 +341,11 @@ class _Reader(_Frames):
             raise self.error(
                 f"connects link '{parent}' with itself: name another <parent>", where
             )
-        return _Joint(where, name, kind, parent, child, joint)
+        return _SdfJoint(where, name, kind, parent, child, joint)
 
     # -- tree ------------------------------------------------------------------------------------------------------
 
-    def _tree(self) -> tuple[list[str], dict[str, _Joint]]:
+    def _tree(self) -> tuple[list[str], dict[str, _SdfJoint]]:
         """The world and the links in depth-first order, and the joint that carries each link."""
         kept = self._spanning()
         start = WORLD
@@ -356,7 +358,7 @@ class _Reader(_Frames):
             self.notes.append(
                 f"nothing holds link '{start}' in the world; it is read as fixed (--floating frees it)"
             )
-        order, carried, pending = [WORLD], dict[str, _Joint](), [start]
+        order, carried, pending = [WORLD], dict[str, _SdfJoint](), [start]
         while pending:
             link = pending.pop()
             order += [] if link == WORLD else [link]
@@ -376,11 +378,11 @@ class _Reader(_Frames):
             )
         return order, carried
 
-    def _spanning(self) -> list[_Joint]:
+    def _spanning(self) -> list[_SdfJoint]:
         """Joints that form a tree, in the order of the file."""
         # of each loop the last one is left out that can close it
         part = {name: name for name in (WORLD, *self.links)}
-        kept: list[_Joint] = []
+        kept: list[_SdfJoint] = []
         for joint in sorted(self.joints, key=lambda joint: joint.kind in _CLOSURES):
             one, two = part[joint.parent], part[joint.child]
             if one != two:
@@ -389,7 +391,7 @@ class _Reader(_Frames):
         return [joint for joint in self.joints if joint in kept]
 
     def _link(
-        self, name: str, joint: _Joint | None, position: dict[str, int]
+        self, name: str, joint: _SdfJoint | None, position: dict[str, int]
     ) -> LiteralLink:
         if name == WORLD:
             return LiteralLink(WORLD, -1, "", "root", ())
@@ -414,7 +416,7 @@ class _Reader(_Frames):
 
     # -- links -----------------------------------------------------------------------------------------------------
 
-    def _frame(self, frame: _Frame, position: dict[str, int]) -> LiteralFrame:
+    def _frame(self, frame: _SdfFrame, position: dict[str, int]) -> LiteralFrame:
         where = f"{frame.kind} '{frame.name}'"
         link = self.link(frame.name, where)
         return LiteralFrame(
@@ -469,7 +471,7 @@ class _Reader(_Frames):
 
     # -- joints ----------------------------------------------------------------------------------------------------
 
-    def _motions(self, joint: _Joint, backwards: bool) -> tuple[LiteralStep, ...]:
+    def _motions(self, joint: _SdfJoint, backwards: bool) -> tuple[LiteralStep, ...]:
         """The motions of a joint, seen from the link that carries the other one."""
         if joint.kind == "ball":
             return (LiteralMotion(joint.element, joint.name, MotionKind.BALL),)
@@ -485,7 +487,7 @@ class _Reader(_Frames):
             )
         return tuple(reversed(motions) if backwards else motions)
 
-    def _pitch(self, joint: _Joint) -> Polynomial:
+    def _pitch(self, joint: _SdfJoint) -> Polynomial:
         """Travel of a screw along its axis, m/rad."""
         per_turn, old = (
             joint.data.findtext(tag) for tag in ("screw_thread_pitch", "thread_pitch")
@@ -508,7 +510,7 @@ class _Reader(_Frames):
         return Polynomial.generator(PER_PI) * (Fraction(travel) / 2)
 
     def _axis(
-        self, joint: _Joint, tag: str
+        self, joint: _SdfJoint, tag: str
     ) -> tuple[tuple[LiteralPlacement, ...], Triple]:
         """The frame in which an axis is stated, as turns of the joint's frame, and the axis in it."""
         where = f"{joint.element} {tag}"
@@ -532,7 +534,7 @@ class _Reader(_Frames):
         turns = self.between(joint.name, stated or MODEL, where)
         return tuple(replace(turn, xyz=(0, 0, 0)) for turn in turns), axis
 
-    def _closure(self, joint: _Joint, position: Mapping[str, int]) -> LiteralClosure:
+    def _closure(self, joint: _SdfJoint, position: Mapping[str, int]) -> LiteralClosure:
         """A joint that closes a loop: its frame on both links, and its axis."""
         if joint.kind not in _CLOSURES:
             kinds = ", ".join(_CLOSURES)

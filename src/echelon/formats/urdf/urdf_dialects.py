@@ -21,7 +21,7 @@ from echelon.formats.literal import (
     StatedCoupling,
     Triple,
 )
-from echelon.formats.mjcf.mjcf_equality import Relation, resolve
+from echelon.formats.mjcf.mjcf_equality import EqualityRelation, resolve
 from echelon.formats.mjcf.mjcf_numbers import exact_angle
 from echelon.formats.urdf.exact_xml import ExactXml
 from echelon.formats.urdf.urdf_vocabulary import LOOP_BESIDE
@@ -48,7 +48,6 @@ LOOP_KINDS = {**_ALONG_AXIS, **WITHOUT_AXIS}
 _OF_SDF = ("revolute", "continuous", "prismatic", "ball", "fixed")
 _UP: Triple = (0, 0, 1)
 _X: Triple = (1, 0, 0)
-_POSE_NUMBERS = 6
 
 
 class UrdfLoops(ExactXml):
@@ -206,10 +205,10 @@ class UrdfLoops(ExactXml):
         )
 
     def _pose(self, text: str, where: str) -> LiteralPlacement:
-        numbers = [self.number(part, where) for part in text.split()] or [
-            0
-        ] * _POSE_NUMBERS
-        if len(numbers) != _POSE_NUMBERS:
+        numbers = [self.number(part, where) for part in text.split()]
+        if not numbers:
+            return LiteralPlacement(where)
+        if len(numbers) != 6:
             raise self.error(f"needs six numbers, found '{text.strip()}'", where)
         x, y, z, roll, pitch, yaw = numbers
         return LiteralPlacement(where, (x, y, z), (roll, pitch, yaw))
@@ -251,7 +250,7 @@ class Couplings(ExactXml):
             )
         return couplings
 
-    def _relation(self, element: Any, single: Sequence[str]) -> Relation:
+    def _relation(self, element: Any, single: Sequence[str]) -> EqualityRelation:
         where = f"coupling '{element.get('name') or ''}'"
         ratio = element.find("ratio")
         if ratio is None or not ratio.get("value"):
@@ -282,7 +281,7 @@ class Couplings(ExactXml):
                 )
         if not terms:
             raise self.error("no joint moves its links against each other", where)
-        return Relation(where, "", terms, Polynomial({}))
+        return EqualityRelation(where, "", terms, Polynomial({}))
 
     def _way(self, end: Any, tag: str, where: str) -> list[str]:
         """The joints from a link to the root."""

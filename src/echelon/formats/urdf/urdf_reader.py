@@ -44,7 +44,6 @@ from echelon.mechanism.coupling import linear
 JOINT_TYPES = (*MOTIONS, "fixed")
 SINGLE_AXIS = ("revolute", "continuous", "prismatic")
 _DEFAULT_AXIS: Triple = (1, 0, 0)
-_MOST_NAMED = 6  # links in messages
 _DYNAMICS = {"damping": "viscous", "friction": "coulomb", "armature": "rotor_inertia"}
 """Attributes of <dynamics>, and the effects that they are; the last one is of models in memory."""
 
@@ -78,7 +77,7 @@ class UrdfReader(ExactXml):
             pending.extend(reversed(self.children[order[-1]]))
         if len(order) < len(self.links):
             lost = sorted(set(self.links) - set(order))
-            problem = f"links {in_quotes(lost, _MOST_NAMED)} form a cycle and are not connected to the root"
+            problem = f"links {in_quotes(lost)} form a cycle and are not connected to the root"
             raise self.error(f"{problem}: {self._cut(parents, lost[0])}")
         position = {name: i for i, name in enumerate(order)}
         links = tuple(self._link(name, parents.get(name), position) for name in order)
@@ -230,7 +229,7 @@ class UrdfReader(ExactXml):
             raise self.error(f"{problem}: {self._cut(parents, next(iter(self.links)))}")
         if len(roots) > 1:
             raise self.error(
-                f"there are {len(roots)} root links, {in_quotes(roots, _MOST_NAMED)}; a tree has one"
+                f"there are {len(roots)} root links, {in_quotes(roots)}; a tree has one"
             )
         return roots[0]
 

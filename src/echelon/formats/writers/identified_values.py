@@ -20,6 +20,7 @@ import numpy.typing as npt
 from echelon.arrays import Floats
 from echelon.conventions import PARAMETERS, PER_BODY
 from echelon.errors import InputError
+from echelon.formats.snapping import PRECISION
 from echelon.formats.writers.xml_editor import comment
 from echelon.hints import in_quotes
 from echelon.inertia import convert, pseudo_inertia
@@ -31,13 +32,12 @@ from echelon.mechanism.stated import known_values
 ROTOR = "rotor"  # kind of the joint of a body that is the rotor of a drive
 
 _MASS = PARAMETERS.index("M")
-_ROUNDING = 1e-9
-"""How far below zero an eigenvalue may be, relative to the largest, that a solver left on the edge of the cone."""
+SOLVER_TOLERANCE = 1e-9
+"""Negative eigenvalue, relative to the largest, that a solver leaves of a zero on the edge of the cone."""
 
 
-_NEGLIGIBLE = (
-    1e-12  # size of a body, relative to the largest, that is none but for rounding
-)
+NEGLIGIBLE_BODY = 1e-12
+"""Parameters of a body, relative to the largest of all bodies, that are zero but for rounding."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def sorted_values(mechanism: Mechanism, standard: npt.ArrayLike) -> IdentifiedVa
         else:
             for body in mechanism.sharing[parameter.body]:
                 bodies[body][parameter.kind] = value
-    least = _NEGLIGIBLE * max((np.abs(body).max() for body in bodies), default=0.0)
+    least = NEGLIGIBLE_BODY * max((np.abs(body).max() for body in bodies), default=0.0)
     for ten in bodies:
         if np.abs(ten).max() < least:
             ten[:] = 0.0
@@ -125,15 +125,12 @@ def _check_consistency(body: Body, values: Floats) -> None:
     if body.carried != ALL or not values.any():
         return
     eigenvalues = np.linalg.eigvalsh(pseudo_inertia(values))
-    if values[_MASS] <= 0 or eigenvalues[0] < -_ROUNDING * eigenvalues[-1]:
+    if values[_MASS] <= 0 or eigenvalues[0] < -SOLVER_TOLERANCE * eigenvalues[-1]:
         problem = (
             f"no body has these parameters (mass {values[_MASS]:.6g} kg, least eigenvalue of the pseudo-inertia "
             f"{eigenvalues[0]:.3g}); files need physically consistent ones"
         )
         raise InputError(problem, element=f"body '{body.name}'")
-
-
-_NOTICEABLE = 1e-9  # numbers that were read as exact ones within this differ in their last digits only
 
 
 def head_comment(notes: Sequence[str]) -> list[str]:
@@ -167,7 +164,7 @@ def reading_notes(
     """Remarks on an edited file: rotors, numbers that were read as others, files that it refers to."""
     yield from rotor_notes(mechanism, values, file_format)
     snaps = mechanism.reading.snaps if mechanism.reading is not None else ()
-    moved = [snap.difference for snap in snaps if snap.difference > _NOTICEABLE]
+    moved = [snap.difference for snap in snaps if snap.difference > PRECISION]
     if moved:
         yield (
             f"{len(moved)} numbers of the geometry stay as written although they were read as exact ones, "

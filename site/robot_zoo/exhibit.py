@@ -38,7 +38,7 @@ from echelon.report.page import ClosedForms, Context
 from echelon.report.page import render as render_page
 from echelon.results.saved import to_json
 from echelon.version import __version__
-from echelon.zoo.faults import Fault, faults, read_from
+from robot_zoo.faults import Fault, faults, read_from
 
 _ROOTS = {
     ".urdf": rb"",
@@ -149,7 +149,7 @@ Row = dict[str, Any]  # what the index knows of a robot; plain data
 
 
 @dataclass(frozen=True)
-class Task:
+class ZooTask:
     """A robot file, with its base fixed or floating."""
 
     found: Found
@@ -171,7 +171,7 @@ class Task:
 
     @property
     def start(self) -> Row:
-        """What is known before anything is derived."""
+        """Fields of the row that are known before the derivation."""
         return {
             "slug": self.slug,
             "place": self.found.place,
@@ -192,18 +192,15 @@ class Task:
 
 @cache
 def _program() -> bytes:
-    package = Path(echelon.__file__).parent
     digest = hashlib.sha256()
-    for path in sorted(
-        path
-        for path in package.rglob("*")
-        if path.suffix in (".py", ".j2", ".css", ".js")
-    ):
-        digest.update(path.read_bytes())
+    for package in (Path(echelon.__file__).parent, Path(__file__).parent):
+        for path in sorted(package.rglob("*")):
+            if path.suffix in (".py", ".j2", ".css", ".js"):
+                digest.update(path.read_bytes())
     return digest.digest()
 
 
-def build_exhibit(task: Task) -> Row | None:
+def build_exhibit(task: ZooTask) -> Row | None:
     """Derive one robot and write its folder; None for a floating base where the base moves by itself."""
     robot, wrong = _read(task.found.path)
     if task.floating:
@@ -266,7 +263,7 @@ def _doubts(base: BaseModel) -> list[str]:
     ]
 
 
-def _in_explorer(task: Task) -> str:
+def _in_explorer(task: ZooTask) -> str:
     """The address of the robot in the explorer, seen from the zoo's folder; empty if it is not there."""
     if not task.site or not stands_alone(task.found.path):
         return ""
@@ -332,7 +329,7 @@ def _sources(base: BaseModel) -> tuple[dict[str, str], str]:
 
 
 def _sensors(base: BaseModel) -> Context:
-    """What single sensors see, and which suffice."""
+    """Ranks that single sensors reach, and the smallest set of sensors that suffices."""
     if len(base.parameters) > _MOST_SENSED:
         return {
             "problem": f"Sets of sensors were not tried for {len(base.parameters)} parameters: see echelon sensors."

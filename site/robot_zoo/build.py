@@ -20,11 +20,11 @@ from echelon.errors import EchelonError, InputError, one_line
 from echelon.files import write_atomically
 from echelon.report.page import Context, render, script_safe
 from echelon.version import __version__
-from echelon.zoo.exhibit import (
+from robot_zoo.exhibit import (
     TEMPLATES,
     Found,
     Row,
-    Task,
+    ZooTask,
     build_exhibit,
     robot_files,
     usual_folders,
@@ -83,11 +83,11 @@ def build_zoo(
     return [row for slug, row in rows.items() if row is not None and slug in chosen]
 
 
-def _tasks(found: Found, folder: Path, site: str) -> list[Task]:
+def _tasks(found: Found, folder: Path, site: str) -> list[ZooTask]:
     """A description states its base itself; other files are read with a fixed and with a floating one."""
     stated = found.path.suffix.lower() in _DESCRIPTIONS
     return [
-        Task(found, floating, folder, site)
+        ZooTask(found, floating, folder, site)
         for floating in ((False,) if stated else (False, True))
     ]
 
@@ -97,15 +97,15 @@ def _tasks(found: Found, folder: Path, site: str) -> list[Task]:
 
 @dataclass(frozen=True)
 class _Running:
-    task: Task
+    task: ZooTask
     process: Any
     answer: Connection
     until: float
 
 
 def _built(
-    tasks: Sequence[Task], jobs: int, seconds: float
-) -> Iterator[tuple[Task, Row | None]]:
+    tasks: Sequence[ZooTask], jobs: int, seconds: float
+) -> Iterator[tuple[ZooTask, Row | None]]:
     """Rows as they are done."""
     context: Any = multiprocessing.get_context(
         "spawn" if os.name == "nt" else "forkserver"
@@ -129,7 +129,7 @@ def _built(
             one.process.kill()
 
 
-def _started(context: Any, task: Task, seconds: float) -> _Running:
+def _started(context: Any, task: ZooTask, seconds: float) -> _Running:
     answer, far = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(task, far), daemon=True)
     process.start()
@@ -137,7 +137,7 @@ def _started(context: Any, task: Task, seconds: float) -> _Running:
     return _Running(task, process, answer, monotonic() + seconds)
 
 
-def _work(task: Task, answer: Connection) -> None:
+def _work(task: ZooTask, answer: Connection) -> None:
     """In a process of its own, which ends with the one that started it."""
     signal.signal(
         signal.SIGINT, signal.SIG_IGN
@@ -181,7 +181,7 @@ def _ended(one: _Running, seconds: float) -> Row | None:
         one.answer.close()
 
 
-def _failed(task: Task, reason: str) -> Row:
+def _failed(task: ZooTask, reason: str) -> Row:
     return {**task.start, "name": task.found.path.stem, "failed": one_line(reason)}
 
 
