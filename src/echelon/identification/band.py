@@ -39,7 +39,7 @@ from echelon.logs.preparation.choices import NARROWEST, ROWS, Signals, reasoned,
 from echelon.logs.preparation.prepare import Preparation, prepare
 from echelon.logs.recording import Segment
 from echelon.signals.clock import low_passed
-from echelon.signals.spectrum import Spectrum
+from echelon.signals.spectrum import PositionSpectrum
 
 _WIDER = 1.4  # ratio of neighbouring bands that are tried
 _LONGEST = 6_000  # samples, at that rate, from which the band is chosen
@@ -322,7 +322,7 @@ def slower(segment: Segment, rate: float, most: int) -> Segment:
     return Segment(segment.source, segment.start, segment.rate / factor, signals, inputs)
 
 
-def _noisier(segment: Segment, spectra: Mapping[str, Sequence[Spectrum]], rng: np.random.Generator) -> Segment:
+def _noisier(segment: Segment, spectra: Mapping[str, Sequence[PositionSpectrum]], rng: np.random.Generator) -> Segment:
     """A segment with normal noise added that has the spectra of what its signals hold."""
     signals, frequencies = dict(segment.signals), np.fft.rfftfreq(len(segment), 1 / segment.rate)
     for name, some in spectra.items():

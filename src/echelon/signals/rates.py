@@ -16,14 +16,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from echelon.arrays import Flags, Floats
+from echelon.arrays import Floats
+from echelon.signals.chance import CLEAR, usual
 from echelon.signals.clock import GAP
 
-_WINDOWS = 400  # so that one of a minute's motion is a tenth of what a joint takes to turn back
-_SHORTEST = 2  # samples of a window
-_BLOCKS = 16  # enough for an error of 20 % of a standard error
-_JUMP, _USUAL = 5.0, 95.0  # travels beyond so many times the percentile of their sizes are those of encoders set anew
-CLEAR = 4.0  # standard errors of what is said of a column
+_WINDOWS = 400
+"""Windows over a log: in a minute's motion one is a tenth of the time that a joint takes to turn back."""
+
+_BLOCKS = 16
+"""Blocks of windows: enough for an error of 20 % of a standard error."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ def rate(signal: Floats, measured: Floats, time: Floats) -> Rate:
     """
     nothing = Rate(np.nan, np.nan, np.zeros(_BLOCKS))
     step = np.diff(time)
-    width = max(_SHORTEST, len(step) // _WINDOWS)
+    width = max(2, len(step) // _WINDOWS)
     ends = np.arange(0, len(time), width)
     if len(ends) < _BLOCKS + 3:
         return nothing
@@ -65,7 +66,8 @@ def rate(signal: Floats, measured: Floats, time: Floats) -> Rate:
     places = signal[ends]
     moved, around = np.diff(places)[1:-1], places[3:] - places[:-3]
     inside = np.isfinite(area) & np.isfinite(moved) & np.isfinite(around)
-    inside &= _usual(moved, inside) & _usual(around, inside)
+    for travels in (moved, around):  # encoders that are set anew travel as no joint does
+        inside &= np.abs(travels) <= CLEAR * usual(travels[inside])
     if inside.sum() < _BLOCKS:
         return nothing
     # means are taken off: velocities have offsets
@@ -79,7 +81,3 @@ def rate(signal: Floats, measured: Floats, time: Floats) -> Rate:
     squares = np.array([block @ block for block in np.array_split(left, _BLOCKS)])
     return Rate(slope, float(np.sqrt(sums @ sums * _BLOCKS / (_BLOCKS - 1))) / travelled, squares)
 
-
-def _usual(travels: Floats, inside: Flags) -> Flags:
-    sizes = np.abs(travels)
-    return sizes <= _JUMP * np.percentile(sizes[inside], _USUAL) if inside.any() else inside
