@@ -125,7 +125,7 @@ def with_band(preparation: Preparation, log: Signals, base: BaseModel) -> tuple[
 
 def _better_velocities(preparation: Preparation, trials: Trials) -> tuple[Preparation, Trials]:
     """Velocities from the log or from positions: what leaves the smaller residuals in the same band."""
-    if not trials.log.agreeing or "measured" not in preparation.reasons:
+    if trials.log.doubt or "measured" not in preparation.reasons:
         return preparation, trials
     narrow = trials.bands[min(1, len(trials.bands) - 1)]
     sources: dict[tuple[str, ...], str] = {(): "differentiated positions", ("qd",): "measured velocities"}

@@ -170,8 +170,10 @@ def noise_deviation(spectrum: PositionSpectrum, derivative: int = 0, cutoff: flo
     return float(np.sqrt(variance))
 
 
-def white_noise(values: Floats, order: int) -> float:
+def white_noise(values: Floats, order: int = 8) -> float:
     """Standard deviation of white noise in samples (N,) of a smooth signal, from differences of an order.
+
+    Those of order 8 take away motion down to some 30 samples per period.
 
     Differences take away what is smooth; the variance of noise they multiply by the binomial (2·order over order).
     Nine tenths of them tell their size, which jumps, as of dry friction, do not sway.

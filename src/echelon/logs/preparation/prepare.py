@@ -27,7 +27,7 @@ from echelon.errors import InputError
 from echelon.extras import extra
 from echelon.formats.schema.schema_log import PreparationEntry
 from echelon.logs.columns.column_map import quaternion_columns, signal_names
-from echelon.logs.faults.examine import pinned
+from echelon.logs.faults.repeated_values import pinned
 from echelon.logs.recording import Samples, Segment
 from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import Cut, Mechanism, Output

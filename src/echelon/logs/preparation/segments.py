@@ -16,7 +16,7 @@ from echelon.arrays import Flags, Floats, Integers
 from echelon.errors import InputError, locating
 from echelon.logs.columns.column_map import SIGNALS, WRAP, angle_columns, quaternion_columns, signal_names
 from echelon.logs.finding import Finding, counted, note, seconds, warning
-from echelon.logs.recording import Recording, Segment
+from echelon.logs.recording import FEWEST, Recording, Segment
 from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.clock import (
     GAP,
@@ -32,8 +32,6 @@ from echelon.signals.clock import (
 from echelon.signals.filters import continuous
 
 _POSITIONS = ("q", "reference")
-
-FEWEST = 20  # samples that a segment must have; filters and derivatives make nothing of shorter ones
 
 
 def unwrapped(
