@@ -19,11 +19,12 @@ import numpy as np
 from echelon.errors import InputError
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.stated_limits import stated_limits
-from echelon.logs.columns.by_values import is_still, with_units
+from echelon.logs.columns.by_values import is_still
 from echelon.logs.columns.column_guess import guess
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.columns.column_names import is_output
 from echelon.logs.columns.conversion import needed_columns
+from echelon.logs.columns.magnitudes import with_units
 from echelon.logs.files.log_file import LogFile, Table
 from echelon.logs.files.numpy_file import MemoryLog
 from echelon.logs.files.open_log import log_paths

@@ -18,8 +18,9 @@ import numpy as np
 from echelon.errors import EchelonError, InputError
 from echelon.formats.robot_file import RobotFile, open_robot
 from echelon.inputs import dump_flow
-from echelon.logs.columns.by_values import PERIODS, sample_rate
+from echelon.logs.columns.by_values import sample_rate
 from echelon.logs.columns.column_map import Channel, ColumnMap
+from echelon.logs.columns.magnitudes import is_period
 from echelon.logs.files.log_file import LogFile, Table
 from echelon.logs.files.open_log import log_paths
 from echelon.logs.finding import Severity, counted, listed
@@ -112,7 +113,7 @@ def _with_rate(found: Understood, log: LogFile) -> Understood:
     time = None if columns.time is None else table.columns[columns.time.column] * factor(columns.time.unit, "s")
     if columns.time is not None and time is not None and np.sum(np.diff(time) == 0) > _COARSE * (len(time) - 1):
         period = float(time[-1] - time[0]) / (len(time) - 1)
-        if not PERIODS[0] < period < PERIODS[1]:
+        if not is_period(period):
             return found
         rate = round_rate(period)
         text = f"the stamps in '{columns.time.column}' repeat and are coarser than the samples, which so take "
@@ -120,7 +121,7 @@ def _with_rate(found: Understood, log: LogFile) -> Understood:
     elif time is None and not table.clocks and columns.positions.keys() & columns.velocities.keys():
         rate, error = _rate_by_velocities(columns, table)
         text = f"positions change by what the velocities say at {rate:.5g} ± {2 * error:.2g} samples per second"
-        if not PERIODS[0] < 1 / rate < PERIODS[1]:
+        if not is_period(1 / rate):
             return found
         if error > _RATE_ERROR * rate:
             return replace(found, notes=(*found.notes, f"{text}, which is no rate: state it"))

@@ -12,7 +12,9 @@ that a rate could be of.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 
@@ -25,6 +27,12 @@ _WINDOWS = 400
 
 _BLOCKS = 16
 """Blocks of windows: enough for an error of 20 % of a standard error."""
+
+NEAR = 0.1
+"""Relative error up to which a slope is told, and difference from that of a unit that filters and delays explain."""
+
+_INTEGRALS = 1e-4
+"""Relative error of integrals of sampled velocities, which no slope is surer than."""
 
 
 @dataclass(frozen=True)
@@ -81,3 +89,15 @@ def rate(signal: Floats, measured: Floats, time: Floats) -> Rate:
     squares = np.array([block @ block for block in np.array_split(left, _BLOCKS)])
     return Rate(slope, float(np.sqrt(sums @ sums * _BLOCKS / (_BLOCKS - 1))) / travelled, squares)
 
+
+def common_slope(rates: Sequence[Rate]) -> tuple[float, float]:
+    """The weighted mean of some slopes and its standard error.
+
+    Slopes that differ by more than their errors make that of the mean as much larger.
+    """
+    slopes = np.array([some.slope for some in rates])
+    errors = np.array([max(some.error, _INTEGRALS * abs(some.slope)) for some in rates])
+    weights = errors**-2.0
+    mean = float(weights @ slopes / weights.sum())
+    excess = float(weights @ (slopes - mean) ** 2) / max(len(slopes) - 1, 1)
+    return mean, sqrt(max(excess, 1.0) / weights.sum())

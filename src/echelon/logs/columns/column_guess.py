@@ -18,7 +18,6 @@ from echelon.logs.columns.by_values import (
     blocks,
     classified,
     clock,
-    clock_unit,
     families,
     in_order,
     in_pairs,
@@ -39,6 +38,7 @@ from echelon.logs.columns.column_names import (
     without_prefix,
     words,
 )
+from echelon.logs.columns.magnitudes import clock_unit
 from echelon.logs.files.log_file import Table
 from echelon.logs.finding import counted, listed
 from echelon.logs.units import factor, fits
