@@ -16,10 +16,12 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
+from echelon.inputs import ENTRIES
 from echelon.logs.columns.by_values import clock
 from echelon.logs.columns.column_names import meaning
 from echelon.logs.files.log_file import CHUNK, LogFile, Table, WordedFile, selected
 from echelon.logs.finding import listed
+from echelon.signals.chance import SHARE
 
 Labels = npt.NDArray[Any]
 
@@ -29,8 +31,6 @@ _NUMBERS = re.compile(
 """Names of columns that number joints."""
 _RUNS = re.compile("run|episode|trial|session|phase|test|lap|cycle|segment|rep|set|file|exp|mode|state", re.IGNORECASE)
 """Names of columns whose labels are of stretches of time, which may all begin at zero."""
-_MOST = 200  # labels
-_SHARED = 0.9  # share of the times of one label that are those of another
 
 
 def joint_by_joint(file: LogFile) -> LogFile:
@@ -43,7 +43,7 @@ def joint_by_joint(file: LogFile) -> LogFile:
     for label in (*named, *(name for name in file.names if _NUMBERS.fullmatch(name))):
         with suppress(InputError):  # what cannot be read is said when it is needed
             labels = next(_labels(file, label), np.zeros(0))
-            if not 1 < len(np.unique(labels)) <= _MOST:
+            if not 1 < len(np.unique(labels)) <= ENTRIES.most:
                 continue
             table = next(file.tables([name for name in file.names if name not in (label, *words)]))
             if time := _shared_clock(table.columns, labels):
@@ -72,7 +72,7 @@ def _shared_clock(columns: Mapping[str, Floats], labels: Labels) -> str:
     said = [name for name in columns if (found := meaning(name, {})) is not None and found.kind == "time"]
     own = {name: columns[name][labels == first] for name in columns}
     time = clock({name: np.sort(own[name]) for name in said} or own, said or list(own), named=bool(said))
-    return time if time and np.mean(np.isin(columns[time][labels == others[0]], own[time])) > _SHARED else ""
+    return time if time and np.mean(np.isin(columns[time][labels == others[0]], own[time])) > SHARE else ""
 
 
 class LongLog:

@@ -28,7 +28,7 @@ from echelon.logs.columns.magnitudes import with_units
 from echelon.logs.files.log_file import LogFile, Table
 from echelon.logs.files.numpy_file import MemoryLog
 from echelon.logs.files.open_log import log_paths
-from echelon.logs.finding import listed
+from echelon.logs.finding import SHOWN, listed
 from echelon.logs.long_log import LongLog
 from echelon.logs.read_log import first_table, measured, opened
 from echelon.logs.units import factor
@@ -36,9 +36,9 @@ from echelon.mechanism.lock_joints import lock_joints, lockable
 from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.setup import Setup, setup_of, with_usual
 
-_FEW = 6  # joints that are named with where they rest; of more, only that they do
 _VECTOR = re.compile(r"(?<![A-Za-z])(ctrl|actuator_force)[\W_]*(\d+)\W*$", re.IGNORECASE)
-_STILL = 2e-3  # range, rad or m, of a joint that never moves
+_STILL = 2e-3
+"""Range, rad or m, of a joint at rest: encoders make noise, and drives hold with some play."""
 
 
 def with_logs(
@@ -93,7 +93,7 @@ def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = Fal
     found = guess(file.names, setup.mechanism, look, said=said, by_values=by_values, outputs=outputs)
     unread = getattr(file, "left_out", {})
     lacks_outputs = outputs and not found.columns.outputs and any(map(is_output, unread))
-    reasons = "; ".join([f"'{name}' {why}" for name, why in unread.items()][:_FEW])
+    reasons = "; ".join([f"'{name}' {why}" for name, why in unread.items()][:SHOWN])
     problems = found.problems + ((f"not read: {reasons}",) if unread and (found.problems or lacks_outputs) else ())
     columns, geared = _with_gears(found.columns, drives, vectors)
     side_by_side = file.notes if isinstance(file, LongLog) else ()
@@ -211,7 +211,7 @@ def _with_gears(
 
 def _line(locked: Mapping[str, float]) -> str:
     """The line that says where joints rest."""
-    if len(locked) > _FEW:
+    if len(locked) > SHOWN:
         return "where  locked  says" if any(locked.values()) else "at zero"
     return f"as by  locked: {{{', '.join(f'{name}: {position:.6g}' for name, position in locked.items())}}}"
 

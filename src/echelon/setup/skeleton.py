@@ -11,6 +11,7 @@ import re
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,7 @@ from echelon.logs.units import factor
 from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.logs import Understood, joined, stated_gears, understood
 from echelon.setup.setup import Setup, load_setup
-from echelon.signals.clock import round_rate
+from echelon.signals.clock import JITTER, REPEATED, round_rate
 
 _EFFECTS = """\
 effects:
@@ -44,11 +45,10 @@ effects:                                # no torques are logged: servos follow c
   - {type: coulomb, at: all}
   - {type: rotor_inertia, at: all}
 """
-GUESS = 333.0  # Hz, at which hardly any robot is logged
+GUESS = 333.0
+"""Rate, Hz, at which hardly any robot is logged: a place-holder until the outputs tell one."""
+
 _UNUSED = "columns that are not used"
-_WIDTH = 112
-_RATE_ERROR = 0.01  # standard error of a rate, as a share of it, that makes inertias wrong by 4 % at most
-_COARSE = 0.2  # share of time stamps that repeat, from which on they say nothing of single samples
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ def _with_rate(found: Understood, log: LogFile) -> Understood:
     """With a rate where stamps are coarser than samples, or where there are none, by what velocities say."""
     columns, table = found.columns, first_table(log)
     time = None if columns.time is None else table.columns[columns.time.column] * factor(columns.time.unit, "s")
-    if columns.time is not None and time is not None and np.sum(np.diff(time) == 0) > _COARSE * (len(time) - 1):
+    if columns.time is not None and time is not None and np.sum(np.diff(time) == 0) > REPEATED * (len(time) - 1):
         period = float(time[-1] - time[0]) / (len(time) - 1)
         if not is_period(period):
             return found
@@ -123,7 +123,7 @@ def _with_rate(found: Understood, log: LogFile) -> Understood:
         text = f"positions change by what the velocities say at {rate:.5g} ± {2 * error:.2g} samples per second"
         if not is_period(1 / rate):
             return found
-        if error > _RATE_ERROR * rate:
+        if error > JITTER * rate:
             return replace(found, notes=(*found.notes, f"{text}, which is no rate: state it"))
         rate = _roundest(rate, 2 * error)
         text += f": the rate is taken to be {rate:.6g} Hz"
@@ -278,13 +278,14 @@ def _pattern(group: Mapping[str, Channel]) -> Channel | None:
 
 def _comments(title: str, texts: Sequence[str]) -> list[str]:
     """Texts as comments: a list of sentences, or names in a row."""
+    wrapped = partial(textwrap.wrap, width=112)
     if not texts:
         return []
     if title == _UNUSED:
-        return textwrap.wrap(f"# {title}: {', '.join(texts)}", _WIDTH, subsequent_indent="#   ")
+        return wrapped(f"# {title}: {', '.join(texts)}", subsequent_indent="#   ")
     lines = [f"# {title}:"]
     for text in texts:
-        lines += textwrap.wrap(" ".join(text.split()), _WIDTH, initial_indent="#   - ", subsequent_indent="#     ")
+        lines += wrapped(" ".join(text.split()), initial_indent="#   - ", subsequent_indent="#     ")
     return lines
 
 

@@ -16,14 +16,17 @@ CLEAR = 4.0
 """Times its standard error, or its usual size, from which on a deviation is no chance: of normal deviations one in
 16,000 is as large."""
 
-_SHARE = 0.95
+SHARE = 0.95
 """Share of the samples of a signal that faults leave alone."""
+
+LITTLE = 5e-3
+"""Share of a range, of a length or of a slope that is next to nothing: sensors are calibrated no better."""
 
 
 def usual(deviations: npt.ArrayLike) -> float:
     """The size that 95 % of some deviations do not exceed; 0 if there are none."""
     sizes = np.abs(deviations)
-    return float(np.quantile(sizes, _SHARE)) if sizes.size else 0.0
+    return float(np.quantile(sizes, SHARE)) if sizes.size else 0.0
 
 
 def normal_deviation(values: Floats, share: float) -> Floats:

@@ -22,7 +22,7 @@ import numpy as np
 from echelon.arrays import Floats, Integers
 from echelon.errors import InputError
 from echelon.extras import extra
-from echelon.signals.chance import CLEAR
+from echelon.signals.chance import CLEAR, SHARE
 from echelon.signals.filters import PASSED, REACH, fir_lowpass
 
 PERIODS = (1e-9, 1e6)
@@ -43,9 +43,6 @@ SLOWER = 1 - JITTER
 
 REPEATED = 0.2
 """Share of time stamps that may repeat the one before; with more, stamps are coarser than the samples."""
-
-_UNORDERED = 0.02
-"""Share of steps of the clock that may go backwards; with more, a column is not the time."""
 
 _COARSE = 0.05
 """Relative difference of the mean interval from the median that only stamps coarser than the clock explain."""
@@ -95,7 +92,7 @@ def stretches(time: Floats, gap: float = GAP) -> Stretches:
     kept = np.delete(np.arange(len(time)), duplicates)
     steps = np.diff(time[kept])
     back = np.flatnonzero(steps < 0)
-    if len(back) > max(1, _UNORDERED * len(time)):
+    if len(back) > max(1, (1 - SHARE) * len(time)):
         row = kept[back[0] + 1]
         raise InputError(
             f"time goes backwards {len(back)} times in {len(time)} rows, first at row {row} from {time[row - 1]:.9g} s "

@@ -261,7 +261,7 @@ _WEIGHTS = {
 }
 
 REACH = 4
-"""Samples on either side that derivatives, and values between samples, depend on: nine weigh a polynomial of degree 8."""
+"""Samples on either side of derivatives, and of values between samples: nine weigh a polynomial of degree 8."""
 
 FAR_FROM_UNIT = 0.1
 """Largest deviation of a quaternion's length from 1 that rounding of a log explains; others are no quaternions."""

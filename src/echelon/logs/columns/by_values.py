@@ -20,6 +20,7 @@ from itertools import permutations
 import numpy as np
 
 from echelon.arrays import Floats
+from echelon.signals.chance import SHARE
 from echelon.signals.rates import NEAR, Rate, common_slope, rate
 from echelon.signals.spectrum import SHOWING
 
@@ -37,9 +38,6 @@ _ONE_RATE = 0.03
 
 _SMOOTHER = 1.5
 """Ratio of the steps of two families, in units of their spread, from which on one is smoother than the other."""
-
-_FORWARD = 0.999
-"""Share of steps forward in a column of times: more than that of positions that mostly grow."""
 
 _UNIFORM = 0.25
 """Relative difference of most intervals of a clock from their median: loggers are late by less."""
@@ -184,7 +182,7 @@ def clock(columns: Mapping[str, Floats], names: Sequence[str], *, named: bool = 
             continue
         even = np.mean(np.abs(steps - period) < _UNIFORM * period)
         counts = period == 1 and set(np.unique(steps)) == {1.0}
-        if np.mean(steps > 0) <= _FORWARD or even <= 0.5 or (counts and not named):
+        if np.mean(steps > 0) <= SHARE or even <= 0.5 or (counts and not named):
             continue
         # a counter of rows is none if something beside it is
         if not counts or not clock(columns, [other for other in names if other != name], named=True):

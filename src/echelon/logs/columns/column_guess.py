@@ -40,7 +40,8 @@ from echelon.logs.columns.column_names import (
 )
 from echelon.logs.columns.magnitudes import clock_unit
 from echelon.logs.files.log_file import Table
-from echelon.logs.finding import counted, listed
+from echelon.logs.finding import SHOWN, counted, listed
+from echelon.logs.recording import FEWEST
 from echelon.logs.units import factor, fits
 from echelon.mechanism.lock_joints import lock_joints, lockable
 from echelon.mechanism.mechanism import Mechanism
@@ -53,12 +54,10 @@ _PARTLY = ("output", "current")  # what may be there for some joints only: the o
 _ALTERNATIVES = {"position": "joint", "output": "current"}  # joint_0 beside torque_0, currents for want of torques
 _OPTIONAL = ("velocity", "acceleration", "reference")
 _AS_NAMED: Mapping[str, str] = {}
-_MANY = 8
 _SERVOS = (
     "; if none is an output, there are commands of positions, to which servos can be fitted: name these under input, "
     "with the effect {type: servo, at: all}"
 )
-_FEWEST = 4  # rows that say how columns change
 _DIGITS = re.compile(r"\d+")
 _FIRST = re.compile(r"/?[^\W_]+[\W_]+")
 _ANGLES = re.compile("theta|phi|psi|alpha|beta|angle|winkel|rad|deg|rot|θ|φ", re.IGNORECASE)
@@ -219,7 +218,7 @@ def _filled(groups: dict[str, dict[str, Channel]], seen: Mapping[str, Family], m
                 n: _channel(c, stated_unit(c), mechanism, kind, n) or Channel(c)
                 for n, c in zip(_valid(mechanism, kind), family.columns, strict=True)
             }
-            those = ", ".join(family.columns) if len(family.columns) < _MANY else family.label
+            those = ", ".join(family.columns) if len(family.columns) < SHOWN else family.label
             notes.append(f"{those} taken for the {_several(kind)} of {listed(groups[kind])} by their values")
     return notes
 
@@ -385,7 +384,7 @@ def _by_values(
     valid = _valid(mechanism, "position")
     names = [name for name in names if name in columns]  # the others hold words
     lengths = {len(columns[name]) for name in names}
-    if len(_valid(mechanism, "output")) != len(valid) or len(lengths) != 1 or min(lengths) < _FEWEST:
+    if len(_valid(mechanism, "output")) != len(valid) or len(lengths) != 1 or min(lengths) < FEWEST:
         return {}
     times = None if time is None or time.column not in names else _seconds(time, columns)
     rest = [name for name in names if name not in understood and (time is None or name != time.column)]

@@ -161,10 +161,6 @@ def spoken(column: str) -> list[str]:
     return re.findall(r"[a-z]{2,}", _HUMPS[1].sub("_", column).lower())
 
 
-_LONGEST_NUMBER = 9
-"""Digits of the number of a joint in a column's name; longer ones are no numbers of joints."""
-
-
 def _by_words(text: str, name: str, unit: str) -> Meaning | None:
     kinds: list[str] = []
     weak: list[str] = []
@@ -173,9 +169,7 @@ def _by_words(text: str, name: str, unit: str) -> Meaning | None:
     units: list[str] = []
     angle = _COLUMN_UNITS.get(unit.lower(), unit) in ("rad", "deg", "°")
     for word in _split(text):
-        letters, digits = (word, "") if word in _UNITS else re.fullmatch(r"(.*?)(\d*)", word).groups()  # type: ignore[union-attr]
-        if len(digits) > _LONGEST_NUMBER:
-            return None
+        letters, digits = (word, "") if word in _UNITS else re.fullmatch(r"(.*?)(\d{0,9})", word).groups()  # type: ignore[union-attr]
         if digits:
             numbers.add(int(digits))
         if letters in _UNITS and (len(letters) > 1 or not digits) and not (letters == "m" and not (kinds or weak)):

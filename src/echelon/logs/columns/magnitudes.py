@@ -27,7 +27,7 @@ PERIODS = (5e-5, 0.2)
 LARGEST = {"rad": 4 * math.pi, "m": 20.0, "N·m": 2e4, "N": 1e6}
 """Positions and forces that hardly any joint exceeds: two turns; the length of a gantry; drives of excavators."""
 
-LITTLE = {"rad": 2 * math.pi * math.radians(1), "m": 1e-3}
+SMALLEST = {"rad": 2 * math.pi * math.radians(1), "m": 1e-3}
 """Ranges of positions that no motion of an identification has."""
 
 

@@ -22,12 +22,10 @@ from echelon.logs.finding import Finding, Severity, counted, listed, seconds
 from echelon.logs.recording import FEWEST, Recording
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
+from echelon.signals.chance import LITTLE
 from echelon.signals.clock import GAP, nominal_period, round_rate
 from echelon.signals.filters import FAR_FROM_UNIT
 from echelon.signals.spectrum import white_noise
-
-_NOT_UNIT = 1e-3
-"""Deviation of a quaternion's length from 1 that is worth a note."""
 
 _COARSE = 0.3
 """Ratio of an encoder's step to the rms of what a position changes by per sample, from which on derivatives suffer."""
@@ -141,9 +139,9 @@ class _Examination:
                     f"{length[wrong].max():.3g} instead of 1; left out.  Are these columns w, x, y, z?"
                 )
                 self.say("quaternion", label, text, int(np.argmax(wrong)))
-            elif np.any(off > _NOT_UNIT):
+            elif np.any(off > LITTLE):
                 text = f"quaternions have lengths from {np.nanmin(length):.6g} to {np.nanmax(length):.6g}; normalised"
-                self.say("quaternion", label, text, int(np.argmax(off > _NOT_UNIT)), Severity.NOTE)
+                self.say("quaternion", label, text, int(np.argmax(off > LITTLE)), Severity.NOTE)
 
     def look_for_constants(self) -> None:
         """Report channels that never change, and keep the others for what follows."""

@@ -7,9 +7,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from echelon.arrays import Flags, Floats, Integers
 from echelon.logs.columns.column_map import WRAP
-from echelon.logs.faults.repeated_values import LITTLE, MOVED
+from echelon.logs.faults.repeated_values import MOVED
 from echelon.logs.recording import FEWEST
-from echelon.signals.chance import CLEAR, usual
+from echelon.signals.chance import CLEAR, LITTLE, usual
 
 NO_ENCODER = 2e-9
 """Noise, rad or m, that is less than any encoder has: one of 26 bits per turn has steps of 9e-8 rad."""

@@ -23,14 +23,14 @@ from echelon.arrays import Flags
 from echelon.errors import InputError
 from echelon.logs.columns.by_values import are_numbers
 from echelon.logs.columns.column_map import WRAP, Channel, ColumnMap, Series, motion_of, series
-from echelon.logs.columns.magnitudes import LARGEST, LITTLE, fitting_units, is_period
+from echelon.logs.columns.magnitudes import LARGEST, SMALLEST, fitting_units, is_period
 from echelon.logs.finding import Finding, listed, warning
 from echelon.logs.recording import Recording
 from echelon.logs.units import factor
 from echelon.mechanism.joint import GROUND, MotionKind, Placement, Step
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
-from echelon.signals.chance import CLEAR
+from echelon.signals.chance import CLEAR, LITTLE
 from echelon.signals.clock import REPEATED, nominal_period
 from echelon.signals.rates import NEAR, common_slope, rate
 
@@ -39,9 +39,6 @@ _FARTHEST = 1e5
 
 _OF_WEIGHT = (1e-4, 50.0)
 """Largest torque of a log by the largest moment of the robot's weight: drives are made for its weight and motion."""
-
-_CALIBRATED = 0.005
-"""Relative difference of velocities from derivatives of positions that the calibration of sensors explains."""
 
 
 def check_plausible(
@@ -98,9 +95,10 @@ class _Magnitudes:
         unit = next(iter(fitting_units(raw)), "")
         text = f"by its time stamps the log has a sample every {period:.4g} s"
         if unit and self.stated.time is not None and not channel.unit:
-            rate_then = 1 / (raw * factor(unit, "s"))
-            question = f"is time in {unit} (unit: {unit}; {rate_then:.4g} samples per second)?"
-            raise self.refused(f"column '{channel.column}'", f"{text}: {question} If it really is in seconds, say unit: s")
+            samples = 1 / (raw * factor(unit, "s"))
+            question = f"is time in {unit} (unit: {unit}; {samples:.4g} samples per second)?"
+            text = f"{text}: {question} If it really is in seconds, say unit: s"
+            raise self.refused(f"column '{channel.column}'", text)
         return self.warned("time", "time", text + (f": is time in {unit}?" if unit else f", {slow}"))
 
     def angles(self) -> list[Finding]:
@@ -121,8 +119,9 @@ class _Magnitudes:
             return self.warned("units", "positions", text)
         most = max(map(_range, turning), default=math.inf)
         units = [stated[c.name].unit if c.name in stated else "" for c in turning]
-        if most < LITTLE["rad"] and all(factor(unit, "rad") == math.radians(1) for unit in units):
-            text = f"no joint turns by more than {math.degrees(most):.3g}°: are the columns in rad (leave out unit: deg)?"
+        if most < SMALLEST["rad"] and all(factor(unit, "rad") == math.radians(1) for unit in units):
+            question = "are the columns in rad (leave out unit: deg)?"
+            text = f"no joint turns by more than {math.degrees(most):.3g}°: {question}"
             return self.warned("units", "positions", text)
         return []
 
@@ -135,7 +134,7 @@ class _Magnitudes:
                 problem = f"it goes to {most:.4g} m: is it in mm (unit: mm)?  If it is right, say unit: m"
                 raise self.refused(channel.label, problem)
             unit = stated[channel.name].unit if channel.name in stated else ""
-            if factor(unit, "m") < 0.1 and 0 < moved < LITTLE["m"]:
+            if factor(unit, "m") < 0.1 and 0 < moved < SMALLEST["m"]:
                 text = f"moves by {moved * 1e3:.3g} mm only: is the column in m (leave out unit: {unit})?"
                 findings += self.warned("units", channel.label, text)
         return findings
@@ -271,7 +270,7 @@ def _common_rate(recording: Recording, pairs: Sequence[_RatedSeries]) -> list[Fi
         return []
     mean, error = common_slope(told)
     error *= math.sqrt(len(told))  # jitter of the stamps errs all joints alike: many of them are no surer than one
-    if abs(mean - 1) < max(_CALIBRATED, CLEAR * error):
+    if abs(mean - 1) < max(LITTLE, CLEAR * error):
         return []
     text = (
         f"velocities of all joints are {mean:.4g} ± {2 * error:.1g} times the derivatives of their positions: is the "

@@ -14,15 +14,12 @@ import numpy as np
 
 from echelon.arrays import Flags, Floats, Integers
 from echelon.logs.recording import FEWEST
-from echelon.signals.chance import CLEAR, usual
+from echelon.signals.chance import CLEAR, LITTLE, SHARE, usual
 from echelon.signals.clock import nominal_period
 from echelon.signals.spectrum import SHOWING
 
 MOVED = 0.02
 """Share of a channel's range beyond which it has moved: encoders and vibrations change by less."""
-
-LITTLE = 5e-3
-"""Share of a channel's range that is next to nothing."""
 
 _STANDING = 0.2
 """Shortest time, s, for which a sensor is stuck: joints that turn back slowly stand for less."""
@@ -32,9 +29,6 @@ _ABRUPT = 0.3
 
 _PINNED = 5
 """Samples at an extreme, one after the other, that no course of a motion explains."""
-
-_RHYTHM = 0.9
-"""Share of the changes of held signals that come at multiples of the time for which they are held."""
 
 
 def runs(flags: Flags) -> tuple[Integers, Integers]:
@@ -148,7 +142,7 @@ def held(positions: Sequence[Floats]) -> int:
         return 1
     apart = np.diff(places)
     rhythm = int(np.median(apart))
-    if rhythm < 2 or np.mean(apart % rhythm == 0) < _RHYTHM:
+    if rhythm < 2 or np.mean(apart % rhythm == 0) < SHARE:
         return 1
     return rhythm if any(not _creeps(values) for values in positions) else 1
 

@@ -28,8 +28,8 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError, locating, one_line
-from echelon.inputs import COLUMNS
-from echelon.logs.files.log_file import CHUNK, Table, missing
+from echelon.inputs import COLUMNS, ENTRIES
+from echelon.logs.files.log_file import CHUNK, HEAD, Table, missing
 from echelon.logs.files.message_sources import END_OF_TIME, Mcap, Rosbag, is_mcap
 
 Labels = tuple[str, ...] | int | None  # names of an array's entries, or how many there are, or None for a single number
@@ -38,11 +38,13 @@ _NAME_FIELDS = ("name", "names", "joint_names", "interface_names")
 _NANOSECONDS = ("nanosec", "nsec", "nsecs", "nanosecs")
 _SECONDS = ("sec", "secs")
 _STAMPS = ("stamp", "timestamp")
-_LONGEST = 256
 
 _NANO = 10**9
+"""Nanoseconds in a second."""
+
 _FAR = 10**6 * _NANO
-_HEAD = 64  # messages of each topic by which it is judged
+"""Difference of a stamp from the time of reception, ns, that only another clock explains."""
+
 _Layout = tuple[tuple[str, Labels], ...]
 
 
@@ -57,7 +59,7 @@ class Numbers:
 
     @classmethod
     def of(cls, topic: str, message: Any) -> Numbers:
-        """Those of a topic's message."""
+        """The numbers of a topic's message."""
         found = cls(topic)
         found.visit(message, topic)
         return found
@@ -67,7 +69,7 @@ class Numbers:
         if isinstance(value, bool | int | float):
             self.parts.append((path, None, (value,)))
         elif isinstance(value, np.ndarray):
-            if value.size > _LONGEST:  # such as the pixels of an image
+            if value.size > ENTRIES.most:  # such as the pixels of an image
                 self._leave_out(path, value.size)
             else:
                 self._numbers(value.ravel().tolist(), path, names)
@@ -87,7 +89,7 @@ class Numbers:
     def _list(self, values: list[Any], path: str, names: tuple[str, ...]) -> None:
         if all(entry is None or isinstance(entry, bool | int | float) for entry in values):
             self._numbers([float("nan") if entry is None else entry for entry in values], path, names)
-        elif len(values) > _LONGEST:
+        elif len(values) > ENTRIES.most:
             self._leave_out(path, len(values))
         elif not isinstance(values[0], str):
             labels = [f"/{name}" for name in names] if len(names) == len(values) else None
@@ -95,13 +97,13 @@ class Numbers:
                 self.visit(entry, path + (labels[index] if labels else f"[{index}]"))
 
     def _numbers(self, values: list[float], path: str, names: tuple[str, ...]) -> None:
-        if len(values) > _LONGEST:
+        if len(values) > ENTRIES.most:
             self._leave_out(path, len(values))
         elif values:
             self.parts.append((path, names if len(names) == len(values) else len(values), values))
 
     def _leave_out(self, path: str, length: int) -> None:
-        self.left_out[path] = f"has {length} entries; arrays of at most {_LONGEST} become columns"
+        self.left_out[path] = f"has {length} entries; arrays of at most {ENTRIES.most} become columns"
 
     def _names(self, found: Iterable[tuple[str, Any]], path: str) -> tuple[str, ...]:
         """Names that a message lists for the entries of its arrays."""
@@ -143,7 +145,7 @@ def nanoseconds(value: Any) -> int | None:
 
 
 @dataclass
-class _Rows:
+class _RowsOfLayout:
     """Messages of one layout: wanted columns, the messages' positions in the topic, and their numbers row by row."""
 
     names: tuple[str, ...]
@@ -159,7 +161,7 @@ class TopicColumns:
         self._topic = topic
         self._wanted = None if wanted is None else frozenset(wanted)
         self._times = array("q")
-        self._rows: dict[_Layout, _Rows] = {}
+        self._rows: dict[_Layout, _RowsOfLayout] = {}
         self._count = 0
 
     def add(self, time: int, numbers: Numbers) -> None:
@@ -196,7 +198,7 @@ class TopicColumns:
             if own != clock:
                 yield own, times[positions], ""
 
-    def _new(self, layout: _Layout) -> _Rows:
+    def _new(self, layout: _Layout) -> _RowsOfLayout:
         names = [one_line(name) for path, labels in layout for name in _entries(path, labels)]
         if len(set(names)) != len(names):
             twice = next(name for name in names if names.count(name) > 1)
@@ -204,7 +206,7 @@ class TopicColumns:
         picked = [index for index, name in enumerate(names) if self._wanted is None or name in self._wanted]
         self._count += len(picked)
         COLUMNS.check(self._count, element=f"topic '{self._topic}'")
-        return _Rows(tuple(names[index] for index in picked), tuple(picked))
+        return _RowsOfLayout(tuple(names[index] for index in picked), tuple(picked))
 
     def _merged(self) -> dict[str, tuple[npt.NDArray[np.int64], Floats]]:
         """Positions of the messages that hold a column, and its values, in the order of the messages."""
@@ -263,7 +265,7 @@ def first_look(source: Mcap | Rosbag) -> tuple[dict[str, Topic], dict[str, str]]
     left_out = {topic: reason for topic, reason in source.topics.items() if reason}
     columns = {topic: TopicColumns(topic) for topic, reason in source.topics.items() if not reason}
     stamps: dict[str, tuple[int, int]] = {}
-    for topic, received, message in source.messages(list(columns), _HEAD):
+    for topic, received, message in source.messages(list(columns), HEAD):
         stamps.setdefault(topic, (stamp(message) or 0, received))
         numbers = Numbers.of(topic, message)
         columns[topic].add(received, numbers)

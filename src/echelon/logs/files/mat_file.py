@@ -14,7 +14,6 @@ only the arrays that are asked for are read.
 
 from __future__ import annotations
 
-import io
 import os
 import struct
 import zlib
@@ -78,7 +77,7 @@ class MatFile(ArrayFile):
         left_out: dict[str, str] = {}
         with decoding(source, _KIND):
             check_elements(content)
-            variables = {name: value for name, value in loadmat(io.BytesIO(content)).items() if name[:2] != "__"}
+            variables = {name: value for name, value in loadmat(str(found)).items() if name[:2] != "__"}
             arrays = [array for name, value in variables.items() for array in _inside(name, value, left_out)]
         super().__init__(found, _KIND, arrays, left_out, source)
 
@@ -128,8 +127,11 @@ def _check_matrix(payload: memoryview, order: str, matrices: Iterator[int], dept
     (flags,) = struct.unpack_from(f"{order}I", first)
     array_class, is_complex = flags & 0xFF, bool(flags & 0x0800)
     inner = [part for kind, part in parts if kind == _Type.MATRIX]
-    if array_class in _OF_ARRAYS:
+    if array_class in (*_OF_ARRAYS, *_NUMBERS):
         sizes = np.frombuffer(dimensions, f"{order}i4").tolist()
+        if len(sizes) < 2:
+            raise ValueError("an array has at least two dimensions")
+    if array_class in _OF_ARRAYS:
         most = len(inner) if inner or array_class == _Type.CELL else COLUMNS.most
         if min(sizes) < 0 or prod(sizes) > most:
             raise ValueError("a struct or cell array has another size than its content")
@@ -141,7 +143,7 @@ def _check_matrix(payload: memoryview, order: str, matrices: Iterator[int], dept
         _check_matrix(part, order, matrices, depth + 1)
 
 
-def _inside(name: str, value: npt.NDArray[Any], left_out: dict[str, str]) -> Iterator[NamedArray]:
+def _inside(name: str, value: Any, left_out: dict[str, str]) -> Iterator[NamedArray]:
     """The arrays in a variable, with structs and cells opened."""
     kind = getattr(value, "dtype", np.dtype(object))
     if not isinstance(value, np.ndarray) or (type(value) is not np.ndarray):
