@@ -87,7 +87,7 @@ def test_an_output_without_a_column_is_not_measured(motion: Motion, tmp_path: Pa
     log = frame(motion).drop(columns="tau1")
     result = ec.identify(ARM, log)
     assert [output.name for output in result.base.mechanism.outputs] == ["elbow_joint"]
-    assert any("nothing is measured of shoulder_joint" in finding.text for finding in result.findings)
+    assert any("no output is measured of shoulder_joint" in finding.text for finding in result.findings)
     (tmp_path / "arm.urdf").write_text(ARM)
     log.to_csv(tmp_path / "log.csv", index=False)
     text = skeleton(tmp_path / "arm.urdf", [tmp_path / "log.csv"], tmp_path).text

@@ -68,7 +68,7 @@ def with_logs(
 
 @dataclass(frozen=True)
 class Understood:
-    """What a log means for a robot."""
+    """A log as it is understood for a robot."""
 
     setup: Setup  # without joints that rest and outputs that are not measured
     columns: ColumnMap
@@ -80,7 +80,7 @@ class Understood:
 
 
 def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = False, outputs: bool = True) -> Understood:
-    """What the columns of a log are, by their names, and by their values where that is asked for.
+    """The columns of a log, told by their names, and by their values where that is asked for.
 
     Joints that are not in the log rest, and so do those that never move there; if it is not the ``only`` log, those of
     which moreover no output is measured.
@@ -117,13 +117,13 @@ def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = Fal
             notes += [f"at rest all the time: {listed(resting)}, {_line(resting)}"] if resting else []
             mute = [name for name in resting if is_still(table.columns[columns.positions[name].column])]
             notes += (
-                [f"not one sample of {listed(mute)} differs: do they rest, or have they no sensor?"] if mute else []
+                [f"all samples of {listed(mute)} are equal: does the joint rest, or has it no sensor?"] if mute else []
             )
         else:  # nothing would be left: what is wrong with it is said when it is read
             silent = set(found.unmeasured)
     silent -= locked.keys()
     if silent:
-        notes.append(f"nothing is measured of {listed(silent)}: no column, or only zeros")
+        notes.append(f"no output is measured of {listed(silent)}: it has no column, or only zeros in it")
     return Understood(
         _without(setup, locked, silent),
         _columns_without(columns, locked.keys(), silent),

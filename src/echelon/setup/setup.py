@@ -78,7 +78,7 @@ class Setup:
     seed: int = DEFAULT_SEED
 
     def with_settings(self, **changes: Any) -> Setup:
-        """The same with other settings of the section ``identification``.
+        """The set-up with other settings of the section ``identification``.
 
         Parameters
         ----------
@@ -153,7 +153,7 @@ def with_usual(setup: Setup) -> Setup:
 
 
 def _assumed(mechanism: Mechanism) -> tuple[str, ...]:
-    """What is said of effects that nobody stated."""
+    """A note on effects that nobody stated."""
     kinds = {KINDS[kind][0].term: kind for kind in ("viscous", "rotor_inertia", "spring")}
     places: dict[str, list[str]] = {kind: [] for kind in kinds.values()}
     for action in (effect.actions[0] for effect in mechanism.effects):
@@ -177,7 +177,7 @@ def _described(file: RobotFile, options: ReadingOptions) -> Setup:
     return Setup(
         file.source,
         mechanism,
-        tuple(_Columns(mechanism, document, f"log[{k}]" if many else "log").read(log) for k, log in enumerate(logs)),
+        tuple(_LogSection(mechanism, document, f"log[{k}]" if many else "log").read(log) for k, log in enumerate(logs)),
         robot.preparation,
         entry,
         stated,
@@ -193,8 +193,8 @@ _FIELD = re.compile(r"\{(?:(\d+) *\* *)?(n|i|name)(?: *([+-]) *(\d+))?\}")
 EVERY, DRIVES = "all", "actuators"  # keys that stand for every coordinate (or output), and for every drive
 
 
-class _Columns:
-    """What a ``log`` section of a description says."""
+class _LogSection:
+    """A ``log`` section of a description, read as a column map."""
 
     def __init__(self, mechanism: Mechanism, document: Document, path: str) -> None:
         self.mechanism, self.document, self.path = mechanism, document, path

@@ -101,7 +101,7 @@ def skeleton(
 
 
 def _commanded(found: Understood) -> Understood:
-    """What a log means that has position commands and no torques."""
+    """The reading of a log that has position commands and no torques."""
     columns = replace(found.columns, references={}, inputs=found.columns.references)
     note = "there are no outputs but position commands, so that servos are fitted"
     return replace(found, columns=columns, notes=(*found.notes, note))
@@ -116,15 +116,15 @@ def _with_rate(found: Understood, log: LogFile) -> Understood:
         if not is_period(period):
             return found
         rate = round_rate(period)
-        text = f"the stamps in '{columns.time.column}' repeat and are coarser than the samples, which so take "
-        text += f"{1000 * period:.4g} ms: the rate is {rate:.4g} Hz"
+        text = f"time stamps in '{columns.time.column}' are coarser than the samples, so that many repeat; by the "
+        text += f"first and the last one a sample takes {1000 * period:.4g} ms: the rate is {rate:.4g} Hz"
     elif time is None and not table.clocks and columns.positions.keys() & columns.velocities.keys():
         rate, error = _rate_by_velocities(columns, table)
-        text = f"positions change by what the velocities say at {rate:.5g} ± {2 * error:.2g} samples per second"
+        text = f"positions change as the velocities say at {rate:.5g} ± {2 * error:.2g} samples per second"
         if not is_period(1 / rate):
             return found
         if error > JITTER * rate:
-            return replace(found, notes=(*found.notes, f"{text}, which is no rate: state it"))
+            return replace(found, notes=(*found.notes, f"{text}, which is too uncertain for a rate: state it"))
         rate = _roundest(rate, 2 * error)
         text += f": the rate is taken to be {rate:.6g} Hz"
     else:
@@ -139,7 +139,7 @@ def _roundest(value: float, error: float) -> float:
 
 
 def _rate_by_velocities(columns: ColumnMap, table: Table) -> tuple[float, float]:
-    """Samples per second with which positions change by what the velocities say, and their standard error; or nan."""
+    """Samples per second at which positions change as the velocities say, and their standard error; or nan."""
     names = [name for name in columns.positions if name in columns.velocities]
     q, v = (
         np.stack([table.columns[some[name].column] * factor(some[name].unit, None) for name in names], axis=1)
@@ -165,7 +165,7 @@ def _explained_rate(
 
 
 def _questions(columns: ColumnMap) -> list[str]:
-    """What no file says, where it matters."""
+    """Questions that no file answers, where it matters."""
     asked = []
     if columns.rate and columns.time is None:
         asked.append(f"whether there are {columns.rate:g} samples per second, as found above")

@@ -1,4 +1,4 @@
-"""What chance does to measured signals: how large deviations usually are, and from where on they are more than chance.
+"""Chance in measured signals: the usual size of deviations, and where they are more than chance.
 
 Signals have outliers, so that sizes are told by quantiles, which the few largest values do not sway.
 """

@@ -26,9 +26,7 @@ manifold itself, since the two differ by a term of third order in the angle turn
 
 from __future__ import annotations
 
-import os
 from bisect import bisect_left
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import isfinite
 
@@ -94,11 +92,7 @@ class ZeroPhase:
 
         sections = zpk2sos(self.zeros, self.poles, self.gain)  # type: ignore[arg-type]  # complex, as they must be
         length = min(padding, len(values) - 1)
-
-        def along_time(rows: Floats) -> Floats:
-            return sosfiltfilt(sections, rows, axis=-1, padlen=length)
-
-        return by_channel(along_time, values)
+        return sosfiltfilt(sections, values, axis=0, padlen=length)
 
     def _residues(self) -> Complexes:
         """Coefficients c of the response Σ c p^|lag| to an impulse."""
@@ -112,34 +106,6 @@ class ZeroPhase:
             backwards = self.gain * np.prod(1 / pole - self.zeros) / np.prod(1 / pole - poles)
             found[k] = forwards * backwards / pole
         return found
-
-
-def by_channel(function: Callable[[Floats], Floats], values: Floats) -> Floats:
-    """Apply a function of rows (channels, N) along time to values (N, …), on all processors.
-
-    Channels are laid along time in memory for it: recursions then read one number after another, and they free the
-    interpreter while they run.
-    """
-    values = np.asarray(values, dtype=np.float64)
-    table = values.reshape(len(values), -1)
-    result = np.empty(table.shape)
-    processors = os.cpu_count() or 1
-    group = max(1, min(16, -(-table.shape[1] // processors)))
-
-    def work(first: int) -> None:
-        some = slice(first, first + group)
-        result[:, some] = function(np.ascontiguousarray(table[:, some].T)).T
-
-    starts = range(0, table.shape[1], group)
-    if values.size < 1 << 17 or len(starts) == 1:
-        for start in starts:
-            work(start)
-    else:
-        from concurrent.futures import ThreadPoolExecutor
-
-        with ThreadPoolExecutor(processors) as pool:
-            list(pool.map(work, starts))
-    return result.reshape(values.shape)
 
 
 def butterworth(cutoff: float, rate: float, order: int = ORDER) -> ZeroPhase:

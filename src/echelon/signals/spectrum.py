@@ -158,7 +158,7 @@ def best_cutoff(spectrum: PositionSpectrum) -> float:
 
 
 def _octaves(low: float, high: float) -> Floats:
-    """Frequencies from the lowest to the highest, so many per octave."""
+    """Frequencies from the lowest to the highest, in equal ratios."""
     return np.geomspace(low, high, max(2, int(_PER_OCTAVE * np.log2(high / low))) + 1)
 
 

@@ -64,9 +64,10 @@ _DIGITS = re.compile(r"\d+")
 _FIRST = re.compile(r"/?[^\W_]+[\W_]+")
 _ANGLES = re.compile("theta|phi|psi|alpha|beta|angle|winkel|rad|deg|rot|θ|φ", re.IGNORECASE)
 _TORQUES = re.compile("tau|torque|trq|moment|nm|couple|τ", re.IGNORECASE)
-_NOT_MEASURED = frozenset(
-    "ext external con fric friction grav gravity dist filt ref desired des cmd commanded target limit max min".split()
+_NOT_MEASURED = re.compile(
+    "ext|external|con|fric|friction|grav|gravity|dist|filt|ref|desired|des|cmd|commanded|target|limit|max|min"
 )
+"""Words of forces that are computed, commanded, or a part of the whole."""
 
 
 @dataclass(frozen=True)
@@ -197,8 +198,8 @@ class _Columns:
             positions = [channel.column for channel in groups["position"].values()]
             motors = [name for name in positions if name in self.meanings and self.meanings[name].motor]
             if motors and not actuators(self.mechanism):
-                text = "are those of motors by their names, taken for angles of joints: state actuators if there are gears"
-                notes.append(f"{listed(motors)} {text}")
+                text = "are those of motors by their names, taken for angles of joints"
+                notes.append(f"{listed(motors)} {text}: state actuators if there are gears")
         commanded = absent == ["output"] and bool(groups["reference"])
         if absent and not problems:
             problems.append(self._question(absent, time) + _SERVOS * commanded)
@@ -372,8 +373,8 @@ class _Columns:
             if found:
                 has = f"{counted(len(found), kind, _several(kind))} (numbers {', '.join(map(str, sorted(found)))})"
             raise InputError(
-                f"the log has {has}, {listed(numbers)}, but {self.mechanism.name} has {len(valid)}: {listed(valid)}; is "
-                "it a log of another robot?  If not, say under log which they are"
+                f"the log has {has}, {listed(numbers)}, but {self.mechanism.name} has {len(valid)}: {listed(valid)}; "
+                "is it a log of another robot?  If not, say under log which they are"
             )
         return {column: valid[number - first] for column, number in numbers.items() if number is not None}
 
@@ -441,7 +442,7 @@ class _Columns:
         return Guess(ColumnMap(time, None, *kinds), problems, tuple(notes), unmeasured=unmeasured)
 
     def _as_they_move(self, columns: Sequence[str]) -> list[int]:
-        """Places of the columns of joints: angles of those that turn, if names tell as many, else in the given order."""
+        """Places of the columns of joints: angles of those that turn, if names tell as many, else in order."""
         turn = [units(self.mechanism, "position", name) != ("m",) for name in self.joints]
         angles = [k for k, column in enumerate(columns) if _ANGLES.search(column)]
         if len(angles) != sum(turn):
@@ -450,7 +451,7 @@ class _Columns:
         return [(angles if turns else lengths).pop(0) for turns in turn]
 
     def _driven(self, forces: Sequence[str]) -> dict[str, str]:
-        """Columns of outputs in their order; a single one is a torque if its name says so, else the force of the slide."""
+        """Columns of outputs in their order; a single one is a torque by its name, or else the force of the slide."""
         valid = self.valid("output")
         if len(forces) == 1 < len(valid):
             unit = "N·m" if _TORQUES.search(forces[0]) else "N"
@@ -494,7 +495,7 @@ def _said(family: Family) -> str:
     parts = [spoken(column) for column in family.columns]
     kinds = {words().get(part, "") for some in parts for part in some} - {""}
     every = all(any(part in words() for part in some) for some in parts)
-    mixed = len(kinds) > 1 or any(part in _NOT_MEASURED for some in parts for part in some)
+    mixed = len(kinds) > 1 or any(_NOT_MEASURED.fullmatch(part) for some in parts for part in some)
     return kinds.pop() if every and kinds and not mixed else ""
 
 

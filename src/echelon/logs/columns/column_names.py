@@ -1,4 +1,4 @@
-"""What the name of a column says: quantity, joint, number, unit; and which joints of a robot its log does not have.
+"""Names of columns: quantity, joint, number and unit that they say; and joints of a robot that its log does not have.
 
 A name such as ``q_rad_1``, ``/joint_states/position/elbow``, ``torques[0]`` or ``time [ms]`` is understood word by
 word, and only if every word is: ``tau_fric1`` is some torque, but not the measured one.  The words are those of the
@@ -26,6 +26,12 @@ from echelon.logs.units import fits
 from echelon.mechanism.joint import GROUND, MotionKind
 from echelon.mechanism.mechanism import Mechanism
 
+
+def _by_word(table: Mapping[str, str]) -> dict[str, str]:
+    """A table of words in a row by their meaning, turned round."""
+    return {word: meaning for meaning, words in table.items() for word in words.split()}
+
+
 _WORDS = {
     "position": "q qs qpos pos posn position positions angle angles enc encoder encoders theta th mp winkel "
     "lage posicion posizione angulo angolo",
@@ -38,7 +44,7 @@ _WORDS = {
     "time": "t ts tout time times timestamp timestamps stamp datetime clock elapsed seconds zeit uhrzeit zeitstempel "
     "tiempo temps tempo",
 }
-_KINDS = {word: kind for kind, words in _WORDS.items() for word in words.split()}
+_KINDS = _by_word(_WORDS)
 _WEAK = frozenset("a v i t d")  # letters that say what is measured only where no word does
 _OTHERS = {
     "reference": "ref refs reference target targets des desired cmd cmds command commanded setpoint sp goal ipo d "
@@ -51,42 +57,37 @@ _OTHERS = {
     "neutral": "meas measured msr msrd act actual read present field data feedback fb sensor per log value values msg "
     "header unix ros output est estimated sim robot main arm out yout signal signals js",
 }
-_ROLES = {word: role for role, words in _OTHERS.items() for word in words.split()}
+_ROLES = _by_word(_OTHERS)
 _COMMANDS = frozenset(_OTHERS["reference"].split())
 _NEUTRAL = frozenset(_OTHERS["neutral"].split())
 KNOWN = frozenset(_KINDS) | frozenset(_ROLES)  # words that say something of what is measured
-_UNITS = {
+_UNITS = _by_word({
     "rad": "rad",
-    "deg": "deg",
-    "degree": "deg",
-    "degrees": "deg",
-    "grad": "deg",  # German, not gon
-    "grados": "deg",
-    "rads": "rad/s",
-    "degs": "deg/s",
-    "rads2": "rad/s²",
-    "radps": "rad/s",
-    "degps": "deg/s",
-    "dps": "deg/s",
+    "deg": "deg degree degrees grad grados",  # grad is German, not gon
+    "rad/s": "rads radps",
+    "deg/s": "degs degps dps",
+    "rad/s²": "rads2",
     "rpm": "rpm",
     "m": "m",
     "mm": "mm",
-    "nm": "N·m",
-    "mnm": "mN·m",
-    "n": "N",
-    "ma": "mA",
-    "s": "s",
-    "sec": "s",
+    "N·m": "nm",
+    "mN·m": "mnm",
+    "N": "n",
+    "mA": "ma",
+    "s": "s sec",
     "ms": "ms",
     "us": "us",
-    "ns": "ns",
-    "nsec": "ns",
-}
+    "ns": "ns nsec",
+})
 _PER_SECOND = {"rad s": "rad/s", "deg s": "deg/s", "m s": "m/s", "mm s": "mm/s"}
 _BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()]*[A-Za-z°%‰][^\[\]()]*?)\s*[\])]")
-_COLUMN_UNITS = {"grad": "deg", "grados": "deg", "u/min": "rpm", "1/min": "rpm"}
-_COLUMN_UNITS |= {"kg.cm": "kgf·cm", "kg·cm": "kgf·cm", "kg*cm": "kgf·cm", "kgcm": "kgf·cm", "kg-cm": "kgf·cm"}
-_COLUMN_UNITS |= dict.fromkeys(("per mille", "permille", "promille", "per mil", "1/1000"), "‰")
+_COLUMN_UNITS = _by_word({
+    "deg": "grad grados",
+    "rpm": "u/min 1/min",
+    "kgf·cm": "kg.cm kg·cm kg*cm kgcm kg-cm",
+    "‰": "permille promille 1/1000",
+})
+_COLUMN_UNITS |= dict.fromkeys(("per mille", "per mil"), "‰")
 SHARES = ("%", "‰")  # what torques are in that are shares of a rated one
 _GREEK = str.maketrans({"θ": "theta", "ϑ": "theta", "τ": "tau", "ω": "omega"})
 _ANGLES = frozenset({"rad", "deg", "rads", "degs"})
@@ -102,11 +103,10 @@ _PREFIXES = {"j"} | {word for word in _ROLES if len(word) > 2}  # first parts of
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a column's name says."""
+    """The meaning of a column's name."""
 
-    kind: (
-        str  # ``position``, ``velocity``, ``acceleration``, ``output``, ``current``, ``reference``, ``time``, ``joint``
-    )
+    # ``position``, ``velocity``, ``acceleration``, ``output``, ``current``, ``reference``, ``time`` or ``joint``
+    kind: str
     name: str = ""  # coordinate, output or actuator that it names; empty if it has none
     index: int | None = None  # its number
     motor: bool = False  # whether it says that it was measured at a motor
@@ -122,7 +122,7 @@ def aliases(names: Iterable[str]) -> dict[str, str]:
 
 
 def meaning(column: str, known: Mapping[str, str]) -> Meaning | None:
-    """What a column's name says, with coordinates by their aliases; None if there is a word that is not understood."""
+    """The meaning of a name, with coordinates by their aliases; None if there is a word that is not understood."""
     rest, unit, name = unicodedata.normalize("NFKD", column), "", ""
     bracket = _BRACKETS.search(rest)
     if bracket and bracket.group(1).lower() not in map(str.lower, known):  # position[elbow]
@@ -273,13 +273,13 @@ def unlogged_joints(
     told = {name for alias, name in known.items() if any(_says(column, alias) for column in names)}
     said = {m.name for m in motions if told & {m.name, *m.positions, *m.velocities}}
     if said:
-        kept = [said] if len(_strangers(names, known)) <= len(said) else []
+        kept = [said] if len(_other_names(names, known)) <= len(said) else []
     else:
         kept = next(filter(None, (list(_kept(mechanism, count)) for count in _counts(names, meanings))), [])
     return [tuple(m.name for m in motions if m.name not in some) for some in kept if len(some) < len(motions)]
 
 
-def _strangers(names: Sequence[str], known: Mapping[str, str]) -> set[str]:
+def _other_names(names: Sequence[str], known: Mapping[str, str]) -> set[str]:
     """Words in the places of joints that no joint is called, as ``base angle`` beside ``elbow angle``."""
     told = [(name, alias) for name in names for alias in known if _says(name, alias)]
     patterns = {re.escape(name.replace(alias, "\0")).replace("\0", "(.+)") for name, alias in told}
@@ -301,7 +301,7 @@ def _counts(names: Sequence[str], meanings: Mapping[str, Meaning]) -> list[int]:
 
 
 def _kept(mechanism: Mechanism, count: int) -> Iterator[set[str]]:
-    """Sets of motions that a log of so many joints may be of, of those that are as plausible the first of a chain."""
+    """Sets of motions that a log with columns of ``count`` joints may be of, the most plausible ones."""
     chains = _chains(mechanism)
     stems: dict[str, set[str]] = {}
     for name in chains:

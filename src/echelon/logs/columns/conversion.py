@@ -156,7 +156,7 @@ def needed_columns(columns: ColumnMap, names: Sequence[str] = ()) -> tuple[str, 
         if strange:
             near = {name: nearest_word(name, names) for name in strange}
             guesses = (f"'{name}'" + (f" ('{near[name]}'?)" if near[name] else "") for name in strange)
-            raise InputError(f"there are no columns {listed(guesses)}: in brackets the nearest ones the log has, of "
+            raise InputError(f"there are no columns {listed(guesses)}; in brackets are the nearest names; the log has "
                              f"{listed(names)}")  # fmt: skip
         if columns.time is None and columns.rate is None:
             found += [name for name in time_candidates(names) if name not in found]

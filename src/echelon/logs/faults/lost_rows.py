@@ -42,8 +42,8 @@ def with_lost_rows(recording: Recording) -> tuple[Recording, list[Finding]]:
     where = f"{recording.source}, from {seconds(float(recording.time[int(np.argmax(late > 0))]))} s"
     text = (
         f"about {twice.sum() / len(q):.1%} of the rows are missing, though time stamps are equidistant: all joints "
-        "move twice as far there from one row to the next.  The clock was set on by a period each time; log the time "
-        "of each sample, not the number of its row"
+        "move twice as far there from one row to the next.  Time stamps were moved on by a period each time; log the "
+        "time of each sample, not the number of its row"
     )
     return replace(recording, time=recording.time + period * late), [warning("lost rows", where, text)]
 

@@ -95,7 +95,7 @@ def _leaves(values: Floats, start: int, stop: int, usable: Flags, level: float) 
 
 
 def _travelled(time: Floats, speed: Floats | None, start: int, stop: int) -> float:
-    """How far a held position moved by its velocity; 0 where none was measured."""
+    """The way of a held position by its velocity; 0 where none was measured."""
     if speed is None:
         return 0.0
     return abs(float(np.sum(0.5 * (speed[start + 1 : stop] + speed[start : stop - 1]) * np.diff(time[start:stop]))))

@@ -32,8 +32,8 @@ _VALID = (
 )
 
 
-class Kind(StrEnum):
-    """Kinds of logs."""
+class LogFormat(StrEnum):
+    """Formats of logs."""
 
     TEXT = "CSV"
     PARQUET = "Parquet"
@@ -50,33 +50,33 @@ def _parquet() -> ModuleType:
     return parquet_file
 
 
-_READERS: dict[Kind, Callable[[str | os.PathLike[str]], LogFile]] = {
-    Kind.TEXT: CsvFile,
-    Kind.PARQUET: lambda path: _parquet().ParquetFile(path),
-    Kind.NUMPY: NpzFile,
-    Kind.MATLAB: MatFile,
-    Kind.HDF5: Hdf5File,
-    Kind.BAG: BagFile,
+_READERS: dict[LogFormat, Callable[[str | os.PathLike[str]], LogFile]] = {
+    LogFormat.TEXT: CsvFile,
+    LogFormat.PARQUET: lambda path: _parquet().ParquetFile(path),
+    LogFormat.NUMPY: NpzFile,
+    LogFormat.MATLAB: MatFile,
+    LogFormat.HDF5: Hdf5File,
+    LogFormat.BAG: BagFile,
 }
 _NAMES = {
-    Kind.TEXT: ".csv .tsv .txt .dat",
-    Kind.PARQUET: ".parquet .pq",
-    Kind.NUMPY: ".npz .npy",
-    Kind.MATLAB: ".mat",
-    Kind.HDF5: ".h5 .hdf5",
-    Kind.BAG: ".bag .db3 .mcap",
+    LogFormat.TEXT: ".csv .tsv .txt .dat",
+    LogFormat.PARQUET: ".parquet .pq",
+    LogFormat.NUMPY: ".npz .npy",
+    LogFormat.MATLAB: ".mat",
+    LogFormat.HDF5: ".h5 .hdf5",
+    LogFormat.BAG: ".bag .db3 .mcap",
 }
 _SUFFIXES = {suffix: kind for kind, suffixes in _NAMES.items() for suffix in suffixes.split()}
 _ALSO_TEXT = ("", ".log", ".asc", ".prn", ".out")
 _MARKS = {
-    b"PAR1": Kind.PARQUET,
-    b"\x93NUMPY": Kind.NUMPY,
-    b"MATLAB 7.3": Kind.HDF5,
-    b"MATLAB ": Kind.MATLAB,
-    b"\x89HDF\r\n\x1a\n": Kind.HDF5,
-    b"#ROSBAG": Kind.BAG,
-    b"SQLite format 3\0": Kind.BAG,
-    b"\x89MCAP0": Kind.BAG,
+    b"PAR1": LogFormat.PARQUET,
+    b"\x93NUMPY": LogFormat.NUMPY,
+    b"MATLAB 7.3": LogFormat.HDF5,
+    b"MATLAB ": LogFormat.MATLAB,
+    b"\x89HDF\r\n\x1a\n": LogFormat.HDF5,
+    b"#ROSBAG": LogFormat.BAG,
+    b"SQLite format 3\0": LogFormat.BAG,
+    b"\x89MCAP0": LogFormat.BAG,
 }
 
 
@@ -120,9 +120,9 @@ def _paths(path: str | os.PathLike[str]) -> list[Path]:
 
 
 def _directory(path: Path) -> list[Path]:
-    kinds: dict[Kind, list[Path]] = {}
+    kinds: dict[LogFormat, list[Path]] = {}
     for entry in _entries(path):
-        kind = Kind.BAG if is_bag(entry) else None if entry.is_dir() else _kind_by_name(entry)
+        kind = LogFormat.BAG if is_bag(entry) else None if entry.is_dir() else _kind_by_name(entry)
         if kind is not None:
             kinds.setdefault(kind, []).append(entry)
     if not kinds:
@@ -165,7 +165,7 @@ def is_episode(path: Path) -> bool:
     return _EPISODE.fullmatch(path.name) is not None and is_dataset(path.parent)
 
 
-def _kind(path: Path) -> Kind:
+def _kind(path: Path) -> LogFormat:
     with path.open("rb") as stream:
         start = stream.read(64)
     for mark, reason in _FOREIGN.items():
@@ -176,17 +176,17 @@ def _kind(path: Path) -> Kind:
             return kind
     by_name = _kind_by_name(path)
     if by_name is None and path.suffix.lower() in _ALSO_TEXT:  # in a directory they are notes rather than logs
-        return Kind.TEXT
+        return LogFormat.TEXT
     if by_name is None:
         raise InputError(f"its kind is not known; {_VALID}", source=os.fspath(path))
     return by_name
 
 
-def _kind_by_name(path: Path) -> Kind | None:
+def _kind_by_name(path: Path) -> LogFormat | None:
     name = path.name.lower()
     if name.endswith(".gz"):
         kind = _SUFFIXES.get(Path(name.removesuffix(".gz")).suffix)
-        return kind if kind is Kind.TEXT else None
+        return kind if kind is LogFormat.TEXT else None
     return _SUFFIXES.get(Path(name).suffix)
 
 
@@ -198,11 +198,11 @@ def _entries(directory: Path) -> list[Path]:
 
 
 def _content(directory: Path) -> str:
-    """What a directory that is no log holds instead."""
+    """A hint at the logs in a directory that is none."""
     logs = sorted((entry for entry in _entries(directory) if _kind_by_name(entry)), key=_natural)
     if not logs:
         return f", and it holds none; {_VALID}"
-    if _kind_by_name(logs[0]) is Kind.BAG:
+    if _kind_by_name(logs[0]) is LogFormat.BAG:
         return f": {_METADATA} is missing; name {logs[0].name} in it, or repair the bag with  ros2 bag reindex"
     return f"; name a file in it, such as {logs[0].name}"
 

@@ -21,8 +21,8 @@ from echelon.logs.columns.column_map import quaternion_columns, signal_names
 from echelon.logs.preparation.prepare import (
     Preparation,
     cutoffs,
+    has_dry_friction,
     measured_signal,
-    rubs,
     speed_rows,
     usable,
     velocity_names,
@@ -236,7 +236,8 @@ def _measured(log: Signals, made: Preparation) -> Preparation:
     with np.errstate(divide="ignore", invalid="ignore"):
         gain = float(np.exp(np.nanmean(np.log(from_positions / from_sensors))))
     if not gain > 1:
-        return reasoned(made, "measured", (), f"none: they have {1 / gain:.3g} times the noise of positions")
+        reason = f"none: velocities of the log have {1 / gain:.3g} times the noise of differentiated positions"
+        return reasoned(made, "measured", (), reason)
     reason = f"velocities: differentiated positions have {gain:.3g} times their noise"
     return reasoned(made, "measured", ("qd",), reason)
 
@@ -269,8 +270,10 @@ def with_lowpass(log: Signals, made: Preparation) -> Preparation:
     floor = min(NARROWEST * log.fastest[1], made.band or 0.0)
     found = {log.names[k]: cutoff for k, cutoff in own.items() if cutoff < floor}
     listed = ", ".join(f"{name} {cutoff:.3g} Hz" for name, cutoff in found.items())
-    reason = f"{listed}: {OWN:g} times where their own motion is lost in noise; the others need {floor:.3g} Hz"
-    return reasoned(made, "lowpass", found, reason if found else "none: no position is lost in noise so early")
+    reason = f"none: no position is lost in noise below {floor:.3g} Hz"
+    if found:
+        reason = f"{listed}: {OWN:g} times where their own motion is lost in noise; the others need {floor:.3g} Hz"
+    return reasoned(made, "lowpass", found, reason)
 
 
 def with_still(log: Signals, made: Preparation) -> Preparation:
@@ -281,7 +284,7 @@ def with_still(log: Signals, made: Preparation) -> Preparation:
     names = velocity_names(log.mechanism, len(log.names))
     found: dict[str, float] = {}
     for output in log.mechanism.outputs:
-        rows = speed_rows(log.mechanism, output, names) if rubs(log.mechanism, output) else None
+        rows = speed_rows(log.mechanism, output, names) if has_dry_friction(log.mechanism, output) else None
         if rows is not None:
             found[output.name] = SIGMAS * float(np.sqrt(rows**2 @ noise**2).max())
     if not found:

@@ -46,6 +46,9 @@ from echelon.signals.filters import (
     lowpass,
     reduction,
 )
+from echelon.signals.filters import (
+    ORDER as ORDER,
+)
 
 
 class Preparation(PreparationEntry):
@@ -56,11 +59,16 @@ class Preparation(PreparationEntry):
 
 States = tuple[Floats, Floats, Floats]
 
-ROOM, ORDER = 3.0, 4
+ROOM = 3.0
 """Low-pass over positions, relative to the band of both sides: within the band its gain is right to 2e-4, and to 3 % up
 to where the filter of both sides lets nothing pass."""
-_SHOWING = 16.0  # times a cut-off, on whose clock a low-pass does the same
-_ROUNDINGS = 16.0  # of a position, that add up in its derivatives
+
+_SLOW_CLOCK = 16.0
+"""Rate, as a multiple of a cut-off, at which a low-pass does nearly the same as at a higher one."""
+
+_ROUNDINGS = 16.0
+"""Roundings of a position that add up in its derivatives: one for every weight, and as many for what it was made of."""
+
 MEASURED = ("qd", "qdd")  # derivatives that may be taken from a log
 
 
@@ -128,14 +136,14 @@ def cutoffs(preparation: Preparation, rate: float, names: Sequence[str]) -> list
 def _smoothed(values: Floats, preparation: Preparation, rate: float, names: Sequence[str]) -> Floats:
     own = cutoffs(preparation, rate, names)
     if len(set(own)) == 1:
-        return lowpass(values, own[0], rate, ORDER)
-    return np.hstack([lowpass(values[:, [k]], cutoff, rate, ORDER) for k, cutoff in enumerate(own)])
+        return lowpass(values, own[0], rate)
+    return np.hstack([lowpass(values[:, [k]], cutoff, rate) for k, cutoff in enumerate(own)])
 
 
 def states_reach(rate: float, preparation: Preparation) -> int:
     """Samples at an end of a segment whose states it spoils."""
     cutoff = min([states_cutoff(preparation, rate), *(preparation.lowpass or {}).values()])
-    return REACH + (butterworth(cutoff, rate, ORDER).reach(NEAR) if isfinite(cutoff) else 0)
+    return REACH + (butterworth(cutoff, rate).reach(NEAR) if isfinite(cutoff) else 0)
 
 
 def _without_rounding(x: Floats, xd: Floats, xdd: Floats, rate: float) -> tuple[Floats, Floats]:
@@ -194,7 +202,7 @@ def speed_rows(mechanism: Mechanism, output: Output, names: Sequence[str]) -> Fl
     return rows
 
 
-def rubs(mechanism: Mechanism, output: Output) -> bool:
+def has_dry_friction(mechanism: Mechanism, output: Output) -> bool:
     """Whether dry friction is in an output: an effect with a sign that it can see."""
     dry = {(a.at, a.side) for effect in mechanism.effects for a in effect.actions if "sign(" in a.term}
     for channel, _ in output.terms:
@@ -210,7 +218,7 @@ def rubs(mechanism: Mechanism, output: Output) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class PreparationPlan:
-    """What settings mean at a rate: how many samples filters need, and what they make of a piece."""
+    """Settings at a rate: the samples that filters need, and the samples that they make of a piece."""
 
     preparation: Preparation  # without open settings
     mechanism: Mechanism
@@ -336,14 +344,14 @@ class PreparationPlan:
         return np.where((slowest > 0) & (np.abs(qd) <= slowest + smeared), 0.0, qd), flags
 
     def _smeared(self, qd: Floats, names: Sequence[str]) -> Floats:
-        """What the low-pass would take off velocities once more, at most within half a period of its cut-off.
+        """Parts of velocities that the low-pass would take off again, the largest within half a period of its cut-off.
 
         They have passed it before, so that a clock some times faster than its cut-off is enough.
         """
         with extra("identify"):
             from scipy.ndimage import maximum_filter1d
         own = cutoffs(self.preparation, self.rate, names)
-        factor = max(1, int(self.rate / (_SHOWING * max(own))))
+        factor = max(1, int(self.rate / (_SLOW_CLOCK * max(own))))
         slow, rate = qd[::factor], self.rate / factor
         taken = np.abs(slow - _smoothed(slow, self.preparation, rate, names))
         reach = ceil(0.5 * rate / min(own)) if isfinite(min(own)) else 0

@@ -196,7 +196,7 @@ def _checked(rate: float | None, period: float, source: str) -> float | None:
     if not 0 < rate < float("inf"):
         raise InputError(f"the rate must be positive, got {rate:g}", element="rate")
     if rate * period > 2 - SLOWER:
-        problem = f"the log has {1 / period:.4g} samples per second; {rate:g} would only invent some"
+        problem = f"the log has {1 / period:.4g} samples per second; at a rate of {rate:g} the others would be invented"
         raise InputError(problem, source=source, element="rate")
     return rate
 
