@@ -5,7 +5,8 @@ from __future__ import annotations
 import difflib
 from collections.abc import Collection, Iterable
 
-_SHOWN = 12
+SHOWN = 12
+"""Names that a message shows; of more, only how many there are."""
 
 
 def nearest_word(word: str, valid: Iterable[str]) -> str:
@@ -32,11 +33,11 @@ def nearest(word: str, valid: Iterable[str]) -> str:
 def nearest_of(word: str, valid: Iterable[str]) -> str:
     """The same hint, followed by what is valid."""
     words = list(dict.fromkeys(valid))
-    listed = ", ".join(words[:_SHOWN]) + (", …" if len(words) > _SHOWN else "")
+    listed = ", ".join(words[:SHOWN]) + (", …" if len(words) > SHOWN else "")
     return f"{nearest(word, words)} (valid: {listed or 'none'})"
 
 
-def in_quotes(names: Iterable[str], most: int = _SHOWN) -> str:
+def in_quotes(names: Iterable[str], most: int = SHOWN) -> str:
     """Names in quotes, and how many more there are.
 
     >>> in_quotes(["a", "b", "c"], 2)

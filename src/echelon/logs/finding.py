@@ -6,8 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-SHOWN = 12
-"""Names that a message shows; of more, only how many there are."""
+from echelon.hints import SHOWN
 
 
 class Severity(StrEnum):

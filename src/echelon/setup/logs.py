@@ -19,6 +19,7 @@ import numpy as np
 from echelon.errors import InputError
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.stated_limits import stated_limits
+from echelon.hints import SHOWN
 from echelon.logs.columns.by_values import is_still
 from echelon.logs.columns.column_guess import guess
 from echelon.logs.columns.column_map import Channel, ColumnMap
@@ -28,7 +29,7 @@ from echelon.logs.columns.magnitudes import with_units
 from echelon.logs.files.log_file import LogFile, Table
 from echelon.logs.files.numpy_file import MemoryLog
 from echelon.logs.files.open_log import log_paths
-from echelon.logs.finding import SHOWN, listed
+from echelon.logs.finding import listed
 from echelon.logs.long_log import LongLog
 from echelon.logs.read_log import first_table, measured, opened
 from echelon.logs.units import factor

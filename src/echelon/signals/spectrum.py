@@ -26,11 +26,11 @@ from echelon.extras import extra
 from echelon.signals.chance import CLEAR, normal_deviation
 from echelon.signals.filters import ORDER, WORTH
 
-LEAST_SAMPLES = 64
-"""Fewest samples of a spectrum: each of its windows then has sixteen."""
-
 _WINDOWS = 4
 """Windows, without overlap, into which a signal is cut: fewer have no mean, more no resolution."""
+
+LEAST_SAMPLES = 16 * _WINDOWS
+"""Fewest samples of a spectrum, for eight frequencies."""
 
 SHOWING = 1 << 15
 """Samples that show noise, resolution and spectrum of a channel; more would only cost time."""

@@ -13,6 +13,7 @@ from functools import cached_property
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
+from echelon.hints import SHOWN
 from echelon.inputs import ENTRIES
 from echelon.logs.columns.by_values import (
     Family,
@@ -42,7 +43,7 @@ from echelon.logs.columns.column_names import (
 )
 from echelon.logs.columns.magnitudes import clock_unit
 from echelon.logs.files.log_file import Table
-from echelon.logs.finding import SHOWN, counted, listed
+from echelon.logs.finding import counted, listed
 from echelon.logs.recording import FEWEST
 from echelon.logs.units import factor, fits
 from echelon.mechanism.lock_joints import lock_joints, lockable

@@ -34,9 +34,6 @@ from echelon.signals.chance import CLEAR, LITTLE
 from echelon.signals.clock import REPEATED, nominal_period
 from echelon.signals.rates import NEAR, common_slope, rate
 
-_FARTHEST = 1e5
-"""Angle, rad, that not even a wheel or a spindle turns in a log: hundreds of seconds at hundreds of rad/s."""
-
 _OF_WEIGHT = (1e-4, 50.0)
 """Largest torque of a log by the largest moment of the robot's weight: drives are made for its weight and motion."""
 
@@ -114,7 +111,7 @@ class _Magnitudes:
             )
             names = listed(f"'{channel.name}'" for channel in far)
             text = f"{names}: angles up to {most:.4g} rad are {most / math.tau:.3g} turns: {question}"
-            if most > _FARTHEST or (len(far) > 1 and 2 * len(far) > len(turning)):
+            if len(far) > 1 and 2 * len(far) > len(turning):
                 raise self.refused("positions", f"{text} If they are right, say unit: rad")
             return self.warned("units", "positions", text)
         most = max(map(_range, turning), default=math.inf)

@@ -63,9 +63,6 @@ ROOM = 3.0
 """Low-pass over positions, relative to the band of both sides: within the band its gain is right to 2e-4, and to 3 % up
 to where the filter of both sides lets nothing pass."""
 
-_SLOW_CLOCK = 16.0
-"""Rate, as a multiple of a cut-off, at which a low-pass does nearly the same as at a higher one."""
-
 _ROUNDINGS = 16.0
 """Roundings of a position that add up in its derivatives: one for every weight, and as many for what it was made of."""
 
@@ -344,19 +341,13 @@ class PreparationPlan:
         return np.where((slowest > 0) & (np.abs(qd) <= slowest + smeared), 0.0, qd), flags
 
     def _smeared(self, qd: Floats, names: Sequence[str]) -> Floats:
-        """Parts of velocities that the low-pass would take off again, the largest within half a period of its cut-off.
-
-        They have passed it before, so that a clock some times faster than its cut-off is enough.
-        """
+        """Parts of velocities that the low-pass would take off again, the largest within half a period of it."""
         with extra("identify"):
             from scipy.ndimage import maximum_filter1d
-        own = cutoffs(self.preparation, self.rate, names)
-        factor = max(1, int(self.rate / (_SLOW_CLOCK * max(own))))
-        slow, rate = qd[::factor], self.rate / factor
-        taken = np.abs(slow - _smoothed(slow, self.preparation, rate, names))
-        reach = ceil(0.5 * rate / min(own)) if isfinite(min(own)) else 0
-        largest = maximum_filter1d(taken, 2 * reach + 1, axis=0)
-        return np.repeat(largest, factor, axis=0)[: len(qd)]
+        taken = np.abs(qd - _smoothed(qd, self.preparation, self.rate, names))
+        lowest = min(cutoffs(self.preparation, self.rate, names))
+        reach = ceil(0.5 * self.rate / lowest) if isfinite(lowest) else 0
+        return maximum_filter1d(taken, 2 * reach + 1, axis=0)
 
     def _still(self) -> Mapping[str, float]:
         given = self.preparation.still
