@@ -68,7 +68,8 @@ class PositionSpectrum:
         """Mean square error of accelerations after low-passes of some cut-offs, by the motion's mean square."""
         weight = (2 * np.pi * self.frequencies) ** 4
         motion, noise = self.motion * weight, self.noise * weight
-        passed = 1 / (1 + (self.frequencies / cutoffs[:, None]) ** (2 * ORDER))
+        exponents = 2 * ORDER * (np.log(self.frequencies) - np.log(cutoffs)[:, None])
+        passed = 1 / (1 + np.exp(exponents))  # faster than powers
         error = (1 - passed) ** 2 @ motion + passed**2 @ noise
         total = float(motion.sum())
         return np.asarray(error / total if total > 0 else error)
