@@ -40,8 +40,8 @@ FAULTS = (
     ),
     Fault(
         "logs/columns/column_guess.py",
-        "valid[number - first] for",
-        "valid[first - number] for",
+        "valid[number - first]",
+        "valid[first - number]",
         "numbers of columns",
         GUESS,
     ),
@@ -70,8 +70,8 @@ FAULTS = (
     Fault("logs/units.py", "sign = -1 if operator", "sign = 1 if operator", "quotients of units", UNITS),
     Fault(
         "logs/columns/conversion.py",
-        "* values + channel.offset)",
-        "* values - channel.offset)",
+        "* values + channel.offset",
+        "* values - channel.offset",
         "offsets of clocks",
         "logs/test_log_topics.py",
     ),
@@ -117,7 +117,7 @@ FAULTS = (
         "how far a filter reaches",
         FILTERS,
     ),
-    Fault("signals/filters.py", "2.285 * 2 * np.pi", "2.285 * 4 * np.pi", "length of a filter", FILTERS),
+    Fault("signals/filters.py", "2 * width / rate", "4 * width / rate", "length of a filter", FILTERS),
     Fault(
         "signals/filters.py",
         "first * self.step - half :",

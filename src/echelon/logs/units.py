@@ -48,8 +48,12 @@ _QUANTITIES: Final = {
 """Quantities by their SI unit: what they are called, and units that are valid for them."""
 
 _SAME: Final = str.maketrans("⁰¹²³⁴⁻µμ⋅∙×", "01234-uu···")
-_TOKEN: Final = re.compile(r"([A-Za-z°%]+|1)(?:(?:\^|\*\*)?([-+]?\d+))?|(\*|·|/|\.|-| )")
-_COUNTS: Final = re.compile("counts?|ticks?|pulses?|inc|increments|lsb|steps", re.IGNORECASE)
+_TOKEN: Final = re.compile(
+    r"([A-Za-z°%]+|1)(?:(?:\^|\*\*)?([-+]?\d+))?|(\*|·|/|\.|-| )"
+)
+_COUNTS: Final = re.compile(
+    "counts?|ticks?|pulses?|inc|increments|lsb|steps", re.IGNORECASE
+)
 
 
 @dataclass(frozen=True)
@@ -80,7 +84,9 @@ _FACTORS: Final[dict[Dimension, dict[str, Fraction | int]]] = {
     (1, 2, -3, 0, 0): {"W": 1},
     (1, 2, -2, 0, 0): {"J": 1},
 }
-_PREFIXED: Final = frozenset(["rad", "m", "s", "sec", "Hz", "g", "N", "gf", "A", "V", "W", "J"])
+_PREFIXED: Final = frozenset(
+    ["rad", "m", "s", "sec", "Hz", "g", "N", "gf", "A", "V", "W", "J"]
+)
 _UNITS: Final = {
     name: _Unit(Fraction(size), dimension, name in _PREFIXED)
     for dimension, sizes in _FACTORS.items()
@@ -95,7 +101,13 @@ def factor(unit: str, quantity: str | Sequence[str] | None) -> float:
     Units have prefixes, products (``N·m``, ``N*m``, ``N m``, ``Nm``), quotients (``mm/s``; from left to right) and
     powers (``s²``, ``s^2``, ``s**2``, ``s2``); an empty text is the SI unit.
     """
-    wanted = None if quantity is None else (quantity,) if isinstance(quantity, str) else tuple(quantity)
+    wanted = (
+        None
+        if quantity is None
+        else (quantity,)
+        if isinstance(quantity, str)
+        else tuple(quantity)
+    )
     if not unit.strip() or (wanted is not None and unit in wanted):
         return 1.0
     found = _parsed(unit, wanted or tuple(_QUANTITIES))
@@ -103,11 +115,18 @@ def factor(unit: str, quantity: str | Sequence[str] | None) -> float:
         return float(found.factor)
     if all(_parsed(si, (si,)).dimension != found.dimension for si in wanted):
         of = next(
-            (name for si, (name, _) in _QUANTITIES.items() if _parsed(si, (si,)).dimension == found.dimension), ""
+            (
+                name
+                for si, (name, _) in _QUANTITIES.items()
+                if _parsed(si, (si,)).dimension == found.dimension
+            ),
+            "",
         )
         asked = " or ".join(_QUANTITIES.get(si, (si,))[0] for si in wanted)
         what = f"is the unit of {of}" if of else "is a unit of something else"
-        raise InputError(f"'{unit}' {what}, not of {asked} (valid: {', '.join(_valid(wanted))})")
+        raise InputError(
+            f"'{unit}' {what}, not of {asked} (valid: {', '.join(_valid(wanted))})"
+        )
     return float(found.factor)
 
 
@@ -120,12 +139,18 @@ def fits(unit: str, quantity: str | Sequence[str] | None) -> bool:
 
 
 def _valid(wanted: Sequence[str]) -> list[str]:
-    return list(dict.fromkeys(text for si in wanted for text in _QUANTITIES.get(si, ("", si))[1].split()))
+    return list(
+        dict.fromkeys(
+            text for si in wanted for text in _QUANTITIES.get(si, ("", si))[1].split()
+        )
+    )
 
 
 def _parsed(text: str, wanted: Sequence[str]) -> _Unit:
     total, dimension, sign, place, ended = Fraction(1), [0] * 5, 1, 0, False
-    plain = re.sub(r"\s*([*·/])\s*", r"\1", text.strip().translate(_SAME).replace("**", "^"))
+    plain = re.sub(
+        r"\s*([*·/])\s*", r"\1", text.strip().translate(_SAME).replace("**", "^")
+    )
     while place < len(plain):
         token = _TOKEN.match(plain, place)
         if token is None:
@@ -138,7 +163,9 @@ def _parsed(text: str, wanted: Sequence[str]) -> _Unit:
             continue
         unit, exponent = _named(name, text, wanted), sign * int(power or 1)
         total *= unit.factor**exponent
-        dimension = [d + exponent * u for d, u in zip(dimension, unit.dimension, strict=True)]
+        dimension = [
+            d + exponent * u for d, u in zip(dimension, unit.dimension, strict=True)
+        ]
         sign = 1
     if not ended:
         raise _unknown(text, wanted)
@@ -151,7 +178,9 @@ def _named(name: str, text: str, wanted: Sequence[str]) -> _Unit:
     for parts in range(1, 4):
         found = {unit.factor: unit for unit in _joined(name, parts)}
         if len(found) > 1:
-            raise InputError(f"'{text}' can be read in several ways; write products with a dot, as in N·m")
+            raise InputError(
+                f"'{text}' can be read in several ways; write products with a dot, as in N·m"
+            )
         if found:
             return next(iter(found.values()))
     raise _unknown(text, wanted)
@@ -167,7 +196,9 @@ def _joined(name: str, parts: int) -> Iterator[_Unit]:
         first = _single(name[:cut])
         if first is not None:
             for rest in _joined(name[cut:], parts - 1):
-                kg, m, s, a, rad = (x + y for x, y in zip(first.dimension, rest.dimension, strict=True))
+                kg, m, s, a, rad = (
+                    x + y for x, y in zip(first.dimension, rest.dimension, strict=True)
+                )
                 yield _Unit(first.factor * rest.factor, (kg, m, s, a, rad))
 
 

@@ -31,4 +31,6 @@ def usual(deviations: npt.ArrayLike) -> float:
 
 def normal_deviation(values: Floats, share: float) -> Floats:
     """Standard deviations of columns (N, …) that are normal around zero, by the size of a ``share`` of their values."""
-    return np.asarray(np.quantile(np.abs(values), share, axis=0)) / NormalDist().inv_cdf(0.5 + share / 2)
+    return np.asarray(
+        np.quantile(np.abs(values), share, axis=0)
+    ) / NormalDist().inv_cdf(0.5 + share / 2)

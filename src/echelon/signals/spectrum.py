@@ -51,7 +51,9 @@ class PositionSpectrum:
 
     rate: float  # samples per second
     frequencies: Floats  # shape (F,); Hz, without zero
-    power: Floats  # shape (F,); one-sided density of the position, its unit squared per Hz
+    power: (
+        Floats  # shape (F,); one-sided density of the position, its unit squared per Hz
+    )
     noise: Floats  # shape (F,); the part of it that is noise
 
     @property
@@ -78,39 +80,60 @@ class PositionSpectrum:
         """Mean frequency of the velocity by Rice's formula, σ(ẍ) / (2π σ(ẋ)), Hz, over frequencies up to ``below``."""
         power = self.motion * self.frequencies**2 * (self.frequencies <= below)
         total = float(power.sum())
-        return float(np.sqrt(float(power @ self.frequencies**2) / total)) if total > 0 else 0.0
+        return (
+            float(np.sqrt(float(power @ self.frequencies**2) / total))
+            if total > 0
+            else 0.0
+        )
 
 
 def spectrum(values: npt.ArrayLike | Sequence[Floats], rate: float) -> PositionSpectrum:
     """Spectrum of a position (N,) and of its noise, from one stretch or from several between gaps."""
     pieces = values if isinstance(values, list | tuple) else [values]
-    return spectra([np.asarray(piece, dtype=np.float64)[:, None] for piece in pieces], rate)[0]
+    return spectra(
+        [np.asarray(piece, dtype=np.float64)[:, None] for piece in pieces], rate
+    )[0]
 
 
 def spectra(pieces: Sequence[Floats], rate: float) -> list[PositionSpectrum]:
     """Spectra of positions (N, columns) and of their noise, from one stretch or from several between gaps."""
     longest = max((len(piece) for piece in pieces), default=0)
     if longest < LEAST_SAMPLES:
-        raise InputError(f"{longest} samples are too few for a spectrum; at least {LEAST_SAMPLES} are needed")
-    frequencies, densities = _differences(pieces, rate, min((longest - 1) // _WINDOWS, SHOWING))
+        raise InputError(
+            f"{longest} samples are too few for a spectrum; at least {LEAST_SAMPLES} are needed"
+        )
+    frequencies, densities = _differences(
+        pieces, rate, min((longest - 1) // _WINDOWS, SHOWING)
+    )
     smooth = np.maximum(_medians(frequencies, densities), np.finfo(float).tiny)
-    return [_divided(rate, frequencies, *parts) for parts in zip(densities.T, smooth.T, strict=True)]
+    return [
+        _divided(rate, frequencies, *parts)
+        for parts in zip(densities.T, smooth.T, strict=True)
+    ]
 
 
-def _divided(rate: float, frequencies: Floats, density: Floats, smooth: Floats) -> PositionSpectrum:
+def _divided(
+    rate: float, frequencies: Floats, density: Floats, smooth: Floats
+) -> PositionSpectrum:
     """A position's spectrum, divided into motion and noise, from that of its differences, also smoothed."""
     step = 2 * np.sin(np.pi * frequencies / rate)
     power = density / step**2
     floor = np.where(frequencies < TRUSTED * rate, smooth, np.inf)
     rising = np.minimum(np.minimum.accumulate(floor[::-1])[::-1], smooth)
     moves, floor = _stretches(smooth / rising), rising / step**2
-    knee = best_cutoff(PositionSpectrum(rate, frequencies, power, np.where(moves, floor, power)))
+    knee = best_cutoff(
+        PositionSpectrum(rate, frequencies, power, np.where(moves, floor, power))
+    )
     flat = floor[min(int(np.searchsorted(frequencies, knee)), len(floor) - 1)]
     floor = np.where(frequencies < knee, np.minimum(floor, flat), floor)
-    return PositionSpectrum(rate, frequencies, power, np.where(moves, np.minimum(floor, power), power))
+    return PositionSpectrum(
+        rate, frequencies, power, np.where(moves, np.minimum(floor, power), power)
+    )
 
 
-def _differences(pieces: Sequence[Floats], rate: float, length: int) -> tuple[Floats, Floats]:
+def _differences(
+    pieces: Sequence[Floats], rate: float, length: int
+) -> tuple[Floats, Floats]:
     """Frequencies without zero, shape (F,), and the mean spectra of differences, shape (F, columns).
 
     Slow motion is so much stronger than the noise that it would leak over all of it if it were not differenced first;
@@ -123,7 +146,14 @@ def _differences(pieces: Sequence[Floats], rate: float, length: int) -> tuple[Fl
     for piece in pieces:
         if len(piece) > length:
             rises = np.diff(piece, axis=0)
-            f, density = welch(rises, rate, window="blackman", nperseg=length, detrend="constant", axis=0)
+            f, density = welch(
+                rises,
+                rate,
+                window="blackman",
+                nperseg=length,
+                detrend="constant",
+                axis=0,
+            )
             total += len(piece) * density[1 : length // 2 + 1]
             weights += len(piece)
     return np.asarray(f[1 : length // 2 + 1], dtype=np.float64), total / weights
@@ -139,7 +169,11 @@ def _medians(frequencies: Floats, densities: Floats) -> Floats:
             medians.append(np.median(densities[max(0, low - 1) : high + 1], axis=0))
     logs = np.log(np.maximum(np.array(medians), np.finfo(float).tiny))
     places, known = np.log(frequencies), np.log(np.array(centres))
-    return np.asarray(np.exp(np.stack([np.interp(places, known, column) for column in logs.T], axis=1)))
+    return np.asarray(
+        np.exp(
+            np.stack([np.interp(places, known, column) for column in logs.T], axis=1)
+        )
+    )
 
 
 def _stretches(ratio: Floats) -> Flags:
@@ -163,11 +197,15 @@ def _octaves(low: float, high: float) -> Floats:
     return np.geomspace(low, high, max(2, int(_PER_OCTAVE * np.log2(high / low))) + 1)
 
 
-def noise_deviation(spectrum: PositionSpectrum, derivative: int = 0, cutoff: float = np.inf) -> float:
+def noise_deviation(
+    spectrum: PositionSpectrum, derivative: int = 0, cutoff: float = np.inf
+) -> float:
     """Standard deviation of the noise of a derivative after a Butterworth low-pass both ways; the cut-off is in Hz."""
     f = spectrum.frequencies
     passed = 1 / (1 + (f / cutoff) ** (2 * ORDER)) ** 2
-    variance = float(spectrum.noise @ (passed * (2 * np.pi * f) ** (2 * derivative))) * float(f[0])
+    variance = float(
+        spectrum.noise @ (passed * (2 * np.pi * f) ** (2 * derivative))
+    ) * float(f[0])
     return float(np.sqrt(variance))
 
 
@@ -179,4 +217,6 @@ def white_noise(values: Floats, order: int = 8) -> float:
     Differences take away what is smooth; the variance of noise they multiply by the binomial (2·order over order).
     Nine tenths of them tell their size, which jumps, as of dry friction, do not sway.
     """
-    return float(normal_deviation(np.diff(values, order), 0.9)) / sqrt(comb(2 * order, order))
+    return float(normal_deviation(np.diff(values, order), 0.9)) / sqrt(
+        comb(2 * order, order)
+    )

@@ -34,13 +34,19 @@ SMALLEST = {"rad": 2 * math.pi * math.radians(1), "m": 1e-3}
 def clock_unit(times: np.ndarray) -> str:
     """The unit in which time stamps make a rate at which robots are logged; empty for seconds."""
     stamps = times[np.isfinite(times)]
-    fitting = fitting_units(nominal_period(stamps)) if np.any(np.diff(stamps) > 0) else []
+    fitting = (
+        fitting_units(nominal_period(stamps)) if np.any(np.diff(stamps) > 0) else []
+    )
     return "" if not fitting or fitting[0] == "s" else fitting[0]
 
 
 def fitting_units(period: float) -> list[str]:
     """Units of time stamps that are so far apart in which that is a rate at which robots are logged."""
-    return [unit for unit in ("s", "ms", "us", "ns", "day") if is_period(period * factor(unit, "s"))]
+    return [
+        unit
+        for unit in ("s", "ms", "us", "ns", "day")
+        if is_period(period * factor(unit, "s"))
+    ]
 
 
 def is_period(seconds: float) -> bool:
@@ -48,7 +54,9 @@ def is_period(seconds: float) -> bool:
     return PERIODS[0] <= seconds <= PERIODS[1]
 
 
-def with_units(columns: ColumnMap, table: Table, mechanism: Mechanism) -> tuple[ColumnMap, tuple[Finding, ...]]:
+def with_units(
+    columns: ColumnMap, table: Table, mechanism: Mechanism
+) -> tuple[ColumnMap, tuple[Finding, ...]]:
     """Guessed columns with the units that their magnitudes ask for, and notes on what was assumed."""
     notes: list[Finding] = []
     time, positions = columns.time, dict(columns.positions)
@@ -59,17 +67,43 @@ def with_units(columns: ColumnMap, table: Table, mechanism: Mechanism) -> tuple[
             notes.append(note("units", table.source, text))
         time = replace(time, unit=unit)
     for kind, si, unit, words in _ASSUMED:
-        own = {name: channel for name, channel in positions.items() if _moves(mechanism, name, kind)}
-        sizes = [float(np.nanmax(np.abs(table.columns[c.column]), initial=0.0)) for c in own.values()]
-        many = 2 * sum(size > LARGEST[si] for size in sizes) > len(sizes) or (kind is MotionKind.TRANSLATION)
+        own = {
+            name: channel
+            for name, channel in positions.items()
+            if _moves(mechanism, name, kind)
+        }
+        sizes = [
+            float(np.nanmax(np.abs(table.columns[c.column]), initial=0.0))
+            for c in own.values()
+        ]
+        many = 2 * sum(size > LARGEST[si] for size in sizes) > len(sizes) or (
+            kind is MotionKind.TRANSLATION
+        )
         most = max(sizes, default=0.0)
-        is_told = most > LARGEST[si] and many and not (unit == "deg" and most > math.degrees(LARGEST[si]))
+        is_told = (
+            most > LARGEST[si]
+            and many
+            and not (unit == "deg" and most > math.degrees(LARGEST[si]))
+        )
         if is_told and not any(channel.unit for channel in own.values()):
-            positions |= {name: replace(channel, unit=unit) for name, channel in own.items()}
-            notes.append(warning("units", table.source, f"{words[0]} up to {most:.4g} are taken to be in {words[1]}"))
-    asked = {name: replace(some, unit=some.unit or positions[name].unit) for name, some in columns.references.items()}
+            positions |= {
+                name: replace(channel, unit=unit) for name, channel in own.items()
+            }
+            notes.append(
+                warning(
+                    "units",
+                    table.source,
+                    f"{words[0]} up to {most:.4g} are taken to be in {words[1]}",
+                )
+            )
+    asked = {
+        name: replace(some, unit=some.unit or positions[name].unit)
+        for name, some in columns.references.items()
+    }
     guessed = replace(columns, time=time, positions=positions, references=asked)
-    return replace(guessed, velocities=_with_rates(guessed, table, mechanism)), tuple(notes)
+    return replace(guessed, velocities=_with_rates(guessed, table, mechanism)), tuple(
+        notes
+    )
 
 
 _ASSUMED = (
@@ -84,7 +118,9 @@ def _moves(mechanism: Mechanism, name: str, kind: MotionKind) -> bool:
     return motion is not None and motion.kind is kind
 
 
-def _with_rates(columns: ColumnMap, table: Table, mechanism: Mechanism) -> dict[str, Channel]:
+def _with_rates(
+    columns: ColumnMap, table: Table, mechanism: Mechanism
+) -> dict[str, Channel]:
     """Velocities in deg/s or mm/s where they are to positions as degrees are to radians, or mm to m.
 
     Without a clock they are in the unit of their positions per second.
@@ -97,10 +133,15 @@ def _with_rates(columns: ColumnMap, table: Table, mechanism: Mechanism) -> dict[
             continue
         if times is None:
             per_second = position.unit and not table.clocks
-            found[name] = replace(channel, unit=f"{position.unit}/s") if per_second else channel
+            found[name] = (
+                replace(channel, unit=f"{position.unit}/s") if per_second else channel
+            )
             continue
         unit = "deg/s" if _moves(mechanism, name, MotionKind.ROTATION) else "mm/s"
-        q, v = table.columns[position.column] * factor(position.unit, None), table.columns[channel.column]
+        q, v = (
+            table.columns[position.column] * factor(position.unit, None),
+            table.columns[channel.column],
+        )
         if len(q) != len(v) or len(q) != len(times):
             continue
         own = rate(q, v, times * factor(columns.time.unit if columns.time else "", "s"))

@@ -14,7 +14,12 @@ import numpy as np
 
 from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
-from echelon.logs.columns.column_map import Series, motion_of, quaternion_columns, series
+from echelon.logs.columns.column_map import (
+    Series,
+    motion_of,
+    quaternion_columns,
+    series,
+)
 from echelon.logs.faults.outliers import NO_ENCODER, TALL, jumps, spikes
 from echelon.logs.faults.plausibility import contradictions
 from echelon.logs.faults.repeated_values import held, pinned, resolution, runs, stuck
@@ -35,7 +40,11 @@ _CUT = int(GAP / 2) + 1
 
 
 def examine(
-    recording: Recording, mechanism: Mechanism, *, whole: bool = True, named: bool = True
+    recording: Recording,
+    mechanism: Mechanism,
+    *,
+    whole: bool = True,
+    named: bool = True,
 ) -> tuple[tuple[Finding, ...], Flags]:
     """Findings about a recording, and which of its samples (N,) are usable.
 
@@ -48,7 +57,13 @@ def examine(
     found.look_for_numbers()
     found.look_for_quaternions()
     y = recording.signals.get("y")
-    if whole and y is not None and y.size and found.usable.any() and not np.any(y[found.usable]):
+    if (
+        whole
+        and y is not None
+        and y.size
+        and found.usable.any()
+        and not np.any(y[found.usable])
+    ):
         problem = "all measured outputs are zero, so there is nothing to identify: are these the right columns?"
         raise InputError(problem, source=recording.source)
     found.look_for_constants()
@@ -62,7 +77,10 @@ def examine(
     found.usable &= awake
     found.look_at_resolution()
     found.look_for_holds()
-    return (*found.findings, *contradictions(found.recording, mechanism, found.usable)), found.usable
+    return (
+        *found.findings,
+        *contradictions(found.recording, mechanism, found.usable),
+    ), found.usable
 
 
 @dataclass
@@ -77,11 +95,22 @@ class _Examination:
     moving: Sequence[Series] = ()  # channels that change
 
     def say(
-        self, kind: str, label: str, text: str, row: int | None = None, severity: Severity = Severity.WARNING
+        self,
+        kind: str,
+        label: str,
+        text: str,
+        row: int | None = None,
+        severity: Severity = Severity.WARNING,
     ) -> None:
         """Add a finding about a channel, from a row on."""
-        since = "" if row is None else f", from {seconds(float(self.recording.time[row]))} s"
-        self.findings.append(Finding(severity, kind, f"{self.recording.source}, {label}{since}", text))
+        since = (
+            ""
+            if row is None
+            else f", from {seconds(float(self.recording.time[row]))} s"
+        )
+        self.findings.append(
+            Finding(severity, kind, f"{self.recording.source}, {label}{since}", text)
+        )
 
     def used(self, values: Floats) -> Floats:
         """The usable values, which are not copied where all are."""
@@ -93,7 +122,9 @@ class _Examination:
 
     def motion(self, channel: Series) -> MotionKind | None:
         """How the joint of a position moves; None for other signals."""
-        motion = motion_of(self.mechanism, channel.name) if channel.signal == "q" else None
+        motion = (
+            motion_of(self.mechanism, channel.name) if channel.signal == "q" else None
+        )
         return None if motion is None else motion.kind
 
     def look_for_numbers(self) -> None:
@@ -109,7 +140,9 @@ class _Examination:
                 continue
             if self.whole and not np.isfinite(channel.values).any():
                 problem = "it holds no numbers, only NaN"
-                raise InputError(problem, source=self.recording.source, element=channel.label)
+                raise InputError(
+                    problem, source=self.recording.source, element=channel.label
+                )
             starts, stops = runs(~good)
             text = (
                 f"{counted(int(np.sum(~good)), 'sample')} not finite (NaN or infinite), in "
@@ -119,9 +152,14 @@ class _Examination:
             self.usable &= good
         if not self.usable.all():
             parts = (self.recording.signals, self.recording.inputs)
-            signals, inputs = ({name: _finite(values) for name, values in part.items()} for part in parts)
+            signals, inputs = (
+                {name: _finite(values) for name, values in part.items()}
+                for part in parts
+            )
             time = _finite(self.recording.time)
-            self.recording = replace(self.recording, time=time, signals=signals, inputs=inputs)
+            self.recording = replace(
+                self.recording, time=time, signals=signals, inputs=inputs
+            )
 
     def look_for_quaternions(self) -> None:
         """Take out quaternions that are none; those of nearly unit length are normalised later."""
@@ -131,7 +169,9 @@ class _Examination:
             length = np.linalg.norm(q[:, first : first + 4], axis=1)
             off = np.abs(length - 1)
             label = Series("q", positions[first].name.removesuffix(".w"), length).label
-            wrong = off > FAR_FROM_UNIT  # false where it is NaN, which is reported elsewhere
+            wrong = (
+                off > FAR_FROM_UNIT
+            )  # false where it is NaN, which is reported elsewhere
             if wrong.any():
                 self.usable &= ~wrong
                 text = (
@@ -141,7 +181,13 @@ class _Examination:
                 self.say("quaternion", label, text, int(np.argmax(wrong)))
             elif np.any(off > LITTLE):
                 text = f"quaternions have lengths from {np.nanmin(length):.6g} to {np.nanmax(length):.6g}; normalised"
-                self.say("quaternion", label, text, int(np.argmax(off > LITTLE)), Severity.NOTE)
+                self.say(
+                    "quaternion",
+                    label,
+                    text,
+                    int(np.argmax(off > LITTLE)),
+                    Severity.NOTE,
+                )
 
     def look_for_constants(self) -> None:
         """Report channels that never change, and keep the others for what follows."""
@@ -169,7 +215,12 @@ class _Examination:
                 places = np.flatnonzero(self.usable)[places]
                 self.usable[places] = False
                 samples = counted(len(places), "sample lies", "samples lie")
-                self.say("spikes", channel.label, f"{samples} far off the course before and after; left out", places[0])
+                self.say(
+                    "spikes",
+                    channel.label,
+                    f"{samples} far off the course before and after; left out",
+                    places[0],
+                )
 
     def look_for_jumps(self) -> None:
         """Take out where positions change as no joint can between two samples."""
@@ -177,7 +228,12 @@ class _Examination:
         for channel in self.of("q"):
             kind = self.motion(channel)
             if kind is not MotionKind.BALL:
-                places = jumps(self.recording.time, channel.values, self.usable, kind is MotionKind.ROTATION)
+                places = jumps(
+                    self.recording.time,
+                    channel.values,
+                    self.usable,
+                    kind is MotionKind.ROTATION,
+                )
                 for place in places.tolist():
                     found.setdefault(place, []).append(channel)
         for place, (first, *others) in found.items():
@@ -196,12 +252,17 @@ class _Examination:
     def awake(self) -> Flags:
         """Samples (N,) at which no sensor is stuck."""
         awake = np.ones(len(self.usable), dtype=bool)
-        time, speeds = self.recording.time, {channel.name: channel.values for channel in self.of("qd")}
+        time, speeds = (
+            self.recording.time,
+            {channel.name: channel.values for channel in self.of("qd")},
+        )
         for channel in self.of("q", "y"):
             others = [other.values for other in self.of("q") if other is not channel]
             is_output = channel.signal == "y"
             speed = None if is_output else speeds.get(channel.name)
-            for start, stop in stuck(time, channel.values, others, speed, self.usable, is_output):
+            for start, stop in stuck(
+                time, channel.values, others, speed, self.usable, is_output
+            ):
                 awake[start:stop] = False
                 text = (
                     f"stays at exactly {channel.values[start]:.6g} until {seconds(time[stop - 1])} s "
@@ -218,7 +279,9 @@ class _Examination:
         for first, *others in groups.values():
             signals = {channel.signal for channel in (first, *others)}
             # friction that grows with the load has the output as its input
-            loads = signals == {"y", "input"} and {channel.name for channel in others} == {first.name}
+            loads = signals == {"y", "input"} and {
+                channel.name for channel in others
+            } == {first.name}
             # two joints may well be asked to move alike, but they will not
             if others and signals != {"reference"} and not loads:
                 labels = listed(channel.label for channel in others)
@@ -231,7 +294,9 @@ class _Examination:
         for channel in self.of("y"):
             for limit, starts, stops in pinned(channel.values, self.usable):
                 stretches = list(zip(starts, stops, strict=True))
-                if not any(np.ptp(values[a:b]) > 0 for a, b in stretches for values in motion):
+                if not any(
+                    np.ptp(values[a:b]) > 0 for a, b in stretches for values in motion
+                ):
                     continue
                 count = int((stops - starts).sum())
                 text = (
@@ -243,7 +308,9 @@ class _Examination:
 
     def look_at_resolution(self) -> None:
         """Note encoders that are coarse, and positions without the noise or the steps that every encoder has."""
-        positions = [(channel.label, self.used(channel.values)) for channel in self.of("q")]
+        positions = [
+            (channel.label, self.used(channel.values)) for channel in self.of("q")
+        ]
         for label, values in positions:
             step = resolution(values)
             if step and step > _COARSE * float(np.sqrt(np.mean(np.diff(values) ** 2))):
@@ -274,4 +341,8 @@ class _Examination:
 
 def _finite(values: Floats) -> Floats:
     """Values with NaN for all that is not finite: differences of infinities would warn."""
-    return values if np.isfinite(values).all() else np.where(np.isfinite(values), values, np.nan)
+    return (
+        values
+        if np.isfinite(values).all()
+        else np.where(np.isfinite(values), values, np.nan)
+    )

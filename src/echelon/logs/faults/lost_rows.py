@@ -45,7 +45,9 @@ def with_lost_rows(recording: Recording) -> tuple[Recording, list[Finding]]:
         "move twice as far there from one row to the next.  Time stamps were moved on by a period each time; log the "
         "time of each sample, not the number of its row"
     )
-    return replace(recording, time=recording.time + period * late), [warning("lost rows", where, text)]
+    return replace(recording, time=recording.time + period * late), [
+        warning("lost rows", where, text)
+    ]
 
 
 def _ratios(steps: Floats) -> tuple[Floats, Floats, Flags]:
@@ -56,7 +58,9 @@ def _ratios(steps: Floats) -> tuple[Floats, Floats, Flags]:
     before, here, after = steps[:-2], steps[1:-1], steps[2:]
     noise = normal_deviation(here - (before + after) / 2, 0.5)
     told = noise > 0
-    before, here, after = (some[:, told] / noise[told] for some in (before, here, after))
+    before, here, after = (
+        some[:, told] / noise[told] for some in (before, here, after)
+    )
     sizes = [np.sum(some**2, axis=1) for some in (before, after)]
     ratios = [
         np.sum(some * here, axis=1) / np.maximum(size, np.finfo(float).tiny)

@@ -24,7 +24,9 @@ _SHORTEST = 10 * FEWEST
 def spikes(values: Floats, tall: float, turns: bool) -> Integers:
     """Samples, one or two in a row, that lie off the others by more than a share of their range."""
     steps = np.abs(np.diff(values))
-    if len(values) < _SHORTEST or not steps.max() > 0.5 * tall / (1 + tall) * np.ptp(values):
+    if len(values) < _SHORTEST or not steps.max() > 0.5 * tall / (1 + tall) * np.ptp(
+        values
+    ):
         return np.zeros(0, dtype=np.intp)
     values = np.unwrap(values, discont=WRAP) if turns else values
     course = _medians(values, 5)
@@ -36,7 +38,9 @@ def spikes(values: Floats, tall: float, turns: bool) -> Integers:
 
 def _medians(values: Floats, width: int) -> Floats:
     """Running medians over an odd number of values."""
-    return np.median(sliding_window_view(np.pad(values, width // 2, mode="edge"), width), axis=1)
+    return np.median(
+        sliding_window_view(np.pad(values, width // 2, mode="edge"), width), axis=1
+    )
 
 
 def jumps(time: Floats, values: Floats, usable: Flags, turns: bool) -> Integers:
@@ -56,4 +60,6 @@ def jumps(time: Floats, values: Floats, usable: Flags, turns: bool) -> Integers:
     beside = np.maximum(np.abs(before), np.abs(after))
     alone = (np.abs(step) > CLEAR * beside) & (np.abs(step) > least)
     # a sensor that wakes up goes on elsewhere, too
-    return np.flatnonzero(alone & (off > CLEAR * max(usual(off), NO_ENCODER)) & (before != 0))
+    return np.flatnonzero(
+        alone & (off > CLEAR * max(usual(off), NO_ENCODER)) & (before != 0)
+    )

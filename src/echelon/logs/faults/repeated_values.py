@@ -45,7 +45,12 @@ def _equal_runs(values: Floats, usable: Flags) -> tuple[Integers, Integers]:
 
 
 def stuck(
-    time: Floats, values: Floats, others: Sequence[Floats], speed: Floats | None, usable: Flags, output: bool
+    time: Floats,
+    values: Floats,
+    others: Sequence[Floats],
+    speed: Floats | None,
+    usable: Flags,
+    output: bool,
 ) -> Iterator[tuple[int, int]]:
     """First and last-but-one samples of stretches in which a sensor was stuck.
 
@@ -64,9 +69,14 @@ def stuck(
         return
     steps = np.diff(values)
     steps = steps[np.isfinite(steps) & (steps != 0)]
-    step, fast = usual(steps), float(np.percentile(np.abs(steps), 99)) if len(steps) else 0.0
+    step, fast = (
+        usual(steps),
+        float(np.percentile(np.abs(steps), 99)) if len(steps) else 0.0,
+    )
     level = (resolution(values[usable]) or 0.0) if output else 0.0
-    for start, stop in zip(starts[candidates].tolist(), stops[candidates].tolist(), strict=True):
+    for start, stop in zip(
+        starts[candidates].tolist(), stops[candidates].tolist(), strict=True
+    ):
         if not _moves(others, speed, start, stop, usable):
             continue
         if output:
@@ -80,7 +90,9 @@ def stuck(
             yield start, stop
 
 
-def _moves(others: Sequence[Floats], speed: Floats | None, start: int, stop: int, usable: Flags) -> bool:
+def _moves(
+    others: Sequence[Floats], speed: Floats | None, start: int, stop: int, usable: Flags
+) -> bool:
     """Whether something moves in a stretch: another joint, or by its velocity the same one."""
     moved = any(np.ptp(v[start:stop]) > MOVED * np.ptp(v[usable]) for v in others)
     return moved or (speed is not None and bool(np.any(speed[start:stop])))
@@ -98,7 +110,15 @@ def _travelled(time: Floats, speed: Floats | None, start: int, stop: int) -> flo
     """The way of a held position by its velocity; 0 where none was measured."""
     if speed is None:
         return 0.0
-    return abs(float(np.sum(0.5 * (speed[start + 1 : stop] + speed[start : stop - 1]) * np.diff(time[start:stop]))))
+    return abs(
+        float(
+            np.sum(
+                0.5
+                * (speed[start + 1 : stop] + speed[start : stop - 1])
+                * np.diff(time[start:stop])
+            )
+        )
+    )
 
 
 def _abrupt(values: Floats, start: int, stop: int, step: float, fast: float) -> bool:
@@ -121,13 +141,19 @@ def pinned(values: Floats, usable: Flags) -> Iterator[tuple[float, Integers, Int
     starts, stops = _equal_runs(values, usable & (values > low) & (values < high))
     repeated = usual(stops - starts)
     for limit in (high, low):
-        at = usable & (np.abs(values - limit) <= 1e-9 * span)  # rounding of interpolated values
+        at = usable & (
+            np.abs(values - limit) <= 1e-9 * span
+        )  # rounding of interpolated values
         starts, stops = runs(at)
         long = stops - starts >= _PINNED
-        if not long.any() or (long.sum() == 1 and (stops - starts).max() <= CLEAR * repeated):
+        if not long.any() or (
+            long.sum() == 1 and (stops - starts).max() <= CLEAR * repeated
+        ):
             continue
         # the level next to the extreme counts as a neighbour, however coarse the sensor is
-        next_level = float(good[good < high].max() if limit == high else good[good > low].min())
+        next_level = float(
+            good[good < high].max() if limit == high else good[good > low].min()
+        )
         width = max(LITTLE * span, 1.5 * abs(limit - next_level))
         near = usable & (np.abs(values - limit) <= width) & ~at
         if (stops - starts).sum() > CLEAR * near.sum():
@@ -150,7 +176,9 @@ def held(positions: Sequence[Floats]) -> int:
 def _creeps(values: Floats) -> bool:
     """Whether a position goes from level to level of its encoder, so that it changes seldom by itself."""
     smallest, steps = resolution(values), np.abs(np.diff(values))
-    return smallest is not None and bool(np.median(steps[steps > 0]) <= CLEAR * smallest)
+    return smallest is not None and bool(
+        np.median(steps[steps > 0]) <= CLEAR * smallest
+    )
 
 
 def resolution(values: Floats) -> float | None:
@@ -161,6 +189,8 @@ def resolution(values: Floats) -> float | None:
     gaps = np.diff(levels)
     gaps = gaps[gaps > 1e-9 * (levels[-1] - levels[0])]
     step = float(gaps.min())
-    step = float(np.median(gaps[gaps < 1.5 * step]))  # rounding of single levels averages out
+    step = float(
+        np.median(gaps[gaps < 1.5 * step])
+    )  # rounding of single levels averages out
     off = np.abs(gaps / step - np.rint(gaps / step))
     return float(f"{step:.9g}") if np.all(off < 0.05) else None

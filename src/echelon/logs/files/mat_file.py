@@ -77,8 +77,16 @@ class MatFile(ArrayFile):
         left_out: dict[str, str] = {}
         with decoding(source, _KIND):
             check_elements(content)
-            variables = {name: value for name, value in loadmat(str(found)).items() if name[:2] != "__"}
-            arrays = [array for name, value in variables.items() for array in _inside(name, value, left_out)]
+            variables = {
+                name: value
+                for name, value in loadmat(str(found)).items()
+                if name[:2] != "__"
+            }
+            arrays = [
+                array
+                for name, value in variables.items()
+                for array in _inside(name, value, left_out)
+            ]
         super().__init__(found, _KIND, arrays, left_out, source)
 
 
@@ -88,7 +96,9 @@ def check_elements(content: bytes) -> None:
     unpacked, matrices = 0, count(1)
     for kind, payload in _elements(memoryview(content)[128:], order):
         if kind == _Type.COMPRESSED:
-            plain = zlib.decompressobj().decompress(payload, most_unpacked(len(content)) + 1)
+            plain = zlib.decompressobj().decompress(
+                payload, most_unpacked(len(content)) + 1
+            )
             unpacked += len(plain)
             check_unpacked(unpacked, len(content))
             ((kind, payload),) = _elements(memoryview(plain), order)
@@ -113,7 +123,9 @@ def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
         place = end
 
 
-def _check_matrix(payload: memoryview, order: str, matrices: Iterator[int], depth: int) -> None:
+def _check_matrix(
+    payload: memoryview, order: str, matrices: Iterator[int], depth: int
+) -> None:
     """Refuse an array whose parts have other types or another size than it says."""
     COLUMNS.check(next(matrices))
     DEPTH.check(depth)
@@ -135,7 +147,9 @@ def _check_matrix(payload: memoryview, order: str, matrices: Iterator[int], dept
         most = len(inner) if inner or array_class == _Type.CELL else COLUMNS.most
         if min(sizes) < 0 or prod(sizes) > most:
             raise ValueError("a struct or cell array has another size than its content")
-    elif array_class in _NUMBERS and (inner or len(rest) != 1 + _NUMBERS[array_class] + is_complex):
+    elif array_class in _NUMBERS and (
+        inner or len(rest) != 1 + _NUMBERS[array_class] + is_complex
+    ):
         raise ValueError("an array has more or fewer parts than its class")
     elif array_class not in (*_NUMBERS, *_CODE):
         raise ValueError(f"there is no class {array_class} of arrays")
@@ -147,14 +161,18 @@ def _inside(name: str, value: Any, left_out: dict[str, str]) -> Iterator[NamedAr
     """The arrays in a variable, with structs and cells opened."""
     kind = getattr(value, "dtype", np.dtype(object))
     if not isinstance(value, np.ndarray) or (type(value) is not np.ndarray):
-        left_out[name] = "is a MATLAB object, a function or a sparse matrix; save its numbers as plain full arrays"
+        left_out[name] = (
+            "is a MATLAB object, a function or a sparse matrix; save its numbers as plain full arrays"
+        )
     elif kind.kind == "U":
         left_out[name] = "holds text, not real numbers"
     elif kind.names is None and kind.kind != "O":
         array = value.reshape(plain_shape(value.shape))
         yield NamedArray(name, array.shape, array.dtype, lambda: array)
     elif value.size > ENTRIES.most:
-        left_out[name] = f"has {value.size} structs or cells; at most {ENTRIES.most} are opened"
+        left_out[name] = (
+            f"has {value.size} structs or cells; at most {ENTRIES.most} are opened"
+        )
     else:
         for k, entry in enumerate(value.ravel(order="F")):
             label = name if value.size == 1 else f"{name}[{k}]"
@@ -214,26 +232,48 @@ class _DataSets:
         self._count += 1
         COLUMNS.check(self._count)
         kind = bytes(item.attrs.get(_CLASS, b"double")) if self._matlab else b"double"
-        refers = not isinstance(item, h5py.Group) and h5py.check_ref_dtype(item.dtype) is not None
+        refers = (
+            not isinstance(item, h5py.Group)
+            and h5py.check_ref_dtype(item.dtype) is not None
+        )
         if depth > DEPTH.most:
             self.left_out[name] = "lies too deep inside other groups"
         elif isinstance(item, h5py.Group):
             for key in item:
-                if isinstance(item.get(key, getlink=True), h5py.HardLink) and key not in _HIDDEN:
-                    inner = f"{name}{'.' if self._matlab else '/'}{key}" if name else str(key)
+                if (
+                    isinstance(item.get(key, getlink=True), h5py.HardLink)
+                    and key not in _HIDDEN
+                ):
+                    inner = (
+                        f"{name}{'.' if self._matlab else '/'}{key}"
+                        if name
+                        else str(key)
+                    )
                     yield from self.arrays(item[key], inner, depth + 1)
         elif item.is_virtual or item.external:
             self.left_out[name] = "is stored in another file"
         elif refers and item.size > ENTRIES.most:
-            self.left_out[name] = f"has {item.size} structs or cells; at most {ENTRIES.most} are opened"
+            self.left_out[name] = (
+                f"has {item.size} structs or cells; at most {ENTRIES.most} are opened"
+            )
         elif refers:  # cells, or the fields of an array of structs
             for k, reference in enumerate(item[()].ravel()):
-                yield from self.arrays(self._file[reference], f"{name}[{k}]" if item.size > 1 else name, depth + 1)
-        elif not kind.startswith(_CLASSES) or (self._matlab and "MATLAB_empty" in item.attrs):
-            self.left_out[name] = f"is of MATLAB's class {kind.decode(errors='replace')}; save plain arrays"
+                yield from self.arrays(
+                    self._file[reference],
+                    f"{name}[{k}]" if item.size > 1 else name,
+                    depth + 1,
+                )
+        elif not kind.startswith(_CLASSES) or (
+            self._matlab and "MATLAB_empty" in item.attrs
+        ):
+            self.left_out[name] = (
+                f"is of MATLAB's class {kind.decode(errors='replace')}; save plain arrays"
+            )
         else:
             shape = plain_shape(item.shape[::-1]) if self._matlab else item.shape
-            yield NamedArray(name, shape, item.dtype, partial(_read, self._path, item.name, shape))
+            yield NamedArray(
+                name, shape, item.dtype, partial(_read, self._path, item.name, shape)
+            )
 
 
 def _read(path: Path, place: str, shape: tuple[int, ...]) -> npt.NDArray[Any]:

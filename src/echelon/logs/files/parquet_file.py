@@ -26,8 +26,22 @@ import pyarrow.parquet as pq
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.inputs import COLUMNS, ENTRIES, LINE, check_unpacked, parse_json, read_content
-from echelon.logs.files.log_file import CHUNK, HEAD, Table, decoding, existing_file, selected
+from echelon.inputs import (
+    COLUMNS,
+    ENTRIES,
+    LINE,
+    check_unpacked,
+    parse_json,
+    read_content,
+)
+from echelon.logs.files.log_file import (
+    CHUNK,
+    HEAD,
+    Table,
+    decoding,
+    existing_file,
+    selected,
+)
 
 _KIND = "a Parquet file"
 
@@ -37,12 +51,17 @@ class Leaf:
     """A number per row."""
 
     column: str  # column of the file that holds it
-    steps: tuple[str | tuple[int, int], ...] = ()  # fields of structs; entries of lists of so many
+    steps: tuple[
+        str | tuple[int, int], ...
+    ] = ()  # fields of structs; entries of lists of so many
 
     @property
     def name(self) -> str:
         """Such as ``column``, ``column.field`` or ``column[0]``."""
-        return self.column + "".join(f".{step}" if isinstance(step, str) else f"[{step[0]}]" for step in self.steps)
+        return self.column + "".join(
+            f".{step}" if isinstance(step, str) else f"[{step[0]}]"
+            for step in self.steps
+        )
 
     def values(self, column: Any, origin: int) -> Floats:
         """The numbers of a piece of the column (N,), NaN where there are none; times count from ``origin``, s."""
@@ -64,7 +83,10 @@ def numbers(array: Any, origin: int) -> Floats:
     values = array.to_numpy(zero_copy_only=False)
     if values.dtype.kind == "M":
         values = values - np.datetime64(origin, "s")
-    return np.asarray(values / np.timedelta64(1, "s") if values.dtype.kind == "m" else values, dtype=np.float64)
+    return np.asarray(
+        values / np.timedelta64(1, "s") if values.dtype.kind == "m" else values,
+        dtype=np.float64,
+    )
 
 
 def leaves(leaf: Leaf, sample: Any) -> Iterator[tuple[Leaf, str]]:
@@ -72,14 +94,28 @@ def leaves(leaf: Leaf, sample: Any) -> Iterator[tuple[Leaf, str]]:
     kind = sample.type
     if pa.types.is_struct(kind):
         for field in kind:
-            yield from leaves(replace(leaf, steps=(*leaf.steps, field.name)), pc.struct_field(sample, field.name))
-    elif pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind):
+            yield from leaves(
+                replace(leaf, steps=(*leaf.steps, field.name)),
+                pc.struct_field(sample, field.name),
+            )
+    elif (
+        pa.types.is_list(kind)
+        or pa.types.is_large_list(kind)
+        or pa.types.is_fixed_size_list(kind)
+    ):
         length, reason = _length(sample)
         if reason:
             yield leaf, reason
-        complete = sample.filter(pc.equal(pc.list_value_length(sample), length)) if length else sample
+        complete = (
+            sample.filter(pc.equal(pc.list_value_length(sample), length))
+            if length
+            else sample
+        )
         for index in range(length):
-            yield from leaves(replace(leaf, steps=(*leaf.steps, (index, length))), pc.list_element(complete, index))
+            yield from leaves(
+                replace(leaf, steps=(*leaf.steps, (index, length))),
+                pc.list_element(complete, index),
+            )
     else:
         yield leaf, "" if _is_number(kind) else f"holds {kind}, not numbers"
 
@@ -92,27 +128,45 @@ def _is_text(kind: Any) -> bool:
 def _is_number(kind: Any) -> bool:
     """Whether values of a type are numbers, times, or missing."""
     valued = kind.value_type if pa.types.is_dictionary(kind) else kind
-    return bool(pa.types.is_primitive(valued) or pa.types.is_decimal(valued) or pa.types.is_null(valued))
+    return bool(
+        pa.types.is_primitive(valued)
+        or pa.types.is_decimal(valued)
+        or pa.types.is_null(valued)
+    )
 
 
 def _length(sample: Any) -> tuple[int, str]:
     """Entries of each list, or why the lists cannot be columns."""
     lengths = pc.unique(pc.drop_null(pc.list_value_length(sample))).to_pylist()
     if not lengths:
-        return 0, "its first lists are missing, so that the number of their entries is not known"
+        return (
+            0,
+            "its first lists are missing, so that the number of their entries is not known",
+        )
     if len(lengths) > 1:
-        return 0, f"holds lists of different lengths ({min(lengths)} and {max(lengths)})"
+        return (
+            0,
+            f"holds lists of different lengths ({min(lengths)} and {max(lengths)})",
+        )
     if lengths[0] > ENTRIES.most:
-        return 0, f"holds lists of {lengths[0]} entries; at most {ENTRIES.most} become columns"
+        return (
+            0,
+            f"holds lists of {lengths[0]} entries; at most {ENTRIES.most} become columns",
+        )
     return lengths[0], "" if lengths[0] else "holds empty lists"
 
 
 def _check_lengths(lists: Any, length: int) -> None:
-    lengths = pc.fill_null(pc.list_value_length(lists), length).to_numpy(zero_copy_only=False)
+    lengths = pc.fill_null(pc.list_value_length(lists), length).to_numpy(
+        zero_copy_only=False
+    )
     wrong = np.flatnonzero(lengths != length)
     if wrong.size:
         row = int(wrong[0])
-        raise InputError(f"a list of {lengths[row]} entries where others have {length}", element=f"row {row}")
+        raise InputError(
+            f"a list of {lengths[row]} entries where others have {length}",
+            element=f"row {row}",
+        )
 
 
 class ParquetFile:
@@ -139,11 +193,15 @@ class ParquetFile:
         if not self.names:
             raise InputError("none of its columns holds numbers", source=self.source)
 
-    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
+    def tables(
+        self, names: Sequence[str] | None = None, rows: int = CHUNK
+    ) -> Iterator[Table]:
         """Pieces of the file."""
         chosen = selected(self.source, names, self.names, self._left_out)
         picked = {name: self._leaves[name] for name in chosen}
-        check_unpacked(8 * self._rows * len(picked), os.path.getsize(self.source), self.source)
+        check_unpacked(
+            8 * self._rows * len(picked), os.path.getsize(self.source), self.source
+        )
         needed = list(dict.fromkeys(leaf.column for leaf in picked.values()))
         with decoding(self.source, _KIND):
             file = self._opened()
@@ -151,7 +209,10 @@ class ParquetFile:
             first = 0
             batches = file.iter_batches(batch_size=rows, columns=needed)
             while (batch := self._next(batches)) is not None:
-                columns = {name: self._values(leaf, batch, first) for name, leaf in picked.items()}
+                columns = {
+                    name: self._values(leaf, batch, first)
+                    for name, leaf in picked.items()
+                }
                 yield Table(self.source, columns, first=first)
                 first += batch.num_rows
 
@@ -159,11 +220,19 @@ class ParquetFile:
         """A column of words, in the pieces of :meth:`tables`."""
         with decoding(self.source, _KIND), self._opened() as file:
             for batch in file.iter_batches(batch_size=rows, columns=[name]):
-                yield ["" if word is None else str(word) for word in batch.column(0).to_pylist()]
+                yield [
+                    "" if word is None else str(word)
+                    for word in batch.column(0).to_pylist()
+                ]
 
     def _opened(self) -> Any:
         # without a buffer, the whole of a column's row group would be read at once
-        return pq.ParquetFile(self.source, page_checksum_verification=True, pre_buffer=False, buffer_size=LINE.most)
+        return pq.ParquetFile(
+            self.source,
+            page_checksum_verification=True,
+            pre_buffer=False,
+            buffer_size=LINE.most,
+        )
 
     def _next(self, batches: Iterator[Any]) -> Any:
         with decoding(self.source, _KIND):
@@ -177,7 +246,11 @@ class ParquetFile:
             if not (error.element or "").startswith("row "):
                 raise
             row = first + int(str(error.element).removeprefix("row "))
-            raise InputError(error.problem, source=self.source, element=f"column '{leaf.name}', row {row}") from None
+            raise InputError(
+                error.problem,
+                source=self.source,
+                element=f"column '{leaf.name}', row {row}",
+            ) from None
 
     def _columns(self, head: Any) -> tuple[dict[str, Leaf], dict[str, str]]:
         """Columns by name, and what is none with the reason."""
@@ -193,7 +266,9 @@ class ParquetFile:
                     left_out[leaf.name] = reason
                 elif leaf.name in found:
                     problem = "a field inside another column has the same name"
-                    raise InputError(problem, source=self.source, element=f"column '{leaf.name}'")
+                    raise InputError(
+                        problem, source=self.source, element=f"column '{leaf.name}'"
+                    )
                 else:
                     found[leaf.name] = leaf
         return found, left_out
@@ -201,9 +276,17 @@ class ParquetFile:
 
 def _origin(head: Any) -> int:
     """Second of the first point in time of the file."""
-    dated = [column.drop_null() for column in head.columns if pa.types.is_timestamp(column.type)]
-    dated += [column.drop_null() for column in head.columns if pa.types.is_date(column.type)]
-    found = [column.to_numpy(zero_copy_only=False)[0] for column in dated if len(column)]
+    dated = [
+        column.drop_null()
+        for column in head.columns
+        if pa.types.is_timestamp(column.type)
+    ]
+    dated += [
+        column.drop_null() for column in head.columns if pa.types.is_date(column.type)
+    ]
+    found = [
+        column.to_numpy(zero_copy_only=False)[0] for column in dated if len(column)
+    ]
     return int(found[0].astype("datetime64[s]").astype(np.int64)) if found else 0
 
 
@@ -217,15 +300,26 @@ def _data_files(dataset: Path) -> list[Path]:
     """The Parquet files with the frames."""
     found = sorted((dataset / "data").rglob("*.parquet"))
     if not found:
-        raise InputError("is a LeRobot dataset without data: there is no data/*/*.parquet", source=str(dataset))
+        raise InputError(
+            "is a LeRobot dataset without data: there is no data/*/*.parquet",
+            source=str(dataset),
+        )
     return found
 
 
 def episodes(dataset: Path) -> list[Path]:
     """The paths of all episodes."""
     with decoding(str(dataset), "a LeRobot dataset"):
-        tables = (pq.read_table(file, columns=[_INDEX]) for file in _data_files(dataset))
-        numbers = sorted({int(number) for table in tables for number in table.column(0).unique().to_pylist()})
+        tables = (
+            pq.read_table(file, columns=[_INDEX]) for file in _data_files(dataset)
+        )
+        numbers = sorted(
+            {
+                int(number)
+                for table in tables
+                for number in table.column(0).unique().to_pylist()
+            }
+        )
     return [dataset / f"episode_{number:06d}" for number in numbers]
 
 
@@ -238,9 +332,13 @@ def _entry_names(dataset: Path) -> dict[str, str]:
     for name, feature in (features if isinstance(features, dict) else {}).items():
         names = feature.get("names") if isinstance(feature, dict) else None
         if isinstance(names, dict):
-            names = next((inner for inner in names.values() if isinstance(inner, list)), None)
+            names = next(
+                (inner for inner in names.values() if isinstance(inner, list)), None
+            )
         if isinstance(names, list) and len(set(map(str, names))) == len(names):
-            found |= {f"{name}[{k}]": f"{name}/{entry}" for k, entry in enumerate(names)}
+            found |= {
+                f"{name}[{k}]": f"{name}/{entry}" for k, entry in enumerate(names)
+            }
     return found
 
 
@@ -252,21 +350,33 @@ class Episode:
         called = _entry_names(path.parent)
         files = _data_files(path.parent)
         named = [file for file in files if file.stem == path.name]  # up to version 2.1
-        self._files = [ParquetFile(file) for file in named or files if named or _may_hold(file, self._number)]
+        self._files = [
+            ParquetFile(file)
+            for file in named or files
+            if named or _may_hold(file, self._number)
+        ]
         if not self._files:
-            raise InputError("the dataset has no frames of this episode", source=self.source)
+            raise InputError(
+                "the dataset has no frames of this episode", source=self.source
+            )
         own = self._files[0].names
         self._columns = {called.get(name, name): name for name in own if name != _INDEX}
         self.names: tuple[str, ...] = tuple(self._columns)
 
-    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
+    def tables(
+        self, names: Sequence[str] | None = None, rows: int = CHUNK
+    ) -> Iterator[Table]:
         """Pieces of the episode."""
         chosen = selected(self.source, names, self.names)
         first = 0
         for file in self._files:
-            for table in file.tables([*(self._columns[name] for name in chosen), _INDEX], rows):
+            for table in file.tables(
+                [*(self._columns[name] for name in chosen), _INDEX], rows
+            ):
                 inside = table.columns[_INDEX] == self._number
-                columns = {name: table.columns[self._columns[name]][inside] for name in chosen}
+                columns = {
+                    name: table.columns[self._columns[name]][inside] for name in chosen
+                }
                 if inside.any():
                     yield Table(self.source, columns, first=first)
                     first += int(inside.sum())
@@ -276,5 +386,10 @@ def _may_hold(file: Path, episode: int) -> bool:
     """Whether a file may hold frames of an episode, by the bounds that its groups of rows state."""
     about = pq.read_metadata(file)
     place = about.schema.names.index(_INDEX)
-    groups = (about.row_group(k).column(place).statistics for k in range(about.num_row_groups))
-    return any(some is None or not some.has_min_max or some.min <= episode <= some.max for some in groups)
+    groups = (
+        about.row_group(k).column(place).statistics for k in range(about.num_row_groups)
+    )
+    return any(
+        some is None or not some.has_min_max or some.min <= episode <= some.max
+        for some in groups
+    )

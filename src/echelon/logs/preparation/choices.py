@@ -30,8 +30,22 @@ from echelon.logs.preparation.prepare import (
 from echelon.logs.recording import FEWEST, Segment
 from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.clock import JITTER
-from echelon.signals.filters import NEAR, PASSED, REACH, butterworth, derivative, lowpass
-from echelon.signals.spectrum import SHOWING, TRUSTED, PositionSpectrum, best_cutoff, noise_deviation, spectra
+from echelon.signals.filters import (
+    NEAR,
+    PASSED,
+    REACH,
+    butterworth,
+    derivative,
+    lowpass,
+)
+from echelon.signals.spectrum import (
+    SHOWING,
+    TRUSTED,
+    PositionSpectrum,
+    best_cutoff,
+    noise_deviation,
+    spectra,
+)
 
 HARMONICS = 12
 """Times the mean frequency of the fastest velocity, up to which regressor and outputs are kept at most: on logs of five
@@ -82,8 +96,14 @@ class Signals:
         if not segments:
             raise InputError("there is no data to choose settings from")
         longest = max(segments, key=len).rate
-        alike = [segment for segment in segments if abs(segment.rate - longest) <= JITTER * longest]
-        return Signals(tuple(usable(segment, mechanism) for segment in alike), mechanism)
+        alike = [
+            segment
+            for segment in segments
+            if abs(segment.rate - longest) <= JITTER * longest
+        ]
+        return Signals(
+            tuple(usable(segment, mechanism) for segment in alike), mechanism
+        )
 
     @property
     def rate(self) -> float:
@@ -98,7 +118,11 @@ class Signals:
     def rows(self, made: Preparation) -> float:
         """Rows of all outputs that a band leaves."""
         samples = sum(len(segment) for segment in self.segments)
-        return samples * len(self.mechanism.outputs) * min(1.0, 2 * (made.band or np.inf) / PASSED / self.rate)
+        return (
+            samples
+            * len(self.mechanism.outputs)
+            * min(1.0, 2 * (made.band or np.inf) / PASSED / self.rate)
+        )
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -118,7 +142,10 @@ class Signals:
     def spectra_of(self, signal: str) -> list[PositionSpectrum]:
         """Spectra of every column of a signal."""
         with locating(self.source):
-            some = (s.signals["q"] if signal == "q" else measured_signal(s, signal) for s in self.segments)
+            some = (
+                s.signals["q"] if signal == "q" else measured_signal(s, signal)
+                for s in self.segments
+            )
             return spectra(list(some), self.rate)
 
     @cached_property
@@ -183,8 +210,13 @@ class Signals:
         if edge > FLATTEST * self.rate:
             return None
         (x, v), _, inside = self._compared(edge)
-        apart, size = (np.std(values[inside], axis=0) for values in (derivative(x, self.rate) - v, v))
-        return float(np.max(apart / size)) if len(v[inside]) and (size > 0).all() else None
+        apart, size = (
+            np.std(values[inside], axis=0)
+            for values in (derivative(x, self.rate) - v, v)
+        )
+        return (
+            float(np.max(apart / size)) if len(v[inside]) and (size > 0).all() else None
+        )
 
     def _repeated(self) -> float:
         """Share of the noise of the velocities that is noise of the positions, by the nearest samples of these."""
@@ -198,22 +230,37 @@ class Signals:
         for x, y in zip(q.T, v[inside].T, strict=True):
             taps = np.column_stack([np.roll(x, lag)[inside] for lag in lags])
             left = y - taps @ np.linalg.lstsq(taps, y)[0]
-            shares.append(1 - float(left @ left) / max(float(y @ y), np.finfo(float).tiny))
+            shares.append(
+                1 - float(left @ left) / max(float(y @ y), np.finfo(float).tiny)
+            )
         return float(np.median(shares)) if len(v[inside]) > FEWEST else 0.0
 
     def noise(self, made: Preparation) -> Floats:
         """Standard deviation of the noise that the velocity of a state has, for every velocity."""
         if "qd" in (made.measured or ()):
-            own = cutoffs(made, self.rate, velocity_names(self.mechanism, len(self.names)))
-            return np.array([noise_deviation(s, 0, c) for s, c in zip(self.velocity_spectra, own, strict=True)])
+            own = cutoffs(
+                made, self.rate, velocity_names(self.mechanism, len(self.names))
+            )
+            return np.array(
+                [
+                    noise_deviation(s, 0, c)
+                    for s, c in zip(self.velocity_spectra, own, strict=True)
+                ]
+            )
         own = cutoffs(made, self.rate, self.names)
-        noise = [noise_deviation(s, 1, c) for s, c in zip(self.spectra, own, strict=True)]
+        noise = [
+            noise_deviation(s, 1, c) for s, c in zip(self.spectra, own, strict=True)
+        ]
         balls = quaternion_columns(self.mechanism, "q", len(noise))
         found: list[float] = []
         column = 0
         while column < len(noise):
-            if column in balls:  # the angular velocity is twice the product of the quaternion with its derivative
-                found += 3 * [2 * float(np.sqrt(np.mean(np.square(noise[column : column + 4]))))]
+            if (
+                column in balls
+            ):  # the angular velocity is twice the product of the quaternion with its derivative
+                found += 3 * [
+                    2 * float(np.sqrt(np.mean(np.square(noise[column : column + 4]))))
+                ]
             else:
                 found.append(noise[column])
             column += 4 if column in balls else 1
@@ -222,7 +269,9 @@ class Signals:
 
 def reasoned(made: Preparation, name: str, value: object, reason: str) -> Preparation:
     """The preparation with one more setting chosen, and why."""
-    return made.model_copy(update={name: value, "reasons": {**made.reasons, name: reason}})
+    return made.model_copy(
+        update={name: value, "reasons": {**made.reasons, name: reason}}
+    )
 
 
 def _measured(log: Signals, made: Preparation) -> Preparation:
@@ -231,8 +280,12 @@ def _measured(log: Signals, made: Preparation) -> Preparation:
     if log.doubt:
         return reasoned(made, "measured", (), f"none: {log.doubt}")
     top = HARMONICS * log.fastest[1]
-    from_positions = np.array([noise_deviation(log.spectra[k], 1, top) for k in log.moving])
-    from_sensors = np.array([noise_deviation(log.velocity_spectra[k], 0, top) for k in log.moving])
+    from_positions = np.array(
+        [noise_deviation(log.spectra[k], 1, top) for k in log.moving]
+    )
+    from_sensors = np.array(
+        [noise_deviation(log.velocity_spectra[k], 0, top) for k in log.moving]
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         gain = float(np.exp(np.nanmean(np.log(from_positions / from_sensors))))
     if not gain > 1:
@@ -250,7 +303,10 @@ def _band(log: Signals, made: Preparation) -> Preparation:
     reason = f"{found:.3g} Hz: {HARMONICS} times {mean:.2g} Hz, the mean frequency of the velocity of {name}"
     who, lost = log.lost
     if "qd" not in (made.measured or ()) and lost < found:
-        found, reason = lost, f"{lost:.3g} Hz: above it the acceleration of {who} is lost in noise"
+        found, reason = (
+            lost,
+            f"{lost:.3g} Hz: above it the acceleration of {who} is lost in noise",
+        )
     if found > FLATTEST * log.rate:
         found = FLATTEST * log.rate
         reason = f"{found:.3g} Hz: a sixth of the rate, up to which derivatives are right to two thousandths"
@@ -266,7 +322,9 @@ def with_lowpass(log: Signals, made: Preparation) -> Preparation:
     own = {k: OWN * log.clean[k] for k in log.moving}
     for first in quaternion_columns(log.mechanism, "q", len(log.names)):
         entries = range(first, first + 4)
-        own |= dict.fromkeys(entries, max((own[k] for k in entries if k in own), default=np.inf))
+        own |= dict.fromkeys(
+            entries, max((own[k] for k in entries if k in own), default=np.inf)
+        )
     floor = min(NARROWEST * log.fastest[1], made.band or 0.0)
     found = {log.names[k]: cutoff for k, cutoff in own.items() if cutoff < floor}
     listed = ", ".join(f"{name} {cutoff:.3g} Hz" for name, cutoff in found.items())
@@ -284,7 +342,11 @@ def with_still(log: Signals, made: Preparation) -> Preparation:
     names = velocity_names(log.mechanism, len(log.names))
     found: dict[str, float] = {}
     for output in log.mechanism.outputs:
-        rows = speed_rows(log.mechanism, output, names) if has_dry_friction(log.mechanism, output) else None
+        rows = (
+            speed_rows(log.mechanism, output, names)
+            if has_dry_friction(log.mechanism, output)
+            else None
+        )
         if rows is not None:
             found[output.name] = SIGMAS * float(np.sqrt(rows**2 @ noise**2).max())
     if not found:
