@@ -116,6 +116,7 @@ _BEGINS, _ENDS = (
 _AFFIX = re.compile(
     r"^(?:joint|jnt|motor|axis)[_-]|[_-](?:joint|jnt|motor|axis)$", re.IGNORECASE
 )
+_TRAILING_NUMBER = re.compile(r"\d{1,9}$")  # longer ones are no numbers of joints
 _BARE = frozenset({"joint", "state", "neutral"})
 _STRONG = frozenset(_KINDS) - _WEAK
 _PREFIXES = {"j"} | {
@@ -215,11 +216,8 @@ def _by_words(text: str, name: str, unit: str) -> Meaning | None:
     units: list[str] = []
     angle = _COLUMN_UNITS.get(unit.lower(), unit) in ("rad", "deg", "°")
     for word in _split(text):
-        letters, digits = (
-            (word, "")
-            if word in _UNITS
-            else re.fullmatch(r"(.*?)(\d{0,9})", word).groups()
-        )  # type: ignore[union-attr]
+        letters = word if word in _UNITS else _TRAILING_NUMBER.sub("", word)
+        digits = word.removeprefix(letters)
         if digits:
             numbers.add(int(digits))
         if (

@@ -119,11 +119,16 @@ class BlockParser:
     def _numbers(self, column: Any) -> Floats:
         """Numbers, or times in seconds; what is no time is a TypeError."""
         if str(column.type) == "string":
-            found = [stamp(cell) for cell in column.to_pylist()]
-            return np.array(
-                [whole - self.dialect.origin + fraction for whole, fraction in found]
-            )  # type: ignore[misc]
+            times = [self._seconds(cell) for cell in column.to_pylist()]
+            if None in times:
+                raise TypeError("not a time")
+            return np.array(times, dtype=np.float64)
         return np.asarray(column.to_numpy(), dtype=np.float64)
+
+    def _seconds(self, cell: str) -> float | None:
+        """A time in a cell, s from the file's origin; None for what is no time."""
+        found = stamp(cell)
+        return None if found is None else found[0] - self.dialect.origin + found[1]
 
     def _by_cells(
         self, lines: Sequence[bytes], line: int, before: int
@@ -163,19 +168,14 @@ class BlockParser:
 
     def _number(self, cell: str, line: int, column: int) -> float:
         value = number(cell.replace(",", ".") if self.dialect.decimal_comma else cell)
-        if value is None and (found := stamp(cell)):
-            return found[0] - self.dialect.origin + found[1]
         if value is None:
-            shown = shortened(cell, 40)
+            value = self._seconds(cell)
+        if value is None:
+            problem = f"'{shortened(cell, 40)}' is not a number"
+            if _DATE.match(cell):
+                problem += "; write times as numbers or as 2026-05-01T12:30:00.25"
             where = f"line {line}, column '{self.dialect.names[column]}'"
-            hint = (
-                "; write times as numbers or as 2026-05-01T12:30:00.25"
-                if _DATE.match(cell)
-                else ""
-            )
-            raise InputError(
-                f"'{shown}' is not a number{hint}", source=self.source, element=where
-            )
+            raise InputError(problem, source=self.source, element=where)
         return value
 
 
