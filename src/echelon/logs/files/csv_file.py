@@ -44,8 +44,6 @@ from echelon.logs.files.text_layout import (
 from echelon.logs.recording import FEWEST
 
 _DATE = re.compile(r"\d+[-/.]\d+[-/.]\d+|\d+:\d\d")
-_BLANKS = re.compile(rb"[ \t]+")
-_MARGINS = re.compile(rb"^[ \t]+|[ \t\r]+$", re.MULTILINE)
 _NULLS = ["", "-", "nan", "NaN", "NAN", "NA", "N/A", "#N/A", "null", "NULL", "None"]
 _FEW = 0.01
 """Share of the rows of a piece that may be garbage; of more, the file is of another layout."""
@@ -93,7 +91,7 @@ class BlockParser:
         except ImportError:
             return None
         if self.dialect.delimiter is None:
-            text = _BLANKS.sub(b" ", _MARGINS.sub(b"", text))
+            text = b"\n".join(b" ".join(line.split()) for line in text.split(b"\n"))
         wanted = [str(index) for index in self.picked]
         kinds = {
             str(index): string() if index in self.dialect.stamps else float64()
