@@ -178,7 +178,9 @@ class _Magnitudes:
             if most > LARGEST.get(unit, math.inf) and _unstated(
                 self.stated.outputs, channel
             ):
-                problem = f"it goes to {most:.4g} {unit}: is it in m{unit} (unit: m{unit})?"
+                problem = (
+                    f"it goes to {most:.4g} {unit}: is it in m{unit} (unit: m{unit})?"
+                )
                 raise self.refused(
                     channel.label, f"{problem}  If it is right, say unit: {unit}"
                 )
