@@ -127,6 +127,7 @@ XML_DEPTH = Limit(
 INCLUDES = Limit(256, "included files", "put them together")
 LINE = Limit(_MIB, "bytes in a line", "no log has lines as long")
 COLUMNS = Limit(16_384, "columns", "write the quantities of the robot alone")
+ENTRIES = Limit(256, "entries", "keep signals in columns of their own")
 ARRAY_COLUMNS = Limit(4096, "columns of an array", "transpose it")
 UNPACKED = Limit(64 * _MIB, "bytes")
 EXPANSION = Limit(50, "times the size of the file")
@@ -143,6 +144,7 @@ LIMITS: Mapping[Limit, str] = {
     INCLUDES: "files that an MJCF file includes or attaches",
     LINE: "lines of CSV and other text logs",
     COLUMNS: "columns of a log of any kind, and arrays of an NPZ or MAT file",
+    ENTRIES: "lists of messages and Parquet files, cells and arrays of structs of MATLAB, which are left out if longer",
     ARRAY_COLUMNS: "single arrays of NPZ, NPY and MAT files, which are left out if they have more",
     UNPACKED: "numbers of a packed log (gzip, NPZ, MAT, HDF5, Parquet, MCAP, bags), and besides",
     EXPANSION: "the same; a file that holds more for its size is packed zeros",

@@ -233,7 +233,8 @@ def test_a_rate_that_leaves_too_few_samples_is_refused() -> None:
 
 def test_a_higher_rate_is_refused() -> None:
     with pytest.raises(
-        ec.InputError, match=r"100 samples per second; 150 would only invent"
+        ec.InputError,
+        match=r"100 samples per second; at a rate of 150 the others would be invented",
     ):
         segments(log(np.arange(500) * 0.01), ARM, rate=150)
     with pytest.raises(ec.InputError, match="positive"):

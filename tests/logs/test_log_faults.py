@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 import echelon as ec
 from echelon.formats.robot_file import load
-from echelon.logs.faults.examine import examine, runs
+from echelon.logs.faults.examine import examine
 from echelon.logs.faults.plausibility import check_plausible
+from echelon.logs.faults.repeated_values import runs
 from echelon.logs.finding import Severity
 from echelon.logs.preparation.segments import segments
 from echelon.logs.recording import Recording

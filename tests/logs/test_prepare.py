@@ -15,8 +15,8 @@ from echelon.logs.preparation.choices import Signals, chosen
 from echelon.logs.preparation.prepare import (
     Preparation,
     PreparationPlan,
+    has_dry_friction,
     prepare,
-    rubs,
     speed_rows,
 )
 from echelon.logs.recording import Segment
@@ -353,8 +353,8 @@ def test_dry_friction_decides_what_is_still(pendulum: ec.Mechanism) -> None:
     smooth = ec.load(ROOT / "examples" / "double_pendulum.yaml")
     segment, _ = simulated(ec.base_parameters(pendulum), noise=1e-4)
     assert chosen(OPEN, Signals.of([segment], smooth)).still == 0.0
-    assert all(rubs(pendulum, output) for output in pendulum.outputs)
-    assert not any(rubs(smooth, output) for output in smooth.outputs)
+    assert all(has_dry_friction(pendulum, output) for output in pendulum.outputs)
+    assert not any(has_dry_friction(smooth, output) for output in smooth.outputs)
 
 
 def test_choices_that_cannot_be_made(pendulum: ec.Mechanism) -> None:

@@ -11,7 +11,7 @@ import pytest
 import echelon as ec
 from echelon.identification.physics.bounds import roles
 from echelon.identification.servos.servo_motion import smooth
-from echelon.logs.preparation.prepare import rubs
+from echelon.logs.preparation.prepare import has_dry_friction
 from echelon.mechanism import effect
 from echelon.mechanism.effect import (
     CONSTANTS,
@@ -129,7 +129,7 @@ def test_a_new_law_is_friction_everywhere(smooth_coulomb: tuple[Effect, ...]) ->
     assert [action.kind for made in robot.effects for action in made.actions] == [
         "smooth_coulomb"
     ] * 2
-    assert all(rubs(robot, output) for output in robot.outputs)
+    assert all(has_dry_friction(robot, output) for output in robot.outputs)
     columns = [robot.parameters.index(name) for name in ("Fh1", "Fh2")]
     assert set(columns) <= set(roles(robot).positive)
     base = ec.base_parameters(robot)

@@ -52,8 +52,8 @@ FAULTS = (
     ),
     Fault(
         "logs/columns/column_guess.py",
-        "valid[number - first] for",
-        "valid[first - number] for",
+        "valid[number - first]",
+        "valid[first - number]",
         "numbers of columns",
         GUESS,
     ),
@@ -94,8 +94,8 @@ FAULTS = (
     ),
     Fault(
         "logs/columns/conversion.py",
-        "* values + channel.offset)",
-        "* values - channel.offset)",
+        "* values + channel.offset",
+        "* values - channel.offset",
         "offsets of clocks",
         "logs/test_log_topics.py",
     ),
@@ -143,8 +143,8 @@ FAULTS = (
     ),
     Fault(
         "signals/filters.py",
-        "2.285 * 2 * np.pi",
-        "2.285 * 4 * np.pi",
+        "2 * width / rate",
+        "4 * width / rate",
         "length of a filter",
         FILTERS,
     ),

@@ -278,7 +278,7 @@ def test_joints_with_names_of_their_own_are_told_by_their_rates(
     length = next(word for word in words if word in ("x", "p", "cart_pos"))
     assert f"  position:\n    rail: {length}\n    hinge: {angle}\n" in text
     assert f"  output:\n    rail: {words[-1]}\n" in text
-    assert "nothing is measured of hinge" in text
+    assert "no output is measured of hinge" in text
 
 
 def test_logs_without_time_ask_for_the_rate(motion: Motion, tmp_path: Path) -> None:
@@ -383,7 +383,7 @@ def test_rates_come_from_velocities_or_coarse_stamps(
         f"{name}{k}": motion[name][:, k] for name in ("q", "qd", "tau") for k in (0, 1)
     }
     for first, why in (
-        ({}, "what the velocities say"),
+        ({}, "as the velocities say"),
         ({"t": np.floor(50 * motion["t"]) / 50}, "coarser than"),
     ):
         written(tmp_path, pd.DataFrame(first | both))

@@ -200,7 +200,7 @@ def test_a_joint_whose_samples_are_all_alike_rests_or_has_no_sensor(
     found = made(tmp_path, {"t": TIME, "q{n}": Q * [1, 0], "tau{n}": TAU})
     assert "\nlocked: {elbow_joint: 0.0}" in found.text
     assert any(
-        "not one sample of elbow_joint differs: do they rest, or have they no sensor?"
+        "all samples of elbow_joint are equal: does the joint rest, or has it no sensor?"
         in t
         for t in found.report
     )

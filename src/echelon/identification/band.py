@@ -46,7 +46,7 @@ from echelon.logs.preparation.choices import (
 from echelon.logs.preparation.prepare import Preparation, prepare
 from echelon.logs.recording import Segment
 from echelon.signals.clock import low_passed
-from echelon.signals.spectrum import Spectrum
+from echelon.signals.spectrum import PositionSpectrum
 
 _WIDER = 1.4  # ratio of neighbouring bands that are tried
 _LONGEST = 6_000  # samples, at that rate, from which the band is chosen
@@ -152,7 +152,7 @@ def _better_velocities(
     preparation: Preparation, trials: Trials
 ) -> tuple[Preparation, Trials]:
     """Velocities from the log or from positions: what leaves the smaller residuals in the same band."""
-    if not trials.log.agreeing or "measured" not in preparation.reasons:
+    if trials.log.doubt or "measured" not in preparation.reasons:
         return preparation, trials
     narrow = trials.bands[min(1, len(trials.bands) - 1)]
     sources: dict[tuple[str, ...], str] = {
@@ -448,7 +448,7 @@ def slower(segment: Segment, rate: float, most: int) -> Segment:
 
 def _noisier(
     segment: Segment,
-    spectra: Mapping[str, Sequence[Spectrum]],
+    spectra: Mapping[str, Sequence[PositionSpectrum]],
     rng: np.random.Generator,
 ) -> Segment:
     """A segment with normal noise added that has the spectra of what its signals hold."""

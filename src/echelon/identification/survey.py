@@ -38,8 +38,8 @@ from echelon.identification.judge.judge import Judge
 from echelon.identification.judge.readings import Readings
 from echelon.identification.rows.plan import SAMPLED, Plan
 from echelon.identification.rows.rows import ModelRows, rows_taken
-from echelon.logs.columns.by_values import fitting_units
 from echelon.logs.columns.column_map import ColumnMap, signal_names
+from echelon.logs.columns.magnitudes import fitting_units
 from echelon.logs.finding import Finding, counted, note, warning
 from echelon.logs.preparation.choices import Signals, chosen
 from echelon.logs.preparation.prepare import Preparation, PreparationPlan, prepare

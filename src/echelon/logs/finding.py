@@ -6,11 +6,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-_SHOWN, _ENUMERATED = 12, 8
+from echelon.hints import MOST_NAMED
 
 
 class Severity(StrEnum):
-    """How much a finding matters."""
+    """Importance of a finding."""
 
     NOTE = "note"
     WARNING = "warning"
@@ -30,12 +30,12 @@ class Finding:
 
 
 def note(kind: str, where: str, text: str) -> Finding:
-    """What is worth knowing."""
+    """A finding that is worth knowing."""
     return Finding(Severity.NOTE, kind, where, text)
 
 
 def warning(kind: str, where: str, text: str) -> Finding:
-    """What is wrong."""
+    """A finding about something wrong."""
     return Finding(Severity.WARNING, kind, where, text)
 
 
@@ -43,14 +43,14 @@ def listed(names: Iterable[str]) -> str:
     """Some names, cut short where they are many."""
     words = list(dict.fromkeys(names))
     return (
-        ", ".join(words[:_SHOWN])
-        + (f", … ({len(words)} in all)" if len(words) > _SHOWN else "")
+        ", ".join(words[:MOST_NAMED])
+        + (f", … ({len(words)} in all)" if len(words) > MOST_NAMED else "")
     ) or "none"
 
 
 def enumerated(names: Sequence[str], separator: str = ", ") -> str:
     """Some names, the first ones if they are many."""
-    shown = [*names[:_ENUMERATED], *(["others"] if len(names) > _ENUMERATED else [])]
+    shown = [*names[:MOST_NAMED], *(["others"] if len(names) > MOST_NAMED else [])]
     return (
         shown[0] if len(shown) == 1 else f"{separator.join(shown[:-1])} and {shown[-1]}"
     )

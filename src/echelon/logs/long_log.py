@@ -16,10 +16,12 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
+from echelon.inputs import ENTRIES
 from echelon.logs.columns.by_values import clock
 from echelon.logs.columns.column_names import meaning
 from echelon.logs.files.log_file import CHUNK, LogFile, Table, WordedFile, selected
 from echelon.logs.finding import listed
+from echelon.signals.chance import SHARE
 
 Labels = npt.NDArray[Any]
 
@@ -33,8 +35,6 @@ _RUNS = re.compile(
     re.IGNORECASE,
 )
 """Names of columns whose labels are of stretches of time, which may all begin at zero."""
-_MOST = 200  # labels
-_SHARED = 0.9  # share of the times of one label that are those of another
 
 
 def joint_by_joint(file: LogFile) -> LogFile:
@@ -47,7 +47,7 @@ def joint_by_joint(file: LogFile) -> LogFile:
     for label in (*named, *(name for name in file.names if _NUMBERS.fullmatch(name))):
         with suppress(InputError):  # what cannot be read is said when it is needed
             labels = next(_labels(file, label), np.zeros(0))
-            if not 1 < len(np.unique(labels)) <= _MOST:
+            if not 1 < len(np.unique(labels)) <= ENTRIES.most:
                 continue
             table = next(
                 file.tables(
@@ -91,7 +91,7 @@ def _shared_clock(columns: Mapping[str, Floats], labels: Labels) -> str:
     return (
         time
         if time
-        and np.mean(np.isin(columns[time][labels == others[0]], own[time])) > _SHARED
+        and np.mean(np.isin(columns[time][labels == others[0]], own[time])) > SHARE
         else ""
     )
 

@@ -20,10 +20,11 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError, locating
-from echelon.logs.columns.by_values import clock, clock_unit
+from echelon.logs.columns.by_values import clock
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.columns.column_names import meaning
 from echelon.logs.columns.conversion import LARGEST, needed_columns, recording
+from echelon.logs.columns.magnitudes import clock_unit
 from echelon.logs.faults.examine import examine
 from echelon.logs.faults.lost_rows import with_lost_rows
 from echelon.logs.faults.plausibility import check_plausible, surplus_columns

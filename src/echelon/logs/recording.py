@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from echelon.signals.filters import FirFilter
 
 
+FEWEST = 20
+"""Samples of the shortest stretch that is used; filters and derivatives make nothing of shorter ones."""
+
+
 @dataclass(frozen=True)
 class Recording:
     """Channels against time stamps, as they were logged."""

@@ -19,11 +19,13 @@ import numpy as np
 from echelon.errors import InputError
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.stated_limits import stated_limits
-from echelon.logs.columns.by_values import is_still, with_units
+from echelon.hints import MOST_NAMED
+from echelon.logs.columns.by_values import is_still
 from echelon.logs.columns.column_guess import guess
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.columns.column_names import is_output
 from echelon.logs.columns.conversion import needed_columns
+from echelon.logs.columns.magnitudes import with_units
 from echelon.logs.files.log_file import LogFile, Table
 from echelon.logs.files.numpy_file import MemoryLog
 from echelon.logs.files.open_log import log_paths
@@ -35,11 +37,11 @@ from echelon.mechanism.lock_joints import lock_joints, lockable
 from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.setup import Setup, setup_of, with_usual
 
-_FEW = 6  # joints that are named with where they rest; of more, only that they do
 _VECTOR = re.compile(
     r"(?<![A-Za-z])(ctrl|actuator_force)[\W_]*(\d+)\W*$", re.IGNORECASE
 )
-_STILL = 2e-3  # range, rad or m, of a joint that never moves
+_STILL = 2e-3
+"""Range, rad or m, of a joint at rest: encoders make noise, and drives hold with some play."""
 
 
 def with_logs(
@@ -78,7 +80,7 @@ def with_logs(
 
 @dataclass(frozen=True)
 class Understood:
-    """What a log means for a robot."""
+    """A log as it is understood for a robot."""
 
     setup: Setup  # without joints that rest and outputs that are not measured
     columns: ColumnMap
@@ -99,7 +101,7 @@ def understood(
     by_values: bool = False,
     outputs: bool = True,
 ) -> Understood:
-    """What the columns of a log are, by their names, and by their values where that is asked for.
+    """The columns of a log, told by their names, and by their values where that is asked for.
 
     Joints that are not in the log rest, and so do those that never move there; if it is not the ``only`` log, those of
     which moreover no output is measured.
@@ -125,7 +127,9 @@ def understood(
     lacks_outputs = (
         outputs and not found.columns.outputs and any(map(is_output, unread))
     )
-    reasons = "; ".join([f"'{name}' {why}" for name, why in unread.items()][:_FEW])
+    reasons = "; ".join(
+        [f"'{name}' {why}" for name, why in unread.items()][:MOST_NAMED]
+    )
     problems = found.problems + (
         (f"not read: {reasons}",)
         if unread and (found.problems or lacks_outputs)
@@ -170,7 +174,7 @@ def understood(
             ]
             notes += (
                 [
-                    f"not one sample of {listed(mute)} differs: do they rest, or have they no sensor?"
+                    f"all samples of {listed(mute)} are equal: does the joint rest, or has it no sensor?"
                 ]
                 if mute
                 else []
@@ -180,7 +184,7 @@ def understood(
     silent -= locked.keys()
     if silent:
         notes.append(
-            f"nothing is measured of {listed(silent)}: no column, or only zeros"
+            f"no output is measured of {listed(silent)}: it has no column, or only zeros in it"
         )
     return Understood(
         _without(setup, locked, silent),
@@ -302,7 +306,7 @@ def _with_gears(
 
 def _line(locked: Mapping[str, float]) -> str:
     """The line that says where joints rest."""
-    if len(locked) > _FEW:
+    if len(locked) > MOST_NAMED:
         return "where  locked  says" if any(locked.values()) else "at zero"
     return f"as by  locked: {{{', '.join(f'{name}: {position:.6g}' for name, position in locked.items())}}}"
 

@@ -81,7 +81,7 @@ class Setup:
     seed: int = DEFAULT_SEED
 
     def with_settings(self, **changes: Any) -> Setup:
-        """The same with other settings of the section ``identification``.
+        """The set-up with other settings of the section ``identification``.
 
         Parameters
         ----------
@@ -174,7 +174,7 @@ def with_usual(setup: Setup) -> Setup:
 
 
 def _assumed(mechanism: Mechanism) -> tuple[str, ...]:
-    """What is said of effects that nobody stated."""
+    """A note on effects that nobody stated."""
     places: dict[str, list[str]] = {"viscous": [], "rotor_inertia": [], "spring": []}
     for action in (effect.actions[0] for effect in mechanism.effects):
         if action.kind in places:
@@ -206,7 +206,7 @@ def _described(file: RobotFile, options: ReadingOptions) -> Setup:
         file.source,
         mechanism,
         tuple(
-            _Columns(mechanism, document, f"log[{k}]" if many else "log").read(log)
+            _LogSection(mechanism, document, f"log[{k}]" if many else "log").read(log)
             for k, log in enumerate(logs)
         ),
         robot.preparation,
@@ -227,8 +227,8 @@ EVERY, DRIVES = (
 )  # keys that stand for every coordinate (or output), and for every drive
 
 
-class _Columns:
-    """What a ``log`` section of a description says."""
+class _LogSection:
+    """A ``log`` section of a description, read as a column map."""
 
     def __init__(self, mechanism: Mechanism, document: Document, path: str) -> None:
         self.mechanism, self.document, self.path = mechanism, document, path

@@ -11,6 +11,7 @@ import re
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +19,9 @@ import numpy as np
 from echelon.errors import EchelonError, InputError
 from echelon.formats.robot_file import RobotFile, open_robot
 from echelon.inputs import dump_flow
-from echelon.logs.columns.by_values import PERIODS, sample_rate
+from echelon.logs.columns.by_values import sample_rate
 from echelon.logs.columns.column_map import Channel, ColumnMap
+from echelon.logs.columns.magnitudes import is_period
 from echelon.logs.files.log_file import LogFile, Table
 from echelon.logs.files.open_log import log_paths
 from echelon.logs.finding import Severity, counted, listed
@@ -28,7 +30,7 @@ from echelon.logs.units import factor
 from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.logs import Understood, joined, stated_gears, understood
 from echelon.setup.setup import Setup, load_setup
-from echelon.signals.clock import round_rate
+from echelon.signals.clock import JITTER, REPEATED, round_rate
 
 _EFFECTS = """\
 effects:
@@ -43,11 +45,10 @@ effects:                                # no torques are logged: servos follow c
   - {type: coulomb, at: all}
   - {type: rotor_inertia, at: all}
 """
-GUESS = 333.0  # Hz, at which hardly any robot is logged
+GUESS = 333.0
+"""Rate, Hz, at which hardly any robot is logged: a place-holder until the outputs tell one."""
+
 _UNUSED = "columns that are not used"
-_WIDTH = 112
-_RATE_ERROR = 0.01  # standard error of a rate, as a share of it, that makes inertias wrong by 4 % at most
-_COARSE = 0.2  # share of time stamps that repeat, from which on they say nothing of single samples
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,7 @@ def skeleton(
 
 
 def _commanded(found: Understood) -> Understood:
-    """What a log means that has position commands and no torques."""
+    """The reading of a log that has position commands and no torques."""
     columns = replace(found.columns, references={}, inputs=found.columns.references)
     note = "there are no outputs but position commands, so that servos are fitted"
     return replace(found, columns=columns, notes=(*found.notes, note))
@@ -140,26 +141,30 @@ def _with_rate(found: Understood, log: LogFile) -> Understood:
     if (
         columns.time is not None
         and time is not None
-        and np.sum(np.diff(time) == 0) > _COARSE * (len(time) - 1)
+        and np.sum(np.diff(time) == 0) > REPEATED * (len(time) - 1)
     ):
         period = float(time[-1] - time[0]) / (len(time) - 1)
-        if not PERIODS[0] < period < PERIODS[1]:
+        if not is_period(period):
             return found
         rate = round_rate(period)
-        text = f"the stamps in '{columns.time.column}' repeat and are coarser than the samples, which so take "
-        text += f"{1000 * period:.4g} ms: the rate is {rate:.4g} Hz"
+        text = f"time stamps in '{columns.time.column}' are coarser than the samples, so that many repeat; by the "
+        text += f"first and the last one a sample takes {1000 * period:.4g} ms: the rate is {rate:.4g} Hz"
     elif (
         time is None
         and not table.clocks
         and columns.positions.keys() & columns.velocities.keys()
     ):
         rate, error = _rate_by_velocities(columns, table)
-        text = f"positions change by what the velocities say at {rate:.5g} ± {2 * error:.2g} samples per second"
-        if not PERIODS[0] < 1 / rate < PERIODS[1]:
+        text = f"positions change as the velocities say at {rate:.5g} ± {2 * error:.2g} samples per second"
+        if not is_period(1 / rate):
             return found
-        if error > _RATE_ERROR * rate:
+        if error > JITTER * rate:
             return replace(
-                found, notes=(*found.notes, f"{text}, which is no rate: state it")
+                found,
+                notes=(
+                    *found.notes,
+                    f"{text}, which is too uncertain for a rate: state it",
+                ),
             )
         rate = _roundest(rate, 2 * error)
         text += f": the rate is taken to be {rate:.6g} Hz"
@@ -179,7 +184,7 @@ def _roundest(value: float, error: float) -> float:
 
 
 def _rate_by_velocities(columns: ColumnMap, table: Table) -> tuple[float, float]:
-    """Samples per second with which positions change by what the velocities say, and their standard error; or nan."""
+    """Samples per second at which positions change as the velocities say, and their standard error; or nan."""
     names = [name for name in columns.positions if name in columns.velocities]
     q, v = (
         np.stack(
@@ -221,7 +226,7 @@ def _explained_rate(
 
 
 def _questions(columns: ColumnMap) -> list[str]:
-    """What no file says, where it matters."""
+    """Questions that no file answers, where it matters."""
     asked = []
     if columns.rate and columns.time is None:
         asked.append(
@@ -396,19 +401,15 @@ def _pattern(group: Mapping[str, Channel]) -> Channel | None:
 
 def _comments(title: str, texts: Sequence[str]) -> list[str]:
     """Texts as comments: a list of sentences, or names in a row."""
+    wrapped = partial(textwrap.wrap, width=112)
     if not texts:
         return []
     if title == _UNUSED:
-        return textwrap.wrap(
-            f"# {title}: {', '.join(texts)}", _WIDTH, subsequent_indent="#   "
-        )
+        return wrapped(f"# {title}: {', '.join(texts)}", subsequent_indent="#   ")
     lines = [f"# {title}:"]
     for text in texts:
-        lines += textwrap.wrap(
-            " ".join(text.split()),
-            _WIDTH,
-            initial_indent="#   - ",
-            subsequent_indent="#     ",
+        lines += wrapped(
+            " ".join(text.split()), initial_indent="#   - ", subsequent_indent="#     "
         )
     return lines
 

@@ -22,6 +22,8 @@ import numpy as np
 from echelon.arrays import Floats, Integers
 from echelon.errors import InputError
 from echelon.extras import extra
+from echelon.signals.chance import CLEAR, SHARE
+from echelon.signals.filters import PASSED, REACH, fir_lowpass
 
 PERIODS = (1e-9, 1e6)
 """Intervals between samples that a log of a robot may have, s; others are another column, or another unit."""
@@ -36,16 +38,17 @@ costs the ends that filters spoil.
 JITTER = 0.01
 """Share of a period that stamps may be off a uniform clock; the error of a position is that of 1 % of a sample."""
 
-_COARSE = 0.05
-_ERRORS = 4.0
-_REPEATED = 0.2
-_UNORDERED = 50
-_ROUND = 2e-3
+SLOWER = 1 - JITTER
+"""Rates below this share of the old one are lower, not the same to jitter, and need a low-pass."""
 
-SLOWER = 0.99  # rates below this share of the old one need the low-pass
-_ATTENUATION = 80.0
-_PASSED = 0.8
-HALF = 4  # samples on either side from which a value between samples is interpolated
+REPEATED = 0.2
+"""Share of time stamps that may repeat the one before; with more, stamps are coarser than the samples."""
+
+_COARSE = 0.05
+"""Relative difference of the mean interval from the median that only stamps coarser than the clock explain."""
+
+_ROUND = 2e-3
+"""Relative error of a rate that is taken to be a round number: clocks of computers are better, and users' notes too."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,7 @@ def stretches(time: Floats, gap: float = GAP) -> Stretches:
             never if len(time) > 1 else "one sample is too few for a clock"
         )
     duplicates = np.flatnonzero(intervals == 0) + 1
-    if len(duplicates) > _REPEATED * len(time):
+    if len(duplicates) > REPEATED * len(time):
         raise InputError(
             f"{len(duplicates)} of {len(time)} time stamps repeat the one before, first at row {duplicates[0]}: they "
             "are coarser than the samples; if these came at a constant rate, give rate instead of time"
@@ -101,7 +104,7 @@ def stretches(time: Floats, gap: float = GAP) -> Stretches:
     kept = np.delete(np.arange(len(time)), duplicates)
     steps = np.diff(time[kept])
     back = np.flatnonzero(steps < 0)
-    if len(back) > max(1, len(time) // _UNORDERED):
+    if len(back) > max(1, (1 - SHARE) * len(time)):
         row = kept[back[0] + 1]
         raise InputError(
             f"time goes backwards {len(back)} times in {len(time)} rows, first at row {row} from {time[row - 1]:.9g} s "
@@ -129,7 +132,7 @@ def nominal_period(time: Floats) -> float:
     with np.errstate(over="ignore"):
         mean, error = float(np.mean(near)), float(np.std(near)) / np.sqrt(len(near))
     off = abs(mean - median)
-    return mean if off > _COARSE * median or off < _ERRORS * error else median
+    return mean if off > _COARSE * median or off < CLEAR * error else median
 
 
 def round_rate(period: float) -> float:
@@ -195,32 +198,27 @@ def low_passed(values: Floats, ratio: float) -> Floats:
     Passes up to 0.8 of half the new rate; from half the new rate on the gain is below 1e-4.
     """
     with extra("identify"):
-        from scipy.signal import firwin, kaiserord, oaconvolve
+        from scipy.signal import oaconvolve
 
-    taps, beta = kaiserord(_ATTENUATION, (1 - _PASSED) * ratio)
-    half = taps // 2
-    window = firwin(2 * half + 1, (1 + _PASSED) / 2 * ratio, window=("kaiser", beta))
-    widths = [(half, half)] + [(0, 0)] * (values.ndim - 1)
-    longer = (
-        np.pad(values, widths, mode="reflect", reflect_type="odd")
-        if len(values) > 1
-        else values
-    )
     if len(values) < 2:
         return values.copy()
+    half_rate = ratio / 2
+    window = fir_lowpass(PASSED * half_rate, 1.0, width=(1 - PASSED) * half_rate)
+    ends = [(window.reach, window.reach)] + [(0, 0)] * (values.ndim - 1)
+    longer = np.pad(values, ends, mode="reflect", reflect_type="odd")
     shape = (-1, *[1] * (values.ndim - 1))
-    return oaconvolve(longer, window.reshape(shape), mode="valid", axes=0)
+    return oaconvolve(longer, window.taps.reshape(shape), mode="valid", axes=0)
 
 
 def shift_reach(samples: float) -> int:
     """Samples on either side that a shifted signal depends on."""
-    return 0 if samples == 0 else ceil(abs(samples)) + HALF
+    return 0 if samples == 0 else ceil(abs(samples)) + REACH
 
 
 def shifted(values: Floats, samples: float) -> Floats:
     """The signal (N, …) some samples later: row k is the signal at k + samples, by Lagrange's polynomials.
 
-    Through nine samples: for what lies below a sixth of the rate right to 1e-4.
+    They go through nine samples, so that waves below a sixth of the rate are right to 1e-4.
     """
     with extra("identify"):
         from scipy.ndimage import correlate1d
@@ -232,7 +230,7 @@ def shifted(values: Floats, samples: float) -> Floats:
     moved = values[rows]
     if abs(rest) < 1e-12:
         return moved
-    places = np.arange(-HALF, HALF + 1)
+    places = np.arange(-REACH, REACH + 1)
     taps = np.array(
         [np.prod([(rest - m) / (k - m) for m in places if m != k]) for k in places]
     )

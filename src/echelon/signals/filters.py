@@ -26,10 +26,9 @@ manifold itself, since the two differ by a term of third order in the angle turn
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
+from bisect import bisect_left
 from dataclasses import dataclass
-from math import ceil, isfinite
+from math import isfinite
 
 import numpy as np
 import numpy.typing as npt
@@ -41,22 +40,30 @@ from echelon.extras import extra
 
 Complexes = npt.NDArray[np.complex128]
 
-LOWEST = 1e-6  # cut-off, relative to the rate, below which a filter would be longer than any log
-
-FAR = 1e-9  # influence of a sample, as a share of its value, below which a result does not depend on it
+LOWEST = 1e-6
+"""Lowest cut-off as a share of the rate: a filter below it would be longer than any log."""
 
 NEAR = 3e-2
 """Influence of what lies beyond the end of a signal, below which a result is not spoilt by it: the signal turned about
 its end, which is taken for it there, is far from wrong."""
 
-_ORIGIN = 1e-9
-"""Radius within which a pole forgets everything in one sample; exactly zero has no residue of the same form."""
+ATTENUATION = 80.0
+"""Attenuation above the pass-band, dB: noise is rarely a ten-thousandth of the signal."""
 
-ATTENUATION = 80.0  # of what lies above the band, dB: noise is rarely a ten-thousandth of the signal
-WIDEST = 0.5  # widest transition from what passes to what does not, as a share of the cut-off
-_LAST = 4  # samples of which the last of two filters keeps one
-PASSED = 0.8  # share of the band below half the rate after decimation that is kept
-WORTH = 0.4  # highest edge that is worth a filter, as a share of the rate
+ORDER = 4
+"""Order of Butterworth filters: 24 dB per octave and pass."""
+
+PASSED = 0.8
+"""Share of the band below half the rate that finite filters pass: narrower transitions need longer filters."""
+
+WORTH = PASSED / 2
+"""Highest cut-off that is worth a filter, as a share of the rate: above it a transition has no room."""
+
+WIDEST = 0.5
+"""Widest transition between pass-band and stop-band, as a share of the cut-off."""
+
+_LAST_STEP = 4
+"""Samples of which the last of two filters keeps one: the first one then has a wide transition and few taps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,21 +74,16 @@ class ZeroPhase:
     poles: Complexes
     gain: float
 
-    def reach(self, influence: float = FAR) -> int:
+    def reach(self, influence: float) -> int:
         """Samples on either side, beyond which all others together count for less than this share of the largest."""
         size = np.abs(self.poles)
         weights = np.abs(self._residues()) / (1 - size)
-        low, high = 0, 1
-        while 2 * float(weights @ size**high) > influence:
-            low, high = high, 2 * high
-        while high - low > 1:
-            middle = (low + high) // 2
-            low, high = (
-                (middle, high)
-                if 2 * float(weights @ size**middle) > influence
-                else (low, middle)
-            )
-        return high
+
+        def is_beyond(lag: int) -> bool:
+            return 2 * float(weights @ size**lag) <= influence
+
+        longest = range(int(1 / LOWEST**2))
+        return bisect_left(longest, True, lo=1, key=is_beyond)
 
     def apply(self, values: Floats, padding: int) -> Floats:
         """The filtered values (N, …); ``padding`` samples continue each end, turned about it."""
@@ -90,16 +92,14 @@ class ZeroPhase:
 
         sections = zpk2sos(self.zeros, self.poles, self.gain)  # type: ignore[arg-type]  # complex, as they must be
         length = min(padding, len(values) - 1)
-
-        def along_time(rows: Floats) -> Floats:
-            return sosfiltfilt(sections, rows, axis=-1, padlen=length)
-
-        return by_channel(along_time, values)
+        return sosfiltfilt(sections, values, axis=0, padlen=length)
 
     def _residues(self) -> Complexes:
         """Coefficients c of the response Σ c p^|lag| to an impulse."""
         found = np.empty(len(self.poles), complex)
-        poles = np.where(np.abs(self.poles) < _ORIGIN, _ORIGIN, self.poles)
+        # a pole at zero, which forgets everything in one sample, has no residue of this form
+        smallest = np.sqrt(np.finfo(float).eps)
+        poles = np.where(np.abs(self.poles) < smallest, smallest, self.poles)
         for k, pole in enumerate(poles):
             others = np.delete(poles, k)
             forwards = self.gain * np.prod(pole - self.zeros) / np.prod(pole - others)
@@ -110,35 +110,7 @@ class ZeroPhase:
         return found
 
 
-def by_channel(function: Callable[[Floats], Floats], values: Floats) -> Floats:
-    """Apply a function of rows (channels, N) along time to values (N, …), on all processors.
-
-    Channels are laid along time in memory for it: recursions then read one number after another, and they free the
-    interpreter while they run.
-    """
-    values = np.asarray(values, dtype=np.float64)
-    table = values.reshape(len(values), -1)
-    result = np.empty(table.shape)
-    processors = os.cpu_count() or 1
-    group = max(1, min(16, -(-table.shape[1] // processors)))
-
-    def work(first: int) -> None:
-        some = slice(first, first + group)
-        result[:, some] = function(np.ascontiguousarray(table[:, some].T)).T
-
-    starts = range(0, table.shape[1], group)
-    if values.size < 1 << 17 or len(starts) == 1:
-        for start in starts:
-            work(start)
-    else:
-        from concurrent.futures import ThreadPoolExecutor
-
-        with ThreadPoolExecutor(processors) as pool:
-            list(pool.map(work, starts))
-    return result.reshape(values.shape)
-
-
-def butterworth(cutoff: float, rate: float, order: int = 4) -> ZeroPhase:
+def butterworth(cutoff: float, rate: float, order: int = ORDER) -> ZeroPhase:
     """A Butterworth low-pass forwards and backwards; one pass takes 3 dB at the cut-off, Hz."""
     with extra("identify"):
         from scipy.signal import butter
@@ -154,7 +126,7 @@ def butterworth(cutoff: float, rate: float, order: int = 4) -> ZeroPhase:
     )
 
 
-def lowpass(values: Floats, cutoff: float, rate: float, order: int = 4) -> Floats:
+def lowpass(values: Floats, cutoff: float, rate: float, order: int = ORDER) -> Floats:
     """Butterworth low-pass of values (N, …) without delay; cut-off in Hz, ``inf`` for no filter."""
     if cutoff == np.inf:
         return np.array(values, dtype=np.float64)
@@ -239,7 +211,7 @@ def fir_lowpass(
     cut-off, or as much as decimation leaves.
     """
     with extra("identify"):
-        from scipy.signal import firwin, kaiser_beta
+        from scipy.signal import firwin, kaiserord
 
     check_cutoff(cutoff, rate / factor)
     if width is None:
@@ -248,14 +220,9 @@ def fir_lowpass(
         raise InputError(
             f"a filter whose edge is {width:g} Hz wide is too long at {rate:g} samples per second"
         )
-    half = ceil(
-        (ATTENUATION - 7.95) / (2.285 * 2 * np.pi * width / rate) / 2
-    )  # Kaiser's formula
+    count, beta = kaiserord(ATTENUATION, 2 * width / rate)
     taps = firwin(
-        2 * half + 1,
-        cutoff + width / 2,
-        window=("kaiser", kaiser_beta(ATTENUATION)),
-        fs=rate,
+        2 * (count // 2) + 1, cutoff + width / 2, window=("kaiser", beta), fs=rate
     )
     taps = (taps + taps[::-1]) / 2
     return FirFilter(taps / taps.sum(), factor)
@@ -270,10 +237,10 @@ def reduction(edge: float, rate: float) -> FirFilter | None:
     if edge > WORTH * rate:
         return None
     factor = int(PASSED * rate / 2 / edge)
-    first = factor // _LAST
-    if first < _LAST:
+    first = factor // _LAST_STEP
+    if first < _LAST_STEP:
         return fir_lowpass(edge, rate, max(1, factor))
-    last = fir_lowpass(edge, rate / first, _LAST)
+    last = fir_lowpass(edge, rate / first, _LAST_STEP)
     before = fir_lowpass(edge, rate, first, width=rate / first - (2 + WIDEST) * edge)
     return FirFilter(last.taps, last.step, before)
 
@@ -287,9 +254,11 @@ _WEIGHTS = {
     ),
 }
 
-REACH = 4  # samples on either side that derivatives depend on
+REACH = 4
+"""Samples on either side of derivatives, and of values between samples: nine weigh a polynomial of degree 8."""
 
-_FAR_FROM_UNIT = 0.1  # largest deviation of a quaternion's length from 1 that rounding of a log can explain
+FAR_FROM_UNIT = 0.1
+"""Largest deviation of a quaternion's length from 1 that rounding of a log explains; others are no quaternions."""
 
 
 def derivative(values: Floats, rate: float, order: int = 1) -> Floats:
@@ -312,7 +281,7 @@ def derivatives(values: Floats, rate: float) -> tuple[Floats, Floats]:
 def continuous(q: Floats) -> Floats:
     """Unit quaternions (N, 4) as w, x, y, z, whose sign does not jump."""
     length = np.linalg.norm(q, axis=1)
-    wrong = np.flatnonzero(~(np.abs(length - 1) < _FAR_FROM_UNIT))
+    wrong = np.flatnonzero(~(np.abs(length - 1) < FAR_FROM_UNIT))
     if len(wrong):
         worst = f"sample {wrong[0]} has a quaternion of length {length[wrong[0]]:.3g}"
         raise InputError(f"{worst}: expected unit quaternions (w, x, y, z)")

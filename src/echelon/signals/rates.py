@@ -12,21 +12,27 @@ that a rate could be of.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 
-from echelon.arrays import Flags, Floats
+from echelon.arrays import Floats
+from echelon.signals.chance import CLEAR, usual
 from echelon.signals.clock import GAP
 
-_WINDOWS = 400  # so that one of a minute's motion is a tenth of what a joint takes to turn back
-_SHORTEST = 2  # samples of a window
-_BLOCKS = 16  # enough for an error of 20 % of a standard error
-_JUMP, _USUAL = (
-    5.0,
-    95.0,
-)  # travels beyond so many times the percentile of their sizes are those of encoders set anew
-CLEAR = 4.0  # standard errors of what is said of a column
+_WINDOWS = 400
+"""Windows over a log: in a minute's motion one is a tenth of the time that a joint takes to turn back."""
+
+_BLOCKS = 16
+"""Blocks of windows: enough for an error of 20 % of a standard error."""
+
+NEAR = 0.1
+"""Relative error up to which a slope is told, and difference from that of a unit that filters and delays explain."""
+
+_INTEGRALS = 1e-4
+"""Relative error of integrals of sampled velocities, which no slope is surer than."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +68,7 @@ def rate(signal: Floats, measured: Floats, time: Floats) -> Rate:
     """
     nothing = Rate(np.nan, np.nan, np.zeros(_BLOCKS))
     step = np.diff(time)
-    width = max(_SHORTEST, len(step) // _WINDOWS)
+    width = max(2, len(step) // _WINDOWS)
     ends = np.arange(0, len(time), width)
     if len(ends) < _BLOCKS + 3:
         return nothing
@@ -76,7 +82,11 @@ def rate(signal: Floats, measured: Floats, time: Floats) -> Rate:
     places = signal[ends]
     moved, around = np.diff(places)[1:-1], places[3:] - places[:-3]
     inside = np.isfinite(area) & np.isfinite(moved) & np.isfinite(around)
-    inside &= _usual(moved, inside) & _usual(around, inside)
+    for travels in (
+        moved,
+        around,
+    ):  # encoders that are set anew travel as no joint does
+        inside &= np.abs(travels) <= CLEAR * usual(travels[inside])
     if inside.sum() < _BLOCKS:
         return nothing
     # means are taken off: velocities have offsets
@@ -98,10 +108,14 @@ def rate(signal: Floats, measured: Floats, time: Floats) -> Rate:
     )
 
 
-def _usual(travels: Floats, inside: Flags) -> Flags:
-    sizes = np.abs(travels)
-    return (
-        sizes <= _JUMP * np.percentile(sizes[inside], _USUAL)
-        if inside.any()
-        else inside
-    )
+def common_slope(rates: Sequence[Rate]) -> tuple[float, float]:
+    """The weighted mean of some slopes and its standard error.
+
+    Slopes that differ by more than their errors make that of the mean as much larger.
+    """
+    slopes = np.array([some.slope for some in rates])
+    errors = np.array([max(some.error, _INTEGRALS * abs(some.slope)) for some in rates])
+    weights = errors**-2.0
+    mean = float(weights @ slopes / weights.sum())
+    excess = float(weights @ (slopes - mean) ** 2) / max(len(slopes) - 1, 1)
+    return mean, sqrt(max(excess, 1.0) / weights.sum())

@@ -20,38 +20,33 @@ from math import comb, sqrt
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
+from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
 from echelon.extras import extra
+from echelon.signals.chance import CLEAR, normal_deviation
+from echelon.signals.filters import ORDER, WORTH
 
-LEAST_SAMPLES = 64  # fewest samples from which a spectrum can be told
-_PARTS = 4  # windows, without overlap, into which a signal is cut: so few for their resolution, so many for their mean
+_WINDOWS = 4
+"""Windows, without overlap, into which a signal is cut: fewer have no mean, more no resolution."""
 
-_QUANTILE, _NORMAL = (
-    0.9,
-    1.6449,
-)  # and that of the absolute value of a standard normal variable
-_LONGEST = 1 << 15
-_BINS = 1000
-_PER_OCTAVE = (
-    8  # points of the smoothed spectrum, which the floor is taken from, per octave
-)
+LEAST_SAMPLES = 16 * _WINDOWS
+"""Fewest samples of a spectrum, for eight frequencies."""
 
-_CLEARLY = 4.0  # how far motion stands above the floor; less can be chance
+SHOWING = 1 << 15
+"""Samples that show noise, resolution and spectrum of a channel; more would only cost time."""
+
+_PER_OCTAVE = 10
+"""Cut-offs that are tried, and points of the smoothed spectrum that the floor is taken from, per octave."""
 
 _BEYOND_DOUBT = 100.0
-"""How far every stretch of motion stands above the floor somewhere; lower humps are vibrations or colour of noise."""
+"""Ratio to the floor that every stretch of motion has somewhere; lower humps are vibrations or colour of noise."""
 
-_TRUSTED = 0.35
+TRUSTED = 0.35
 """Share of the rate up to which noise is trusted not to fall as velocity; filters before sampling work above it."""
-
-_CANDIDATES = 120
-_ORDER = 4  # of the Butterworth low-pass
-_HIGHEST = 0.45  # highest cut-off that is worth a filter, as a share of the rate
 
 
 @dataclass(frozen=True, eq=False)
-class Spectrum:
+class PositionSpectrum:
     """Power spectral density of a position, divided into motion and noise."""
 
     rate: float  # samples per second
@@ -63,7 +58,7 @@ class Spectrum:
 
     @property
     def motion(self) -> Floats:
-        """What stands above the noise, shape (F,)."""
+        """Power above the noise, shape (F,)."""
         return np.maximum(self.power - self.noise, 0.0)
 
     @property
@@ -74,17 +69,9 @@ class Spectrum:
     def filter_error(self, cutoffs: Floats) -> Floats:
         """Mean square error of accelerations after low-passes of some cut-offs, by the motion's mean square."""
         weight = (2 * np.pi * self.frequencies) ** 4
-        last = len(self.frequencies)
-        bins = (
-            np.unique(np.geomspace(1, last, min(last, _BINS)).astype(int)) - 1
-        )  # the low frequencies one by one
-        middle = np.sqrt(
-            self.frequencies[bins] * self.frequencies[np.append(bins[1:], last) - 1]
-        )
-        motion, noise = (
-            np.add.reduceat(part * weight, bins) for part in (self.motion, self.noise)
-        )
-        passed = 1 / (1 + (middle / cutoffs[:, None]) ** (2 * _ORDER))
+        motion, noise = self.motion * weight, self.noise * weight
+        exponents = 2 * ORDER * (np.log(self.frequencies) - np.log(cutoffs)[:, None])
+        passed = 1 / (1 + np.exp(exponents))  # faster than powers
         error = (1 - passed) ** 2 @ motion + passed**2 @ noise
         total = float(motion.sum())
         return np.asarray(error / total if total > 0 else error)
@@ -100,7 +87,7 @@ class Spectrum:
         )
 
 
-def spectrum(values: npt.ArrayLike | Sequence[Floats], rate: float) -> Spectrum:
+def spectrum(values: npt.ArrayLike | Sequence[Floats], rate: float) -> PositionSpectrum:
     """Spectrum of a position (N,) and of its noise, from one stretch or from several between gaps."""
     pieces = values if isinstance(values, list | tuple) else [values]
     return spectra(
@@ -108,7 +95,7 @@ def spectrum(values: npt.ArrayLike | Sequence[Floats], rate: float) -> Spectrum:
     )[0]
 
 
-def spectra(pieces: Sequence[Floats], rate: float) -> list[Spectrum]:
+def spectra(pieces: Sequence[Floats], rate: float) -> list[PositionSpectrum]:
     """Spectra of positions (N, columns) and of their noise, from one stretch or from several between gaps."""
     longest = max((len(piece) for piece in pieces), default=0)
     if longest < LEAST_SAMPLES:
@@ -116,7 +103,7 @@ def spectra(pieces: Sequence[Floats], rate: float) -> list[Spectrum]:
             f"{longest} samples are too few for a spectrum; at least {LEAST_SAMPLES} are needed"
         )
     frequencies, densities = _differences(
-        pieces, rate, min((longest - 1) // _PARTS, _LONGEST)
+        pieces, rate, min((longest - 1) // _WINDOWS, SHOWING)
     )
     smooth = np.maximum(_medians(frequencies, densities), np.finfo(float).tiny)
     return [
@@ -127,17 +114,19 @@ def spectra(pieces: Sequence[Floats], rate: float) -> list[Spectrum]:
 
 def _divided(
     rate: float, frequencies: Floats, density: Floats, smooth: Floats
-) -> Spectrum:
+) -> PositionSpectrum:
     """A position's spectrum, divided into motion and noise, from that of its differences, also smoothed."""
     step = 2 * np.sin(np.pi * frequencies / rate)
     power = density / step**2
-    floor = np.where(frequencies < _TRUSTED * rate, smooth, np.inf)
+    floor = np.where(frequencies < TRUSTED * rate, smooth, np.inf)
     rising = np.minimum(np.minimum.accumulate(floor[::-1])[::-1], smooth)
     moves, floor = _stretches(smooth / rising), rising / step**2
-    knee = _best(Spectrum(rate, frequencies, power, np.where(moves, floor, power)))
+    knee = best_cutoff(
+        PositionSpectrum(rate, frequencies, power, np.where(moves, floor, power))
+    )
     flat = floor[min(int(np.searchsorted(frequencies, knee)), len(floor) - 1)]
     floor = np.where(frequencies < knee, np.minimum(floor, flat), floor)
-    return Spectrum(
+    return PositionSpectrum(
         rate, frequencies, power, np.where(moves, np.minimum(floor, power), power)
     )
 
@@ -172,12 +161,7 @@ def _differences(
 
 def _medians(frequencies: Floats, densities: Floats) -> Floats:
     """Densities (F, columns) smoothed by medians over narrow bands, which single lines do not raise."""
-    octaves = np.log2(frequencies[-1] / frequencies[0])
-    edges = np.geomspace(
-        frequencies[0],
-        frequencies[-1] * (1 + 1e-9),
-        max(2, int(_PER_OCTAVE * octaves)) + 1,
-    )
+    edges = _octaves(frequencies[0], np.nextafter(frequencies[-1], np.inf))
     centres, medians = [], []
     for low, high in pairwise(np.searchsorted(frequencies, edges)):
         if high > low:
@@ -192,50 +176,47 @@ def _medians(frequencies: Floats, densities: Floats) -> Floats:
     )
 
 
-def _stretches(ratio: Floats) -> npt.NDArray[np.bool_]:
+def _stretches(ratio: Floats) -> Flags:
     """Where motion stands clearly above the floor, in stretches that somewhere do so beyond doubt."""
-    above = ratio > _CLEARLY
+    above = ratio > CLEAR
     number = np.cumsum(np.diff(above, prepend=False) & above) * above
     certain = np.unique(number[ratio > _BEYOND_DOUBT])
     return np.isin(number, certain[certain > 0])
 
 
-def _best(spectrum: Spectrum) -> float:
-    """The cut-off that does least harm, of those that are worth a filter."""
-    low = float(spectrum.frequencies[0])
-    candidates = np.geomspace(
-        low, max(_HIGHEST * spectrum.rate, 1.01 * low), _CANDIDATES
-    )
-    return float(candidates[int(np.argmin(spectrum.filter_error(candidates)))])
-
-
-def best_cutoff(spectrum: Spectrum) -> float:
+def best_cutoff(spectrum: PositionSpectrum) -> float:
     """The cut-off with the least error of the acceleration, Hz; ``inf`` if any filter would only make it larger."""
-    found = _best(spectrum)
-    return found if found < 0.99 * _HIGHEST * spectrum.rate else np.inf
+    low = float(spectrum.frequencies[0])
+    cutoffs = _octaves(low, max(WORTH * spectrum.rate, 2 * low))
+    best = int(np.argmin(spectrum.filter_error(cutoffs)))
+    return float(cutoffs[best]) if best < len(cutoffs) - 1 else np.inf
+
+
+def _octaves(low: float, high: float) -> Floats:
+    """Frequencies from the lowest to the highest, in equal ratios."""
+    return np.geomspace(low, high, max(2, int(_PER_OCTAVE * np.log2(high / low))) + 1)
 
 
 def noise_deviation(
-    spectrum: Spectrum, derivative: int = 0, cutoff: float = np.inf
+    spectrum: PositionSpectrum, derivative: int = 0, cutoff: float = np.inf
 ) -> float:
     """Standard deviation of the noise of a derivative after a Butterworth low-pass both ways; the cut-off is in Hz."""
     f = spectrum.frequencies
-    passed = 1 / (1 + (f / cutoff) ** (2 * _ORDER)) ** 2
+    passed = 1 / (1 + (f / cutoff) ** (2 * ORDER)) ** 2
     variance = float(
         spectrum.noise @ (passed * (2 * np.pi * f) ** (2 * derivative))
     ) * float(f[0])
     return float(np.sqrt(variance))
 
 
-def white_noise(values: Floats, order: int) -> float:
-    """Standard deviation of white noise in samples (N,) of a smooth signal, from differences of so high an order.
+def white_noise(values: Floats, order: int = 8) -> float:
+    """Standard deviation of white noise in samples (N,) of a smooth signal, from differences of an order.
 
-    Differences take away what is smooth; the variance of noise they multiply by the binomial (2·order over order).  A
-    quantile tells their size, which single jumps, as of dry friction, do not sway.
+    Those of order 8 take away motion down to some 30 samples per period.
+
+    Differences take away what is smooth; the variance of noise they multiply by the binomial (2·order over order).
+    Nine tenths of them tell their size, which jumps, as of dry friction, do not sway.
     """
-    differences = np.abs(np.diff(values, order))
-    return (
-        float(np.quantile(differences, _QUANTILE))
-        / _NORMAL
-        / sqrt(comb(2 * order, order))
+    return float(normal_deviation(np.diff(values, order), 0.9)) / sqrt(
+        comb(2 * order, order)
     )

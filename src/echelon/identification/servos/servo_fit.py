@@ -46,7 +46,7 @@ from echelon.identification.servos.servo_start import (
     start_values,
     stated_values,
 )
-from echelon.logs.faults.examine import resolution
+from echelon.logs.faults.repeated_values import resolution
 from echelon.logs.finding import Finding, note
 from echelon.logs.read_log import read_log
 from echelon.logs.recording import Segment

@@ -1,1 +1,1 @@
-"""What the columns of a log mean for a robot: maps, guesses by name, units, sides of the gears."""
+"""Columns of a log as quantities of a robot: maps, guesses by name and by value, units, sides of the gears."""

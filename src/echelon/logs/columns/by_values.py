@@ -1,4 +1,4 @@
-"""What columns are by their values: clocks, families of columns whose names say nothing, and units.
+"""Columns told by their values: clocks, and families of columns whose names say nothing.
 
 A family has a column for every coordinate; columns that never change are none, as they say nothing.  Positions are the
 family that another one is the rate of (:mod:`echelon.signals.rates`).  Torques that friction dominates are proportional
@@ -7,8 +7,6 @@ of two units, the same for all joints.  Without a clock it is a rate that nobody
 every joint agrees on it, and another family is left for outputs.  Without velocities, positions are much smoother than
 what is measured of forces.  Of two that follow one another the smoother one is the reference, and what is left are
 outputs, if it is one family.
-
-Units are those that magnitudes ask for: a wrong one is an error of a factor of 57 or 1000, and robots differ by less.
 """
 
 from __future__ import annotations
@@ -16,34 +14,33 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.logs.columns.column_map import Channel, ColumnMap, motion_of
-from echelon.logs.files.log_file import Table
-from echelon.logs.finding import Finding, note, warning
-from echelon.logs.units import factor
-from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism
-from echelon.signals.clock import nominal_period
-from echelon.signals.rates import Rate, rate
+from echelon.signals.chance import SHARE
+from echelon.signals.rates import NEAR, Rate, common_slope, rate
+from echelon.signals.spectrum import SHOWING
 
-_MANY = 10  # columns per joint, beyond which pairs are not looked for
-_INTEGRALS = 1e-4  # relative error of integrals of sampled velocities
-_ENOUGH = 50_000  # samples that show whether one column is the rate of another
+_MOST_COLUMNS = 10
+"""Columns per joint, with more of which pairs are not looked for: their number grows with the square."""
+
 _SAME = 0.98
+"""Correlation of positions with those that were asked for."""
+
 _SCALES = np.array([1.0, 180 / np.pi, np.pi / 180, 1e3, 1e-3])
 """Sizes of a reference in units of those of the positions, and slopes of velocities: both may be in other units."""
-NEAR = 0.1  # relative difference of a slope from that of a unit: filters and delays take so much
-_ONE_RATE = 0.03  # relative difference and error of the slopes of joints, from which on they are not one rate
+
+_ONE_RATE = 0.03
+"""Relative difference of the slopes of joints, and their relative errors, up to which they are one rate."""
+
 _SMOOTHER = 1.5
 """Ratio of the steps of two families, in units of their spread, from which on one is smoother than the other."""
-_FORWARD = 0.999
+
 _UNIFORM = 0.25
-PERIODS = (5e-5, 0.2)  # s, between samples of a robot
+"""Relative difference of most intervals of a clock from their median: loggers are late by less."""
 
 
 @dataclass(frozen=True)
@@ -188,9 +185,9 @@ def in_pairs(
 
     All are in the order of the file.  Nothing is found where there are not as many as joints.
     """
-    some = {name: _clean(columns[name][:_ENOUGH, None]) for name in names}
+    some = {name: _clean(columns[name][:SHOWING, None]) for name in names}
     moving = {name: values for name, values in some.items() if np.ptp(values) > 0}
-    if len(moving) > _MANY * count:
+    if len(moving) > _MOST_COLUMNS * count:
         return {}, []
     rates = {
         a: [b for b in moving if b != a and _is_rate(moving[a], moving[b], times)]
@@ -220,7 +217,7 @@ def is_mixed(
     family: Family, columns: Mapping[str, Floats], times: Floats | None
 ) -> bool:
     """Whether one column of a family is the rate of another, so that they are not of different joints."""
-    values = [_clean(columns[name][:_ENOUGH, None]) for name in family.columns]
+    values = [_clean(columns[name][:SHOWING, None]) for name in family.columns]
     return times is not None and any(
         _is_rate(a, b, times) for a, b in permutations(values, 2)
     )
@@ -248,7 +245,7 @@ def clock(
             continue
         even = np.mean(np.abs(steps - period) < _UNIFORM * period)
         counts = period == 1 and set(np.unique(steps)) == {1.0}
-        if np.mean(steps > 0) <= _FORWARD or even <= 0.5 or (counts and not named):
+        if np.mean(steps > 0) <= SHARE or even <= 0.5 or (counts and not named):
             continue
         # a counter of rows is none if something beside it is
         if not counts or not clock(
@@ -256,24 +253,6 @@ def clock(
         ):
             return name
     return ""
-
-
-def clock_unit(times: Floats) -> str:
-    """The unit in which time stamps make a rate at which robots are logged; empty for seconds."""
-    stamps = times[np.isfinite(times)]
-    fitting = (
-        fitting_units(nominal_period(stamps)) if np.any(np.diff(stamps) > 0) else []
-    )
-    return "" if not fitting or fitting[0] == "s" else fitting[0]
-
-
-def fitting_units(period: float) -> list[str]:
-    """Units of time stamps that are so far apart in which that is a rate at which robots are logged."""
-    return [
-        unit
-        for unit in ("s", "ms", "us", "ns", "day")
-        if PERIODS[0] <= period * factor(unit, "s") <= PERIODS[1]
-    ]
 
 
 def classified(
@@ -372,20 +351,12 @@ def error_as_rates(lower: Floats, upper: Floats, times: Floats | None) -> float:
 def sample_rate(lower: Floats, upper: Floats) -> tuple[float, float]:
     """Samples per second with which most columns are the rates of others, shape (N, joints), and its standard error.
 
-    Joints that differ by more than their errors make that of the mean as much larger; nan if there is no such rate.
+    Both are nan if there is no such rate.
     """
     found = [some for some in _rates(lower, upper, None) if some.relative < NEAR]
-    if not found:
-        return math.nan, math.nan
-    slopes = np.array([some.slope for some in found])
-    errors = np.array([max(some.error, _INTEGRALS * abs(some.slope)) for some in found])
-    near = np.abs(slopes - np.median(slopes)) < NEAR * np.median(slopes)
-    if 2 * near.sum() <= len(found):
-        return math.nan, math.nan
-    slopes, weights = slopes[near], errors[near] ** -2.0
-    mean = float(weights @ slopes / weights.sum())
-    excess = float(weights @ (slopes - mean) ** 2) / max(len(slopes) - 1, 1)
-    return mean, math.sqrt(max(excess, 1.0) / weights.sum())
+    middle = float(np.median([some.slope for some in found])) if found else math.nan
+    near = [some for some in found if abs(some.slope - middle) < NEAR * middle]
+    return common_slope(near) if 2 * len(near) > len(found) else (math.nan, math.nan)
 
 
 def _rates(lower: Floats, upper: Floats, times: Floats | None) -> list[Rate]:
@@ -433,110 +404,3 @@ def _roughness(values: Floats, order: int = 1) -> Floats:
     spread = values.std(axis=0)
     steps = np.sqrt(np.mean(np.diff(values, order, axis=0) ** 2, axis=0))
     return np.asarray(steps[spread > 0] / spread[spread > 0])
-
-
-TURNS = 4 * math.pi  # rad, beyond which hardly any joint goes
-LONG = 20.0  # m, that no joint slides
-DEGREES = 720.0  # beyond which angles are no degrees of a joint either
-
-
-def with_units(
-    columns: ColumnMap, table: Table, mechanism: Mechanism
-) -> tuple[ColumnMap, tuple[Finding, ...]]:
-    """Guessed columns with the units that their magnitudes ask for, and what was assumed."""
-    notes: list[Finding] = []
-    time = columns.time
-    if time is not None and not time.unit and time.column in table.columns:
-        unit = clock_unit(table.columns[time.column])
-        if unit:
-            text = f"the time '{time.column}' is taken to be in {unit}: in seconds it would be no rate of a robot's log"
-            notes.append(note("units", table.source, text))
-        time = replace(time, unit=unit)
-    turning = {
-        name: some
-        for name, some in columns.positions.items()
-        if _moves(mechanism, name, MotionKind.ROTATION)
-    }
-    far = [
-        np.nanmax(np.abs(table.columns[some.column]), initial=0.0)
-        for some in turning.values()
-    ]
-    plain = turning and not any(some.unit for some in turning.values())
-    positions = columns.positions
-    if (
-        plain
-        and 2 * sum(size > TURNS for size in far) > len(far)
-        and max(far) <= DEGREES
-    ):
-        positions = {
-            **positions,
-            **{name: replace(some, unit="deg") for name, some in turning.items()},
-        }
-        text = f"positions up to {max(far):.4g} are taken to be in degrees"
-        notes.append(warning("units", table.source, text))
-    sliding = [
-        name for name in positions if _moves(mechanism, name, MotionKind.TRANSLATION)
-    ]
-    far = [
-        np.nanmax(np.abs(table.columns[positions[name].column]), initial=0.0)
-        for name in sliding
-    ]
-    if max(far, default=0.0) > LONG and not any(
-        positions[name].unit for name in sliding
-    ):
-        positions = {
-            **positions,
-            **{name: replace(positions[name], unit="mm") for name in sliding},
-        }
-        notes.append(
-            warning(
-                "units",
-                table.source,
-                f"lengths up to {max(far):.4g} are taken to be in mm",
-            )
-        )
-    asked = {
-        name: replace(some, unit=some.unit or positions[name].unit)
-        for name, some in columns.references.items()
-    }
-    guessed = replace(columns, time=time, positions=positions, references=asked)
-    return replace(guessed, velocities=_with_rates(guessed, table, mechanism)), tuple(
-        notes
-    )
-
-
-def _moves(mechanism: Mechanism, name: str, kind: MotionKind) -> bool:
-    motion = motion_of(mechanism, name)
-    return motion is not None and motion.kind is kind
-
-
-def _with_rates(
-    columns: ColumnMap, table: Table, mechanism: Mechanism
-) -> dict[str, Channel]:
-    """Velocities in deg/s or mm/s where they are to positions as degrees are to radians, or mm to m.
-
-    Without a clock they are in the unit of their positions per second.
-    """
-    found = dict(columns.velocities)
-    times = None if columns.time is None else table.columns.get(columns.time.column)
-    for name, channel in columns.velocities.items():
-        position = columns.positions.get(name)
-        if channel.unit or position is None:
-            continue
-        if times is None:
-            per_second = position.unit and not table.clocks
-            found[name] = (
-                replace(channel, unit=f"{position.unit}/s") if per_second else channel
-            )
-            continue
-        unit = "deg/s" if _moves(mechanism, name, MotionKind.ROTATION) else "mm/s"
-        q, v = (
-            table.columns[position.column] * factor(position.unit, None),
-            table.columns[channel.column],
-        )
-        if len(q) != len(v) or len(q) != len(times):
-            continue
-        own = rate(q, v, times * factor(columns.time.unit if columns.time else "", "s"))
-        if own.relative < NEAR and abs(own.slope * factor(unit, None) - 1) < NEAR:
-            found[name] = replace(channel, unit=unit)
-    return found

@@ -1,4 +1,4 @@
-"""What the columns of a log mean for a robot, and what a log can say about it: channels and SI units of quantities."""
+"""Column maps: which columns of a log hold which quantities of a robot, and in which SI units these are."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ class Series:
 
     @property
     def label(self) -> str:
-        """What messages call it."""
+        """The name of the column in messages."""
         return f"{SIGNALS.get(self.signal, self.signal)} of '{self.name}'"
 
 

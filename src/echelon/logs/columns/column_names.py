@@ -1,4 +1,4 @@
-"""What the name of a column says: quantity, joint, number, unit; and which joints of a robot its log does not have.
+"""Names of columns: quantity, joint, number and unit that they say; and joints of a robot that its log does not have.
 
 A name such as ``q_rad_1``, ``/joint_states/position/elbow``, ``torques[0]`` or ``time [ms]`` is understood word by
 word, and only if every word is: ``tau_fric1`` is some torque, but not the measured one.  The words are those of the
@@ -26,6 +26,12 @@ from echelon.logs.units import fits
 from echelon.mechanism.joint import GROUND, MotionKind
 from echelon.mechanism.mechanism import Mechanism
 
+
+def _by_word(table: Mapping[str, str]) -> dict[str, str]:
+    """A table of words in a row by their meaning, turned round."""
+    return {word: meaning for meaning, words in table.items() for word in words.split()}
+
+
 _WORDS = {
     "position": "q qs qpos pos posn position positions angle angles enc encoder encoders theta th mp winkel "
     "lage posicion posizione angulo angolo",
@@ -38,7 +44,7 @@ _WORDS = {
     "time": "t ts tout time times timestamp timestamps stamp datetime clock elapsed seconds zeit uhrzeit zeitstempel "
     "tiempo temps tempo",
 }
-_KINDS = {word: kind for kind, words in _WORDS.items() for word in words.split()}
+_KINDS = _by_word(_WORDS)
 _WEAK = frozenset(
     "a v i t d"
 )  # letters that say what is measured only where no word does
@@ -53,52 +59,43 @@ _OTHERS = {
     "neutral": "meas measured msr msrd act actual read present field data feedback fb sensor per log value values msg "
     "header unix ros output est estimated sim robot main arm out yout signal signals js",
 }
-_ROLES = {word: role for role, words in _OTHERS.items() for word in words.split()}
+_ROLES = _by_word(_OTHERS)
 _COMMANDS = frozenset(_OTHERS["reference"].split())
 _NEUTRAL = frozenset(_OTHERS["neutral"].split())
 KNOWN = frozenset(_KINDS) | frozenset(
     _ROLES
 )  # words that say something of what is measured
-_UNITS = {
-    "rad": "rad",
-    "deg": "deg",
-    "degree": "deg",
-    "degrees": "deg",
-    "grad": "deg",  # German, not gon
-    "grados": "deg",
-    "rads": "rad/s",
-    "degs": "deg/s",
-    "rads2": "rad/s²",
-    "radps": "rad/s",
-    "degps": "deg/s",
-    "dps": "deg/s",
-    "rpm": "rpm",
-    "m": "m",
-    "mm": "mm",
-    "nm": "N·m",
-    "mnm": "mN·m",
-    "n": "N",
-    "ma": "mA",
-    "s": "s",
-    "sec": "s",
-    "ms": "ms",
-    "us": "us",
-    "ns": "ns",
-    "nsec": "ns",
-}
+_UNITS = _by_word(
+    {
+        "rad": "rad",
+        "deg": "deg degree degrees grad grados",  # grad is German, not gon
+        "rad/s": "rads radps",
+        "deg/s": "degs degps dps",
+        "rad/s²": "rads2",
+        "rpm": "rpm",
+        "m": "m",
+        "mm": "mm",
+        "N·m": "nm",
+        "mN·m": "mnm",
+        "N": "n",
+        "mA": "ma",
+        "s": "s sec",
+        "ms": "ms",
+        "us": "us",
+        "ns": "ns nsec",
+    }
+)
 _PER_SECOND = {"rad s": "rad/s", "deg s": "deg/s", "m s": "m/s", "mm s": "mm/s"}
 _BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()]*[A-Za-z°%‰][^\[\]()]*?)\s*[\])]")
-_COLUMN_UNITS = {"grad": "deg", "grados": "deg", "u/min": "rpm", "1/min": "rpm"}
-_COLUMN_UNITS |= {
-    "kg.cm": "kgf·cm",
-    "kg·cm": "kgf·cm",
-    "kg*cm": "kgf·cm",
-    "kgcm": "kgf·cm",
-    "kg-cm": "kgf·cm",
-}
-_COLUMN_UNITS |= dict.fromkeys(
-    ("per mille", "permille", "promille", "per mil", "1/1000"), "‰"
+_COLUMN_UNITS = _by_word(
+    {
+        "deg": "grad grados",
+        "rpm": "u/min 1/min",
+        "kgf·cm": "kg.cm kg·cm kg*cm kgcm kg-cm",
+        "‰": "permille promille 1/1000",
+    }
 )
+_COLUMN_UNITS |= dict.fromkeys(("per mille", "per mil"), "‰")
 SHARES = ("%", "‰")  # what torques are in that are shares of a rated one
 _GREEK = str.maketrans({"θ": "theta", "ϑ": "theta", "τ": "tau", "ω": "omega"})
 _ANGLES = frozenset({"rad", "deg", "rads", "degs"})
@@ -119,6 +116,7 @@ _BEGINS, _ENDS = (
 _AFFIX = re.compile(
     r"^(?:joint|jnt|motor|axis)[_-]|[_-](?:joint|jnt|motor|axis)$", re.IGNORECASE
 )
+_TRAILING_NUMBER = re.compile(r"\d{1,9}$")  # longer ones are no numbers of joints
 _BARE = frozenset({"joint", "state", "neutral"})
 _STRONG = frozenset(_KINDS) - _WEAK
 _PREFIXES = {"j"} | {
@@ -128,9 +126,10 @@ _PREFIXES = {"j"} | {
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a column's name says."""
+    """The meaning of a column's name."""
 
-    kind: str  # ``position``, ``velocity``, ``acceleration``, ``output``, ``current``, ``reference``, ``time``, ``joint``
+    # ``position``, ``velocity``, ``acceleration``, ``output``, ``current``, ``reference``, ``time`` or ``joint``
+    kind: str
     name: str = ""  # coordinate, output or actuator that it names; empty if it has none
     index: int | None = None  # its number
     motor: bool = False  # whether it says that it was measured at a motor
@@ -150,7 +149,7 @@ def aliases(names: Iterable[str]) -> dict[str, str]:
 
 
 def meaning(column: str, known: Mapping[str, str]) -> Meaning | None:
-    """What a column's name says, with coordinates by their aliases; None if there is a word that is not understood."""
+    """The meaning of a name, with coordinates by their aliases; None if there is a word that is not understood."""
     rest, unit, name = unicodedata.normalize("NFKD", column), "", ""
     bracket = _BRACKETS.search(rest)
     if bracket and bracket.group(1).lower() not in map(
@@ -209,10 +208,6 @@ def spoken(column: str) -> list[str]:
     return re.findall(r"[a-z]{2,}", _HUMPS[1].sub("_", column).lower())
 
 
-_LONGEST_NUMBER = 9
-"""Digits of the number of a joint in a column's name; longer ones are no numbers of joints."""
-
-
 def _by_words(text: str, name: str, unit: str) -> Meaning | None:
     kinds: list[str] = []
     weak: list[str] = []
@@ -221,10 +216,8 @@ def _by_words(text: str, name: str, unit: str) -> Meaning | None:
     units: list[str] = []
     angle = _COLUMN_UNITS.get(unit.lower(), unit) in ("rad", "deg", "°")
     for word in _split(text):
-        digits = "" if word in _UNITS else word[len(word.rstrip("0123456789")) :]
-        letters = word.removesuffix(digits)
-        if len(digits) > _LONGEST_NUMBER:
-            return None
+        letters = word if word in _UNITS else _TRAILING_NUMBER.sub("", word)
+        digits = word.removeprefix(letters)
         if digits:
             numbers.add(int(digits))
         if (
@@ -391,7 +384,7 @@ def unlogged_joints(
     }
     said = {m.name for m in motions if told & {m.name, *m.positions, *m.velocities}}
     if said:
-        kept = [said] if len(_strangers(names, known)) <= len(said) else []
+        kept = [said] if len(_other_names(names, known)) <= len(said) else []
     else:
         kept = next(
             filter(
@@ -407,7 +400,7 @@ def unlogged_joints(
     ]
 
 
-def _strangers(names: Sequence[str], known: Mapping[str, str]) -> set[str]:
+def _other_names(names: Sequence[str], known: Mapping[str, str]) -> set[str]:
     """Words in the places of joints that no joint is called, as ``base angle`` beside ``elbow angle``."""
     told = [(name, alias) for name in names for alias in known if _says(name, alias)]
     patterns = {
@@ -446,7 +439,7 @@ def _counts(names: Sequence[str], meanings: Mapping[str, Meaning]) -> list[int]:
 
 
 def _kept(mechanism: Mechanism, count: int) -> Iterator[set[str]]:
-    """Sets of motions that a log of so many joints may be of, of those that are as plausible the first of a chain."""
+    """Sets of motions that a log with columns of ``count`` joints may be of, the most plausible ones."""
     chains = _chains(mechanism)
     stems: dict[str, set[str]] = {}
     for name in chains:

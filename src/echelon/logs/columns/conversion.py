@@ -40,10 +40,9 @@ from echelon.mechanism.stated import symbol_values
 from echelon.signals.clock import GAP, nominal_period
 
 _GAINED = ("A", "V")  # what drives report instead of forces
-LARGEST = (
-    1e100  # of what sensors measure, in SI units: squares of it still have doubles
-)
-_SMALLEST = 1e-100  # of the largest value of a column that is not zero: its squares still have doubles
+LARGEST = 1e100
+"""Largest value of a sensor in SI units; its square, and that of its inverse, still have doubles."""
+
 _STATES = {
     "position": "q",
     "velocity": "qd",
@@ -215,7 +214,7 @@ def needed_columns(columns: ColumnMap, names: Sequence[str] = ()) -> tuple[str, 
                 f"'{name}'" + (f" ('{near[name]}'?)" if near[name] else "")
                 for name in strange
             )
-            raise InputError(f"there are no columns {listed(guesses)}: in brackets the nearest ones the log has, of "
+            raise InputError(f"there are no columns {listed(guesses)}; in brackets are the nearest names; the log has "
                              f"{listed(names)}")  # fmt: skip
         if columns.time is None and columns.rate is None:
             found += [name for name in time_candidates(names) if name not in found]
@@ -309,8 +308,8 @@ def _read(
         with np.errstate(over="ignore"):
             values = ratio * aligned.column(channel.column) + channel.offset
         largest = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
-        if largest > LARGEST or 0 < largest < _SMALLEST:
-            valid = f"{_SMALLEST:.0e} to {LARGEST:.0e}"
+        if largest > LARGEST or 0 < largest < 1 / LARGEST:
+            valid = f"{1 / LARGEST:.0e} to {LARGEST:.0e}"
             problem = f"goes to {largest:.3g} in SI units, which no sensor measures (valid: {valid})"
             raise InputError(
                 problem, element=f"column '{channel.column}' ({kind} of '{name}')"

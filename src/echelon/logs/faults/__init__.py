@@ -1,1 +1,1 @@
-"""What is wrong with a log: faults of sensors and loggers, and magnitudes that no robot has."""
+"""Faults of logs: sensors and loggers that fail, and magnitudes that no robot has."""

@@ -13,43 +13,37 @@ import numpy as np
 
 from echelon.arrays import Flags, Floats
 from echelon.logs.finding import Finding, seconds, warning
-from echelon.logs.recording import Recording
+from echelon.logs.recording import FEWEST, Recording
+from echelon.signals.chance import CLEAR, normal_deviation
 
-_TWICE = (1.6, 2.4)  # steps by those beside them, where one row is missing
-_ONCE = 1.2  # the same up to which none is
-_CLEAR = (
-    8.0  # a step by its noise, from which on it is told whether it is twice as long
-)
-_FEW = 0.002  # share of clear steps that are twice as long, up to which a jerk may be the reason
-_BETWEEN = 0.25  # steps of other lengths, by those that are twice as long: fewer where rows are lost
-_NORMAL = (
-    0.6745  # median of the absolute value of normal noise, by its standard deviation
-)
-_FEWEST = 100  # rows that are looked at
+_OFF = 0.4
+"""Difference of the ratio of two steps from 2, up to which a row is missing: accelerations and noise make as much."""
+
+_JERKS = 0.002
+"""Share of clear steps that may be twice as long as those beside them for other reasons, such as jerks."""
+
+_BETWEEN = 0.25
+"""Steps of other lengths, by those that are twice as long: where rows are lost there are fewer."""
 
 
 def with_lost_rows(recording: Recording) -> tuple[Recording, list[Finding]]:
-    """A recording whose time stamps are later by a period after every row that is missing, and what is said of it."""
+    """A recording whose time stamps are later by a period after every row that is missing, and a finding about it."""
     q, gaps = recording.signals["q"], np.diff(recording.time)
-    period = float(np.median(gaps)) if len(gaps) > _FEWEST else 0.0
+    period = float(np.median(gaps)) if len(gaps) > 10 * FEWEST else 0.0
     even = bool(period) and bool(np.all(np.abs(gaps - period) < 0.5 * period))
     if not even or not np.isfinite(q).all():
         return recording, []
     before, after, clear = _ratios(np.diff(q, axis=0))
-    twice = (
-        clear
-        & (np.minimum(before, after) > _TWICE[0])
-        & (np.maximum(before, after) < _TWICE[1])
-    )
-    other = clear & (before > _ONCE) & (after > _ONCE) & ~twice
-    if twice.sum() <= _FEW * clear.sum() or other.sum() > _BETWEEN * twice.sum():
+    twice = clear & (np.abs(before - 2) < _OFF) & (np.abs(after - 2) < _OFF)
+    other = clear & (np.minimum(before, after) > 2 - 2 * _OFF) & ~twice
+    if twice.sum() <= _JERKS * clear.sum() or other.sum() > _BETWEEN * twice.sum():
         return recording, []
     late = np.concatenate([[0, 0], np.cumsum(twice), [twice.sum()]])
     where = f"{recording.source}, from {seconds(float(recording.time[int(np.argmax(late > 0))]))} s"
     text = (
         f"about {twice.sum() / len(q):.1%} of the rows are missing, though time stamps are equidistant: all joints "
-        "move twice as far there from one row to the next.  The clock was set on by a period each time; log the time "
-        "of each sample, not the number of its row"
+        "move twice as far there from one row to the next.  Time stamps were moved on by a period each time; log the "
+        "time of each sample, not the number of its row"
     )
     return replace(recording, time=recording.time + period * late), [
         warning("lost rows", where, text)
@@ -62,7 +56,7 @@ def _ratios(steps: Floats) -> tuple[Floats, Floats, Flags]:
     A sample that is held makes the steps beside it twice as long as the mean of their neighbours, but not as each.
     """
     before, here, after = steps[:-2], steps[1:-1], steps[2:]
-    noise = np.median(np.abs(here - (before + after) / 2), axis=0) / _NORMAL
+    noise = normal_deviation(here - (before + after) / 2, 0.5)
     told = noise > 0
     before, here, after = (
         some[:, told] / noise[told] for some in (before, here, after)
@@ -72,4 +66,4 @@ def _ratios(steps: Floats) -> tuple[Floats, Floats, Flags]:
         np.sum(some * here, axis=1) / np.maximum(size, np.finfo(float).tiny)
         for some, size in zip((before, after), sizes, strict=True)
     ]
-    return ratios[0], ratios[1], np.minimum(*sizes) > _CLEAR**2
+    return ratios[0], ratios[1], np.minimum(*sizes) > (CLEAR / _OFF) ** 2

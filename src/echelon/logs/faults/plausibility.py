@@ -1,9 +1,8 @@
-"""What cannot be right: magnitudes that no robot has, and velocities that contradict positions.
+"""Contradictions in a log: magnitudes that no robot has, and velocities that are not the rates of positions.
 
-A wrong unit is an error of a factor of 57 or 1000, and robots differ by less than that: joints turn once or twice, not
-fifty times, and are sampled between five and twenty thousand times a second.  Where a number cannot be right, and the
-column's unit was not stated, reading stops with the unit that would make it right.  To state the unit is to say that
-the number is right; then, and where there is room for doubt, it is a finding.
+Where a number cannot be right (:mod:`echelon.logs.columns.magnitudes`), and the column's unit was not stated, reading
+stops with the unit that would make it right.  To state the unit is to say that the number is right; then, and where
+there is room for doubt, it is a finding.
 
 A wrong sign, unit or column shows as a factor between velocities and the derivatives of positions.  That columns are
 exchanged is only said where this explains clearly more than what is stated: where joints move alike, velocities follow
@@ -15,21 +14,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import dropwhile
 
 import numpy as np
 
 from echelon.arrays import Flags
 from echelon.errors import InputError
-from echelon.logs.columns.by_values import (
-    DEGREES,
-    LONG,
-    NEAR,
-    TURNS,
-    are_numbers,
-    fitting_units,
-)
+from echelon.logs.columns.by_values import are_numbers
 from echelon.logs.columns.column_map import (
     WRAP,
     Channel,
@@ -38,47 +30,27 @@ from echelon.logs.columns.column_map import (
     motion_of,
     series,
 )
+from echelon.logs.columns.magnitudes import LARGEST, SMALLEST, fitting_units, is_period
 from echelon.logs.finding import Finding, listed, warning
 from echelon.logs.recording import Recording
 from echelon.logs.units import factor
 from echelon.mechanism.joint import GROUND, MotionKind, Placement, Step
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
-from echelon.signals.clock import nominal_period
-from echelon.signals.rates import CLEAR, rate
+from echelon.signals.chance import CLEAR, LITTLE
+from echelon.signals.clock import REPEATED, nominal_period
+from echelon.signals.rates import NEAR, common_slope, rate
 
-_FARTHEST = 1e5  # rad, that not even a wheel or a spindle turns in a log: hundreds of seconds at hundreds of rad/s
-_ODD_PERIODS = (2e-5, 0.5)
-_LITTLE_ANGLE = 2 * math.pi**2 / 180
-_LITTLE_LENGTH = 1e-3
-_STRONG = {"N·m": 2e4, "N": 1e6}
-_WEIGHTS = 50.0
-_WEAK = 1e-4
-_FORWARD = (
-    0.75  # share of steps forward in time from which on their length says something
-)
-_G = 9.81
+_OF_WEIGHT = (1e-4, 50.0)
+"""Largest torque of a log by the largest moment of the robot's weight: drives are made for its weight and motion."""
 
 
 def check_plausible(
     recording: Recording, mechanism: Mechanism, columns: ColumnMap | None = None
 ) -> tuple[Finding, ...]:
     """Compare magnitudes with what robots do; units that were stated in the column map are believed."""
-    stated = columns or ColumnMap()
-    findings = _check_time(recording, stated)
-    positions = [
-        s for s in series(recording, mechanism, "q") if np.isfinite(s.values).any()
-    ]
-    turning = [s for s in positions if _kind(mechanism, s) is MotionKind.ROTATION]
-    sliding = [
-        s
-        for s in positions
-        if _kind(mechanism, s) is MotionKind.TRANSLATION and not _floats(mechanism, s)
-    ]
-    findings += _check_angles(recording, turning, stated.positions)
-    findings += _check_lengths(recording, sliding, stated.positions)
-    findings += _check_forces(recording, mechanism, stated.outputs)
-    return tuple(findings)
+    checks = _Magnitudes(recording, mechanism, columns or ColumnMap())
+    return (*checks.time(), *checks.angles(), *checks.lengths(), *checks.forces())
 
 
 def surplus_columns(
@@ -109,67 +81,158 @@ def surplus_columns(
     return (warning("robot", "positions", text),)
 
 
-# -- time -------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class _Magnitudes:
+    """The magnitudes of a recording, beside the units that a column map states."""
 
+    recording: Recording
+    mechanism: Mechanism
+    stated: ColumnMap
 
-def _check_time(recording: Recording, columns: ColumnMap) -> list[Finding]:
-    time = recording.time[np.isfinite(recording.time)]
-    steps = np.diff(time)
-    if columns.rate is not None and fitting_units(1 / columns.rate)[:1] != ["s"]:
-        text = f"at the stated rate of {columns.rate:g} Hz there is a sample every {1 / columns.rate:.4g} s"
-        return [
-            warning(
-                "time",
-                f"{recording.source}, time",
-                f"{text}, a rate that shows no dynamics",
+    def warned(self, kind: str, label: str, text: str) -> list[Finding]:
+        """The finding about a channel, alone."""
+        return [warning(kind, f"{self.recording.source}, {label}", text)]
+
+    def refused(self, label: str, text: str) -> InputError:
+        """The error about a channel."""
+        return InputError(text, source=self.recording.source, element=label)
+
+    def time(self) -> list[Finding]:
+        """Findings about the clock; an error where another unit of the stamps would be right."""
+        slow, given = "a rate that shows no dynamics", self.stated.rate
+        if given is not None:
+            text = f"at the stated rate of {given:g} Hz there is a sample every {1 / given:.4g} s, {slow}"
+            return [] if is_period(1 / given) else self.warned("time", "time", text)
+        time = self.recording.time[np.isfinite(self.recording.time)]
+        if len(time) < 3 or np.mean(np.diff(time) > 0) < 1 - REPEATED:
+            return []  # that stamps are in no order is said where segments are made
+        period, channel = nominal_period(time), self.stated.time or Channel("")
+        if is_period(period) or channel.unit == "s":
+            return []
+        raw = period / factor(channel.unit, "s")
+        unit = next(iter(fitting_units(raw)), "")
+        text = f"by its time stamps the log has a sample every {period:.4g} s"
+        if unit and self.stated.time is not None and not channel.unit:
+            samples = 1 / (raw * factor(unit, "s"))
+            question = (
+                f"is time in {unit} (unit: {unit}; {samples:.4g} samples per second)?"
             )
+            text = f"{text}: {question} If it really is in seconds, say unit: s"
+            raise self.refused(f"column '{channel.column}'", text)
+        return self.warned(
+            "time", "time", text + (f": is time in {unit}?" if unit else f", {slow}")
+        )
+
+    def angles(self) -> list[Finding]:
+        """Findings about the positions of turning joints; an error where most go farther than joints do."""
+        turning, stated = self._positions(MotionKind.ROTATION), self.stated.positions
+        far = [
+            channel
+            for channel in turning
+            if _largest(channel) > LARGEST["rad"] and _unstated(stated, channel)
         ]
-    if columns.rate is not None or len(time) < 3 or np.mean(steps > 0) < _FORWARD:
-        return []  # that stamps are in no order is said where segments are made
-    period = nominal_period(time)
-    if _ODD_PERIODS[0] <= period <= _ODD_PERIODS[1]:
+        if far:
+            most = max(map(_largest, far))
+            question = (
+                "are they in degrees (unit: deg)?"
+                if most <= math.degrees(LARGEST["rad"])
+                else "are they encoder counts (scale), or those of motors (state actuators and name these)?"
+            )
+            names = listed(f"'{channel.name}'" for channel in far)
+            text = f"{names}: angles up to {most:.4g} rad are {most / math.tau:.3g} turns: {question}"
+            if len(far) > 1 and 2 * len(far) > len(turning):
+                raise self.refused(
+                    "positions", f"{text} If they are right, say unit: rad"
+                )
+            return self.warned("units", "positions", text)
+        most = max(map(_range, turning), default=math.inf)
+        units = [stated[c.name].unit if c.name in stated else "" for c in turning]
+        if most < SMALLEST["rad"] and all(
+            factor(unit, "rad") == math.radians(1) for unit in units
+        ):
+            question = "are the columns in rad (leave out unit: deg)?"
+            text = f"no joint turns by more than {math.degrees(most):.3g}°: {question}"
+            return self.warned("units", "positions", text)
         return []
-    channel = columns.time or Channel("")
-    raw = period / factor(channel.unit, "s")
-    units = fitting_units(raw)
-    text = f"by its time stamps the log has a sample every {period:.4g} s"
-    if columns.time is not None and not channel.unit and units:
-        unit = units[0]
-        problem = (
-            f"{text}: is time in {unit} (unit: {unit}; {1 / (raw * factor(unit, 's')):.4g} samples per second)? "
-            "If it really is in seconds, say unit: s"
+
+    def lengths(self) -> list[Finding]:
+        """Findings about the positions of sliding joints; an error where one slides farther than joints do."""
+        findings, stated = [], self.stated.positions
+        for channel in self._positions(MotionKind.TRANSLATION):
+            most, moved = _largest(channel), _range(channel)
+            if most > LARGEST["m"] and _unstated(stated, channel):
+                problem = f"it goes to {most:.4g} m: is it in mm (unit: mm)?  If it is right, say unit: m"
+                raise self.refused(channel.label, problem)
+            unit = stated[channel.name].unit if channel.name in stated else ""
+            if factor(unit, "m") < 0.1 and 0 < moved < SMALLEST["m"]:
+                text = f"moves by {moved * 1e3:.3g} mm only: is the column in m (leave out unit: {unit})?"
+                findings += self.warned("units", channel.label, text)
+        return findings
+
+    def forces(self) -> list[Finding]:
+        """Findings about torques beside the robot's weight; an error where they are those of no drive."""
+        units = {output.name: output.unit for output in self.mechanism.outputs}
+        torques = []
+        for channel in self._numbers("y"):
+            unit, most = units[channel.name], _largest(channel)
+            if most > LARGEST.get(unit, math.inf) and _unstated(
+                self.stated.outputs, channel
+            ):
+                problem = (
+                    f"it goes to {most:.4g} {unit}: is it in m{unit} (unit: m{unit})?"
+                )
+                raise self.refused(
+                    channel.label, f"{problem}  If it is right, say unit: {unit}"
+                )
+            torques += [most] if unit == "N·m" else []
+        static = _largest_static_torque(self.mechanism)
+        if static is None or not torques:
+            return []
+        text = (
+            f"torques go to {max(torques):.3g} N·m, where the weight of the described robot makes {static:.3g} N·m at "
+            "most: are they in "
         )
-        raise InputError(
-            problem, source=recording.source, element=f"column '{channel.column}'"
-        )
-    if channel.unit == "s":
+        least, most = _OF_WEIGHT
+        if max(torques) > most * static:
+            return self.warned(
+                "units", "outputs", f"{text}mN·m, or is this another robot's log?"
+            )
+        if max(torques) < least * static and not self.mechanism.actuators:
+            return self.warned(
+                "units", "outputs", f"{text}kN·m, or those of motors before gears?"
+            )
         return []
-    hint = f": is time in {units[0]}?" if units else ", a rate that shows no dynamics"
-    return [warning("time", f"{recording.source}, time", text + hint)]
 
+    def _numbers(self, signal: str) -> list[Series]:
+        """The channels of a signal that hold numbers."""
+        return [
+            s
+            for s in series(self.recording, self.mechanism, signal)
+            if np.isfinite(s.values).any()
+        ]
 
-# -- positions --------------------------------------------------------------------------------------------------------
-
-
-def _kind(mechanism: Mechanism, channel: Series) -> MotionKind | None:
-    motion = motion_of(mechanism, channel.name)
-    return None if motion is None else motion.kind
-
-
-def _floats(mechanism: Mechanism, channel: Series) -> bool:
-    """Whether a coordinate belongs to a joint that moves freely in space, as far as it likes."""
-    joints = (body.joint for body in mechanism.bodies)
-    own = next(
-        joint
-        for joint in joints
-        if any(channel.name in m.positions for m in joint.motions)
-    )
-    return any(motion.kind is MotionKind.BALL for motion in own.motions)
+    def _positions(self, kind: MotionKind) -> list[Series]:
+        """Positions of joints that turn or slide; not of those that slide freely in space, as far as they like."""
+        free: set[str] = set()
+        for body in self.mechanism.bodies:
+            if any(motion.kind is MotionKind.BALL for motion in body.joint.motions):
+                slides = [
+                    motion
+                    for motion in body.joint.motions
+                    if motion.kind is MotionKind.TRANSLATION
+                ]
+                free.update(name for motion in slides for name in motion.positions)
+        found = [
+            (s, motion_of(self.mechanism, s.name))
+            for s in self._numbers("q")
+            if s.name not in free
+        ]
+        return [s for s, motion in found if motion is not None and motion.kind is kind]
 
 
 def _largest(channel: Series) -> float:
     return float(
-        np.nanmax(np.abs(np.where(np.isfinite(channel.values), channel.values, np.nan)))
+        np.max(np.abs(channel.values), where=np.isfinite(channel.values), initial=0.0)
     )
 
 
@@ -177,103 +240,14 @@ def _range(channel: Series) -> float:
     return float(np.ptp(channel.values[np.isfinite(channel.values)]))
 
 
-def _unstated(channels: Mapping[str, Channel], name: str) -> bool:
+def _unstated(channels: Mapping[str, Channel], channel: Series) -> bool:
     """Whether the column of a coordinate, or one at a motor that may be behind it, has no unit."""
-    own = [channels[name]] if name in channels else list(channels.values())
-    return not own or any(not channel.unit for channel in own)
-
-
-def _check_angles(
-    recording: Recording, turning: Sequence[Series], stated: Mapping[str, Channel]
-) -> list[Finding]:
-    far = [
-        channel
-        for channel in turning
-        if _largest(channel) > TURNS and _unstated(stated, channel.name)
-    ]
-    if far:
-        most = max(map(_largest, far))
-        names = listed(f"'{channel.name}'" for channel in far)
-        text = f"{names}: angles up to {most:.4g} rad are {most / math.tau:.3g} turns"
-        text += (
-            ": are they in degrees (unit: deg)?"
-            if most <= DEGREES
-            else ": are they encoder counts (scale), or those of motors (state actuators and name these)?"
-        )
-        if most > _FARTHEST or (len(far) > 1 and 2 * len(far) > len(turning)):
-            problem = f"{text} If they are right, say unit: rad"
-            raise InputError(problem, source=recording.source, element="positions")
-        return [warning("units", f"{recording.source}, positions", text)]
-    degrees = [
-        c
-        for c in turning
-        if c.name in stated and factor(stated[c.name].unit, "rad") == math.radians(1)
-    ]
-    if (
-        degrees
-        and len(degrees) == len(turning)
-        and max(map(_range, turning)) < _LITTLE_ANGLE
-    ):
-        most = math.degrees(max(map(_range, turning)))
-        text = f"no joint turns by more than {most:.3g}°: are the columns in rad (leave out unit: deg)?"
-        return [warning("units", f"{recording.source}, positions", text)]
-    return []
-
-
-def _check_lengths(
-    recording: Recording, sliding: Sequence[Series], stated: Mapping[str, Channel]
-) -> list[Finding]:
-    findings = []
-    for channel in sliding:
-        most, where = _largest(channel), f"{recording.source}, {channel.label}"
-        if most > LONG and _unstated(stated, channel.name):
-            problem = f"it goes to {most:.4g} m: is it in mm (unit: mm)?  If it is right, say unit: m"
-            raise InputError(problem, source=recording.source, element=channel.label)
-        unit = stated[channel.name].unit if channel.name in stated else ""
-        if unit and factor(unit, "m") < 0.1 and 0 < _range(channel) < _LITTLE_LENGTH:
-            text = f"moves by {_range(channel) * 1e3:.3g} mm only: is the column in m (leave out unit: {unit})?"
-            findings.append(warning("units", where, text))
-    return findings
-
-
-# -- forces -----------------------------------------------------------------------------------------------------------
-
-
-def _check_forces(
-    recording: Recording, mechanism: Mechanism, stated: Mapping[str, Channel]
-) -> list[Finding]:
-    units = {output.name: output.unit for output in mechanism.outputs}
-    outputs = [
-        s for s in series(recording, mechanism, "y") if np.isfinite(s.values).any()
-    ]
-    for channel in outputs:
-        unit, most = units[channel.name], _largest(channel)
-        if most > _STRONG.get(unit, math.inf) and _unstated(stated, channel.name):
-            problem = f"it goes to {most:.4g} {unit}: is it in m{unit} (unit: m{unit})?  If it is right, say unit: {unit}"
-            raise InputError(problem, source=recording.source, element=channel.label)
-    torques = [channel for channel in outputs if units[channel.name] == "N·m"]
-    static = _largest_static_torque(mechanism)
-    if static is None or not torques:
-        return []
-    most, where = max(map(_largest, torques)), f"{recording.source}, outputs"
-    text = f"torques go to {most:.3g} N·m, where the weight of the described robot makes {static:.3g} N·m at most"
-    if most > _WEIGHTS * static:
-        return [
-            warning(
-                "units",
-                where,
-                f"{text}: are they in mN·m, or is this another robot's log?",
-            )
-        ]
-    if most < _WEAK * static and not mechanism.actuators:
-        return [
-            warning(
-                "units",
-                where,
-                f"{text}: are they in kN·m, or those of motors before gears?",
-            )
-        ]
-    return []
+    own = (
+        [channels[channel.name]]
+        if channel.name in channels
+        else list(channels.values())
+    )
+    return not own or any(not stated.unit for stated in own)
 
 
 def _largest_static_torque(mechanism: Mechanism) -> float | None:
@@ -299,7 +273,7 @@ def _largest_static_torque(mechanism: Mechanism) -> float | None:
                 *inertial[6:9]
             )
             way, joint = way + whole[joint], mechanism.bodies[joint].parent
-    largest = _G * max(moments, default=0.0)
+    largest = factor("kgf", "N") * max(moments, default=0.0)
     return largest if 0 < largest < math.inf else None
 
 
@@ -308,7 +282,7 @@ def _is_placed(step: Step) -> bool:
 
 
 def _length(steps: Iterable[Step], known: Mapping[str, float]) -> float:
-    """How far steps lead, at most, m; inf where nobody states it."""
+    """The longest way that steps lead, m; inf where nobody states it."""
     ways = [step.translation for step in steps if isinstance(step, Placement)]
     stated = all(
         name in known for way in ways for entry in way for name in entry.symbols()
@@ -320,12 +294,10 @@ def _length(steps: Iterable[Step], known: Mapping[str, float]) -> float:
     )
 
 
-_CLOCK = 0.005  # relative difference of velocities and derivatives of positions that calibration explains
-_SEVERAL = 2  # joints that a clock is told by
-
-
 @dataclass(frozen=True)
-class _Pair:
+class _RatedSeries:
+    """A signal and what should be its rate."""
+
     lower: Series
     upper: Series
     sliding: bool
@@ -372,7 +344,7 @@ def contradictions(
     return found or _common_rate(recording, pairs)
 
 
-def _common_rate(recording: Recording, pairs: Sequence[_Pair]) -> list[Finding]:
+def _common_rate(recording: Recording, pairs: Sequence[_RatedSeries]) -> list[Finding]:
     """Velocities of all joints that are the same times what they should be, as with a wrong clock."""
     told = [
         rate(p.lower.values, p.upper.values, recording.time)
@@ -380,15 +352,13 @@ def _common_rate(recording: Recording, pairs: Sequence[_Pair]) -> list[Finding]:
         if p.upper.signal == "qd"
     ]
     told = [some for some in told if np.isfinite(some.slope) and 0 < some.error < NEAR]
-    if len(told) < _SEVERAL:
+    if len(told) < 2:
         return []
-    weights = np.array([some.error**-2 for some in told])
-    slopes = np.array([some.slope for some in told])
-    mean = float(weights @ slopes / weights.sum())
-    scatter = float(np.sum(weights * (slopes - mean) ** 2) / (len(told) - 1))
-    # jitter of the stamps errs all joints alike, so that many of them are no surer than one
-    error = float(np.sqrt(max(scatter, 1.0) / weights.mean()))
-    if abs(mean - 1) < max(_CLOCK, CLEAR * error):
+    mean, error = common_slope(told)
+    error *= math.sqrt(
+        len(told)
+    )  # jitter of the stamps errs all joints alike: many of them are no surer than one
+    if abs(mean - 1) < max(LITTLE, CLEAR * error):
         return []
     text = (
         f"velocities of all joints are {mean:.4g} ± {2 * error:.1g} times the derivatives of their positions: is the "
@@ -397,7 +367,9 @@ def _common_rate(recording: Recording, pairs: Sequence[_Pair]) -> list[Finding]:
     return [warning("rates", recording.source, text)]
 
 
-def _pairs(recording: Recording, mechanism: Mechanism, usable: Flags) -> list[_Pair]:
+def _pairs(
+    recording: Recording, mechanism: Mechanism, usable: Flags
+) -> list[_RatedSeries]:
     """Signals with their rates; NaN where samples are not usable."""
     found = []
     for low, up in (("q", "qd"), ("qd", "qdd")):
@@ -415,14 +387,16 @@ def _pairs(recording: Recording, mechanism: Mechanism, usable: Flags) -> list[_P
                 np.isfinite(own.values).all()
             )
             if low == "q" and motion.kind is MotionKind.ROTATION and wraps:
-                own = Series(own.signal, own.name, np.unwrap(own.values, discont=WRAP))
-            own = Series(own.signal, own.name, np.where(usable, own.values, np.nan))
-            found.append(_Pair(own, upper, motion.kind is MotionKind.TRANSLATION))
+                own = replace(own, values=np.unwrap(own.values, discont=WRAP))
+            own = replace(own, values=np.where(usable, own.values, np.nan))
+            found.append(
+                _RatedSeries(own, upper, motion.kind is MotionKind.TRANSLATION)
+            )
     return found
 
 
-def _reason(pair: _Pair, slope: float) -> str:
-    """What would explain a slope: a sign, or the units in which one of both, or the time, would be right."""
+def _reason(pair: _RatedSeries, slope: float) -> str:
+    """An explanation of a slope: a sign, or the units in which one of both, or the time, would be right."""
     if abs(slope + 1) < NEAR:
         return "one of them has the wrong sign (scale: -1)"
     lower, below, above = (

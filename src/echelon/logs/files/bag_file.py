@@ -28,8 +28,8 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError, locating, one_line
-from echelon.inputs import COLUMNS
-from echelon.logs.files.log_file import CHUNK, Table, missing
+from echelon.inputs import COLUMNS, ENTRIES
+from echelon.logs.files.log_file import CHUNK, HEAD, Table, missing
 from echelon.logs.files.message_sources import END_OF_TIME, Mcap, Rosbag, is_mcap
 
 Labels = (
@@ -40,11 +40,13 @@ _NAME_FIELDS = ("name", "names", "joint_names", "interface_names")
 _NANOSECONDS = ("nanosec", "nsec", "nsecs", "nanosecs")
 _SECONDS = ("sec", "secs")
 _STAMPS = ("stamp", "timestamp")
-_LONGEST = 256
 
 _NANO = 10**9
+"""Nanoseconds in a second."""
+
 _FAR = 10**6 * _NANO
-_HEAD = 64  # messages of each topic by which it is judged
+"""Difference of a stamp from the time of reception, ns, that only another clock explains."""
+
 _Layout = tuple[tuple[str, Labels], ...]
 
 
@@ -61,7 +63,7 @@ class Numbers:
 
     @classmethod
     def of(cls, topic: str, message: Any) -> Numbers:
-        """Those of a topic's message."""
+        """The numbers of a topic's message."""
         found = cls(topic)
         found.visit(message, topic)
         return found
@@ -71,7 +73,7 @@ class Numbers:
         if isinstance(value, bool | int | float):
             self.parts.append((path, None, (value,)))
         elif isinstance(value, np.ndarray):
-            if value.size > _LONGEST:  # such as the pixels of an image
+            if value.size > ENTRIES.most:  # such as the pixels of an image
                 self._leave_out(path, value.size)
             else:
                 self._numbers(value.ravel().tolist(), path, names)
@@ -102,7 +104,7 @@ class Numbers:
                 path,
                 names,
             )
-        elif len(values) > _LONGEST:
+        elif len(values) > ENTRIES.most:
             self._leave_out(path, len(values))
         elif not isinstance(values[0], str):
             labels = (
@@ -112,7 +114,7 @@ class Numbers:
                 self.visit(entry, path + (labels[index] if labels else f"[{index}]"))
 
     def _numbers(self, values: list[float], path: str, names: tuple[str, ...]) -> None:
-        if len(values) > _LONGEST:
+        if len(values) > ENTRIES.most:
             self._leave_out(path, len(values))
         elif values:
             self.parts.append(
@@ -121,7 +123,7 @@ class Numbers:
 
     def _leave_out(self, path: str, length: int) -> None:
         self.left_out[path] = (
-            f"has {length} entries; arrays of at most {_LONGEST} become columns"
+            f"has {length} entries; arrays of at most {ENTRIES.most} become columns"
         )
 
     def _names(self, found: Iterable[tuple[str, Any]], path: str) -> tuple[str, ...]:
@@ -180,7 +182,7 @@ def nanoseconds(value: Any) -> int | None:
 
 
 @dataclass
-class _Rows:
+class _RowsOfLayout:
     """Messages of one layout: wanted columns, the messages' positions in the topic, and their numbers row by row."""
 
     names: tuple[str, ...]
@@ -196,7 +198,7 @@ class TopicColumns:
         self._topic = topic
         self._wanted = None if wanted is None else frozenset(wanted)
         self._times = array("q")
-        self._rows: dict[_Layout, _Rows] = {}
+        self._rows: dict[_Layout, _RowsOfLayout] = {}
         self._count = 0
 
     def add(self, time: int, numbers: Numbers) -> None:
@@ -242,7 +244,7 @@ class TopicColumns:
             if own != clock:
                 yield own, times[positions], ""
 
-    def _new(self, layout: _Layout) -> _Rows:
+    def _new(self, layout: _Layout) -> _RowsOfLayout:
         names = [
             one_line(name) for path, labels in layout for name in _entries(path, labels)
         ]
@@ -258,7 +260,7 @@ class TopicColumns:
         ]
         self._count += len(picked)
         COLUMNS.check(self._count, element=f"topic '{self._topic}'")
-        return _Rows(tuple(names[index] for index in picked), tuple(picked))
+        return _RowsOfLayout(tuple(names[index] for index in picked), tuple(picked))
 
     def _merged(self) -> dict[str, tuple[npt.NDArray[np.int64], Floats]]:
         """Positions of the messages that hold a column, and its values, in the order of the messages."""
@@ -328,7 +330,7 @@ def first_look(source: Mcap | Rosbag) -> tuple[dict[str, Topic], dict[str, str]]
         if not reason
     }
     stamps: dict[str, tuple[int, int]] = {}
-    for topic, received, message in source.messages(list(columns), _HEAD):
+    for topic, received, message in source.messages(list(columns), HEAD):
         stamps.setdefault(topic, (stamp(message) or 0, received))
         numbers = Numbers.of(topic, message)
         columns[topic].add(received, numbers)

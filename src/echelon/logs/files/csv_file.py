@@ -1,15 +1,14 @@
 """Text files: CSV and its relatives, with commas, semicolons, tabs or blanks, compressed by gzip or not.
 
-Blocks of clean numbers, which is nearly all of every log, are parsed by pyarrow where it is installed and by numpy
-where not.  Both only decide how fast: whatever they refuse is parsed again cell by cell, which alone says what counts
-as a number and names the line and the column of what does not.  Files are read in pieces and may be larger than memory.
+Blocks of clean numbers, which is nearly all of every log, are parsed by pyarrow.  It only decides how fast: whatever it
+refuses is parsed again cell by cell, which alone says what counts as a number and names the line and the column of what
+does not.  Files are read in pieces and may be larger than memory.
 """
 
 from __future__ import annotations
 
 import codecs
 import gzip
-import io
 import os
 import re
 from collections.abc import Iterator, Sequence
@@ -21,9 +20,16 @@ from typing import IO, Any, cast
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.errors import InputError, one_line
-from echelon.inputs import LINE, check_unpacked
-from echelon.logs.files.log_file import CHUNK, Table, decoding, existing_file, selected
+from echelon.errors import InputError, shortened
+from echelon.inputs import LINE, UNPACKED, check_unpacked
+from echelon.logs.files.log_file import (
+    CHUNK,
+    HEAD,
+    Table,
+    decoding,
+    existing_file,
+    selected,
+)
 from echelon.logs.files.text_layout import (
     COMMENT,
     LIST,
@@ -35,16 +41,12 @@ from echelon.logs.files.text_layout import (
     sniff,
     stamp,
 )
+from echelon.logs.recording import FEWEST
 
 _DATE = re.compile(r"\d+[-/.]\d+[-/.]\d+|\d+:\d\d")
 _NULLS = ["", "-", "nan", "NaN", "NAN", "NA", "N/A", "#N/A", "null", "NULL", "None"]
-_SHOWN = 40
-_FEW = 0.01  # share of the rows of a piece that may be garbage; of more, the file is of another layout
-_ENOUGH = 10  # rows before one that is cut off, such as the last one of a recorder that was stopped
-_SNIFFED = 100
-_PREAMBLE = 100_000
-_AT_ONCE = 1 << 26
-_BLOCK = 1 << 20
+_FEW = 0.01
+"""Share of the rows of a piece that may be garbage; of more, the file is of another layout."""
 _MARK = b"\xef\xbb\xbf"
 
 
@@ -83,13 +85,13 @@ class BlockParser:
         )
 
     def _by_arrow(self, text: bytes) -> list[Floats] | None:
-        """Columns of clean text through pyarrow, or through numpy if it is not installed or cannot cut the lines."""
-        if self.dialect.delimiter is None:
-            return self._by_numpy(text)
+        """Columns of clean text; None if pyarrow refuses it, or is not installed."""
         try:
             from pyarrow import ArrowException, BufferReader, csv, float64, string
         except ImportError:
-            return self._by_numpy(text)
+            return None
+        if self.dialect.delimiter is None:
+            text = b"\n".join(b" ".join(line.split()) for line in text.split(b"\n"))
         wanted = [str(index) for index in self.picked]
         kinds = {
             str(index): string() if index in self.dialect.stamps else float64()
@@ -103,7 +105,7 @@ class BlockParser:
                         str(index) for index in range(len(self.dialect.names))
                     ]
                 ),
-                csv.ParseOptions(delimiter=self.dialect.delimiter),
+                csv.ParseOptions(delimiter=self.dialect.delimiter or " "),
                 csv.ConvertOptions(
                     column_types=kinds, include_columns=wanted, null_values=_NULLS
                 ),
@@ -115,31 +117,16 @@ class BlockParser:
     def _numbers(self, column: Any) -> Floats:
         """Numbers, or times in seconds; what is no time is a TypeError."""
         if str(column.type) == "string":
-            cells = column.to_pylist()
-            stamps = [time for time in map(stamp, cells) if time is not None]
-            if len(stamps) < len(cells):
-                raise TypeError("a cell is no time")
-            seconds = [
-                whole - self.dialect.origin + fraction for whole, fraction in stamps
-            ]
-            return np.array(seconds)
+            times = [self._seconds(cell) for cell in column.to_pylist()]
+            if None in times:
+                raise TypeError("not a time")
+            return np.array(times, dtype=np.float64)
         return np.asarray(column.to_numpy(), dtype=np.float64)
 
-    def _by_numpy(self, text: bytes) -> list[Floats] | None:
-        try:
-            stream = io.StringIO(text.decode("ascii"))
-            rows = np.loadtxt(
-                stream,
-                delimiter=self.dialect.delimiter,
-                comments=None,
-                ndmin=2,
-                quotechar='"',
-            )
-        except ValueError:
-            return None
-        if rows.shape[1] != len(self.dialect.names):
-            return None
-        return [np.ascontiguousarray(rows[:, index]) for index in self.picked]
+    def _seconds(self, cell: str) -> float | None:
+        """A time in a cell, s from the file's origin; None for what is no time."""
+        found = stamp(cell)
+        return None if found is None else found[0] - self.dialect.origin + found[1]
 
     def _by_cells(
         self, lines: Sequence[bytes], line: int, before: int
@@ -159,7 +146,7 @@ class BlockParser:
                 wrong.append(error)
         count = before + len(rows)
         cut_off = bool(wrong) and wrong[-1].element == f"line {line + len(lines) - 1}"
-        if len(wrong) - cut_off > _FEW * count or (wrong and count < _ENOUGH):
+        if len(wrong) - cut_off > _FEW * count or (wrong and count < FEWEST):
             raise wrong[0]
         table = np.array(rows).reshape(len(rows), len(self.picked))
         return [np.ascontiguousarray(column) for column in table.T], wrong
@@ -179,19 +166,14 @@ class BlockParser:
 
     def _number(self, cell: str, line: int, column: int) -> float:
         value = number(cell.replace(",", ".") if self.dialect.decimal_comma else cell)
-        if value is None and (found := stamp(cell)):
-            return found[0] - self.dialect.origin + found[1]
         if value is None:
-            shown = one_line(cell if len(cell) <= _SHOWN else cell[:_SHOWN] + "…")
+            value = self._seconds(cell)
+        if value is None:
+            problem = f"'{shortened(cell, 40)}' is not a number"
+            if _DATE.match(cell):
+                problem += "; write times as numbers or as 2026-05-01T12:30:00.25"
             where = f"line {line}, column '{self.dialect.names[column]}'"
-            hint = (
-                "; write times as numbers or as 2026-05-01T12:30:00.25"
-                if _DATE.match(cell)
-                else ""
-            )
-            raise InputError(
-                f"'{shown}' is not a number{hint}", source=self.source, element=where
-            )
+            raise InputError(problem, source=self.source, element=where)
         return value
 
 
@@ -267,11 +249,13 @@ class CsvFile:
         waiting: list[bytes] = []
         size = 0
         for lines in self._blocks():
-            size += _BLOCK
+            size += LINE.most
             waiting += lines[skipped:]
             skipped -= min(skipped, len(lines))
             whole = (
-                len(waiting) - len(waiting) % rows if size < _AT_ONCE else len(waiting)
+                len(waiting) - len(waiting) % rows
+                if size < UNPACKED.most
+                else len(waiting)
             )
             for start in range(0, whole, rows):
                 yield waiting[start : min(start + rows, whole)]
@@ -284,7 +268,7 @@ class CsvFile:
         """All lines without their ends, in blocks."""
         rest, mark = b"", _MARK
         with decoding(self.source, "text"), _opened(self._path) as stream:
-            while block := stream.read(_BLOCK):
+            while block := stream.read(LINE.most):
                 check_unpacked(stream.tell() if self._packed else 0, self._packed)
                 *lines, rest = (rest + block.removeprefix(mark)).split(b"\n")
                 LINE.check(
@@ -303,7 +287,7 @@ class CsvFile:
             lines.append(line)
             content += bool(line.strip()) and not line.lstrip().startswith(b"#")
             size += len(line)
-            if content == _SNIFFED or size > _AT_ONCE or len(lines) == _PREAMBLE:
+            if content == HEAD or size > UNPACKED.most or len(lines) == CHUNK:
                 break
         self._check_text(lines)
         return [_decoded(line) for line in lines]

@@ -1,4 +1,4 @@
-"""What all files of logs have in common: named columns of numbers, and errors that name the file.
+"""Files of logs: named columns of numbers, and errors that name the file.
 
 The packages that decode files raise whatever their parsers stumble over when a file is cut off or damaged: assertions,
 struct errors, look-ups of keys.  A list of them would never be complete, so :func:`decoding` takes every exception that
@@ -16,12 +16,15 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from echelon.arrays import Floats
-from echelon.errors import EchelonError, InputError, one_line
+from echelon.errors import EchelonError, InputError, one_line, shortened
 from echelon.hints import nearest, nearest_of
 
-CHUNK = 1 << 17  # rows that are read at once from a file that can be read in pieces
+CHUNK = 1 << 17
+"""Rows that are read at once from a file that can be read in pieces."""
 
-_SHOWN = 160
+HEAD = 32
+"""Rows, or messages of a topic, by which the layout of a file is judged."""
+
 _NOTHING: Mapping[str, str] = {}
 
 
@@ -137,9 +140,7 @@ def decoding(source: str, kind: str, advice: str = "") -> Iterator[None]:
     except PermissionError as error:
         raise InputError(f"cannot be read: {error.strerror}", source=source) from None
     except Exception as error:  # see the head of this file
-        reason = (
-            one_line(str(error))[:_SHOWN].strip().rstrip(".") or type(error).__name__
-        )
+        reason = shortened(str(error).strip(), 160).rstrip(".") or type(error).__name__
         problem = f"cannot be read as {kind}; it is damaged or was cut off ({reason})"
         raise InputError(
             f"{problem}; {advice}" if advice else problem, source=source

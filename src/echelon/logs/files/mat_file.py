@@ -1,9 +1,10 @@
 """MATLAB's files of every version, and HDF5.
 
-Files of versions 5 to 7 are a tree of elements, each with a tag that says its type and its length.  scipy reads them
-too, but looks types and lengths up without asking whether they can be: one wrong byte in a file without compression may
-end the whole process or keep it busy for ever, where a log that is damaged should be an error.  What is not an array of
-real numbers, a struct or a cell is not decoded.  The format is described in MathWorks' "MAT-File Level 5 File Format".
+Files of versions 5 to 7 are read by scipy.  They are a tree of elements, each with a tag that says its type and its
+length, which scipy looks up without asking whether they can be: one wrong byte in a file without compression may end
+the whole process or keep it busy for ever.  So tags and sizes are checked before, and a damaged log is an error.
+What is not an array of real numbers, a struct or a cell is left out.  The format is described in MathWorks' "MAT-File
+Level 5 File Format".
 
 Files of version 7.3 are HDF5 with conventions of MATLAB's own, which keeps structs as groups, and cells and arrays of
 structs as references, and stores arrays by columns, so that their axes come in reverse order.  Only what is stored in
@@ -17,9 +18,9 @@ import os
 import struct
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from enum import IntEnum
 from functools import partial
-from itertools import islice
+from itertools import count
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -29,163 +30,32 @@ import numpy.typing as npt
 
 from echelon.errors import InputError
 from echelon.extras import extra
-from echelon.inputs import COLUMNS, check_unpacked, most_unpacked
+from echelon.inputs import COLUMNS, DEPTH, ENTRIES, check_unpacked, most_unpacked
 from echelon.logs.files.log_file import decoding, existing_file
 from echelon.logs.files.numpy_file import ArrayFile, NamedArray
-
-_HEADER = 128
-_MATRIX, _COMPRESSED = 14, 15
-_NUMBERS = {
-    1: "i1",
-    2: "u1",
-    3: "i2",
-    4: "u2",
-    5: "i4",
-    6: "u4",
-    7: "f4",
-    9: "f8",
-    12: "i8",
-    13: "u8",
-}
-_CELL, _STRUCT, _OBJECT, _CHAR, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
-_COMPLEX = 0x0800
-_COMPLEX_NUMBERS = "holds complex numbers, not real numbers"
-MANY = 256  # structs or cells of an array that are opened
-_OTHER = {
-    _OBJECT: "is a MATLAB object; save its numbers as plain arrays",
-    _CHAR: "holds text, not real numbers",
-    _SPARSE: "is a sparse matrix; save it as a full one",
-    _FUNCTION: "is a function",
-    _OPAQUE: "is a MATLAB object; save its numbers as plain arrays",
-}
 
 _KIND = "a MAT file"
 
 
-@dataclass(frozen=True)
-class Group:
-    """A cell array or an array of structs."""
+class _Type(IntEnum):
+    """Types of elements that are no plain numbers or texts, and a class of arrays."""
 
-    fields: tuple[str, ...]  # of the structs; empty for cells
-    members: list[
-        Any
-    ]  # the values: of one struct or cell after another, columns of the array first
+    MATRIX = 14
+    COMPRESSED = 15
+    CELL = 1
 
 
-@dataclass(frozen=True)
-class Unread:
-    """What is not decoded, and why."""
+_PLAIN = frozenset([*range(1, 8), 9, 12, 13, 16, 17, 18])
+"""Types of elements that are numbers or texts."""
 
-    reason: str
+_OF_ARRAYS = (_Type.CELL, 2, 3)
+"""Classes of arrays that hold others: cells, structs, objects."""
 
+_NUMBERS = {4: 1, 5: 3, **dict.fromkeys(range(6, 16), 1)}
+"""Elements with the data of an array, by its class: of text, of a sparse matrix, of numbers."""
 
-Value = npt.NDArray[Any] | Group | Unread
-
-
-def variables(content: bytes) -> Iterator[tuple[str, Value]]:
-    """The variables of a file, by name; a damaged one raises what the decoder stumbles over."""
-    order = {b"IM": "<", b"MI": ">"}[content[126:_HEADER]]
-    reader, unpacked = _Reader(order), 0
-    for kind, payload in _elements(memoryview(content)[_HEADER:], order):
-        if kind == _COMPRESSED:
-            plain = zlib.decompressobj().decompress(
-                payload, most_unpacked(len(content)) + 1
-            )
-            unpacked += len(plain)
-            check_unpacked(unpacked, len(content))
-            ((kind, payload),) = _elements(memoryview(plain), order)
-        if kind != _MATRIX:
-            raise ValueError(f"a variable cannot be an element of type {kind}")
-        name, value = reader.variable(payload)
-        if name:  # one without a name belongs to MATLAB's objects
-            yield name, value
-
-
-def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
-    """Types and contents of consecutive elements."""
-    place = 0
-    while place < len(data):
-        kind, length = struct.unpack_from(f"{order}II", data, place)
-        if kind >> 16:  # short elements hold their content inside the tag
-            kind, length, start, end = kind & 0xFFFF, kind >> 16, place + 4, place + 8
-        else:
-            start = place + 8
-            end = start + length + (0 if kind == _COMPRESSED else -length % 8)
-        if start + length > min(end, len(data)):
-            raise ValueError("an element is longer than what holds it")
-        yield kind, data[start : start + length]
-        place = end
-
-
-class _Reader:
-    """Decodes matrix elements of a file, not more of them than a log can have columns."""
-
-    def __init__(self, order: str) -> None:
-        self._order = order
-        self._count = 0
-
-    def variable(self, payload: memoryview) -> tuple[str, Value]:
-        """Name and value of a matrix element."""
-        self._count += 1
-        COLUMNS.check(self._count)
-        if not payload:
-            return "", np.empty((0, 0))
-        parts = _elements(payload, self._order)
-        flags = int(_numbers(next(parts), self._order)[0])
-        second = next(parts)
-        if flags & 0xFF == _OPAQUE:
-            return _text(second[1]), Unread(_OTHER[_OPAQUE])
-        shape = tuple(int(size) for size in _numbers(second, self._order))
-        return _text(next(parts)[1]), self._value(flags, shape, parts)
-
-    def _value(
-        self,
-        flags: int,
-        shape: tuple[int, ...],
-        parts: Iterator[tuple[int, memoryview]],
-    ) -> Value:
-        kind = flags & 0xFF
-        if kind in _OTHER:
-            return Unread(_OTHER[kind])
-        if flags & _COMPLEX:
-            return Unread(_COMPLEX_NUMBERS)
-        if kind == _CELL:
-            return self._group((), shape, parts)
-        if kind == _STRUCT:
-            width = int(_numbers(next(parts), self._order)[0])
-            names = bytes(next(parts)[1])
-            fields = tuple(
-                _text(names[start : start + width])
-                for start in range(0, len(names), width)
-            )
-            return self._group(fields, shape, parts)
-        (numbers,) = parts
-        return _numbers(numbers, self._order).reshape(shape, order="F")
-
-    def _group(
-        self,
-        fields: tuple[str, ...],
-        shape: tuple[int, ...],
-        parts: Iterator[tuple[int, memoryview]],
-    ) -> Value:
-        """Cells if there are no fields, although a struct without fields looks the same: it has no parts."""
-        count = prod(shape)
-        if count > MANY:
-            return Unread(f"has {count} structs or cells; at most {MANY} are opened")
-        found = list(islice(parts, count * max(len(fields), 1) + 1))
-        width = len(fields) if fields or not found else 1
-        if len(found) != count * width or any(kind != _MATRIX for kind, _ in found):
-            raise ValueError("a struct or cell array has another size than its content")
-        return Group(fields, [self.variable(payload)[1] for _, payload in found])
-
-
-def _numbers(element: tuple[int, memoryview], order: str) -> npt.NDArray[Any]:
-    kind, payload = element
-    return np.frombuffer(payload, dtype=np.dtype(order + _NUMBERS[kind]))
-
-
-def _text(payload: memoryview | bytes) -> str:
-    return bytes(payload).split(b"\0")[0].decode()
+_CODE = (16, 17)
+"""Classes of functions and of objects in a format of their own."""
 
 
 class MatFile(ArrayFile):
@@ -197,6 +67,8 @@ class MatFile(ArrayFile):
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
+        with extra("identify"):
+            from scipy.io import loadmat
         found, source = existing_file(path), os.fspath(path)
         content = found.read_bytes()  # as large as the file is on disk
         if 0 in content[:4]:
@@ -204,30 +76,110 @@ class MatFile(ArrayFile):
             raise InputError(problem, source=source)
         left_out: dict[str, str] = {}
         with decoding(source, _KIND):
+            check_elements(content)
+            variables = {
+                name: value
+                for name, value in loadmat(str(found)).items()
+                if name[:2] != "__"
+            }
             arrays = [
                 array
-                for name, value in variables(content)
+                for name, value in variables.items()
                 for array in _inside(name, value, left_out)
             ]
         super().__init__(found, _KIND, arrays, left_out, source)
 
 
-def _inside(name: str, value: Value, left_out: dict[str, str]) -> Iterator[NamedArray]:
-    """The arrays in a variable, with structs and cells opened."""
-    if isinstance(value, Unread):
-        left_out[name] = value.reason
-    elif isinstance(value, Group):
-        fields = value.fields or ("",)
-        count = len(value.members) // len(fields)
-        for index, member in enumerate(value.members):
-            element, field = divmod(index, len(fields))
-            label = name if count == 1 else f"{name}[{element}]"
-            yield from _inside(
-                f"{label}.{fields[field]}".removesuffix("."), member, left_out
+def check_elements(content: bytes) -> None:
+    """Refuse a file with tags or sizes that cannot be, or that unpacks to far more than its size."""
+    order = {b"IM": "<", b"MI": ">"}[content[126:128]]
+    unpacked, matrices = 0, count(1)
+    for kind, payload in _elements(memoryview(content)[128:], order):
+        if kind == _Type.COMPRESSED:
+            plain = zlib.decompressobj().decompress(
+                payload, most_unpacked(len(content)) + 1
             )
-    else:
+            unpacked += len(plain)
+            check_unpacked(unpacked, len(content))
+            ((kind, payload),) = _elements(memoryview(plain), order)
+        if kind != _Type.MATRIX:
+            raise ValueError(f"a variable cannot be an element of type {kind}")
+        _check_matrix(payload, order, matrices, 0)
+
+
+def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
+    """Types and contents of consecutive elements."""
+    place = 0
+    while place < len(data):
+        kind, length = struct.unpack_from(f"{order}II", data, place)
+        if kind >> 16:  # short elements hold their content inside the tag
+            kind, length, start, end = kind & 0xFFFF, kind >> 16, place + 4, place + 8
+        else:
+            start = place + 8
+            end = start + length + (0 if kind == _Type.COMPRESSED else -length % 8)
+        if start + length > min(end, len(data)):
+            raise ValueError("an element is longer than what holds it")
+        yield kind, data[start : start + length]
+        place = end
+
+
+def _check_matrix(
+    payload: memoryview, order: str, matrices: Iterator[int], depth: int
+) -> None:
+    """Refuse an array whose parts have other types or another size than it says."""
+    COLUMNS.check(next(matrices))
+    DEPTH.check(depth)
+    if not payload:
+        return
+    parts = list(_elements(payload, order))
+    strange = {kind for kind, _ in parts} - _PLAIN - {_Type.MATRIX}
+    if strange:
+        raise ValueError(f"there is no type {strange.pop()} of elements")
+    (_, first), (_, dimensions), *rest = parts
+    (flags,) = struct.unpack_from(f"{order}I", first)
+    array_class, is_complex = flags & 0xFF, bool(flags & 0x0800)
+    inner = [part for kind, part in parts if kind == _Type.MATRIX]
+    if array_class in (*_OF_ARRAYS, *_NUMBERS):
+        sizes = np.frombuffer(dimensions, f"{order}i4").tolist()
+        if len(sizes) < 2:
+            raise ValueError("an array has at least two dimensions")
+    if array_class in _OF_ARRAYS:
+        most = len(inner) if inner or array_class == _Type.CELL else COLUMNS.most
+        if min(sizes) < 0 or prod(sizes) > most:
+            raise ValueError("a struct or cell array has another size than its content")
+    elif array_class in _NUMBERS and (
+        inner or len(rest) != 1 + _NUMBERS[array_class] + is_complex
+    ):
+        raise ValueError("an array has more or fewer parts than its class")
+    elif array_class not in (*_NUMBERS, *_CODE):
+        raise ValueError(f"there is no class {array_class} of arrays")
+    for part in inner:
+        _check_matrix(part, order, matrices, depth + 1)
+
+
+def _inside(name: str, value: Any, left_out: dict[str, str]) -> Iterator[NamedArray]:
+    """The arrays in a variable, with structs and cells opened."""
+    kind = getattr(value, "dtype", np.dtype(object))
+    if not isinstance(value, np.ndarray) or (type(value) is not np.ndarray):
+        left_out[name] = (
+            "is a MATLAB object, a function or a sparse matrix; save its numbers as plain full arrays"
+        )
+    elif kind.kind == "U":
+        left_out[name] = "holds text, not real numbers"
+    elif kind.names is None and kind.kind != "O":
         array = value.reshape(plain_shape(value.shape))
         yield NamedArray(name, array.shape, array.dtype, lambda: array)
+    elif value.size > ENTRIES.most:
+        left_out[name] = (
+            f"has {value.size} structs or cells; at most {ENTRIES.most} are opened"
+        )
+    else:
+        for k, entry in enumerate(value.ravel(order="F")):
+            label = name if value.size == 1 else f"{name}[{k}]"
+            if kind.names is None:
+                yield from _inside(label, entry, left_out)
+            for field in kind.names or ():
+                yield from _inside(f"{label}.{field}", entry[field], left_out)
 
 
 def plain_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
@@ -241,7 +193,6 @@ def plain_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
 
 
 _HDF5 = "an HDF5 file"
-_DEPTH = 16
 _CLASS = "MATLAB_class"
 _HIDDEN = ("#refs#", "#subsystem#")
 _CLASSES = (b"double", b"single", b"logical", b"int", b"uint")
@@ -259,12 +210,12 @@ class Hdf5File(ArrayFile):
             import h5py
         found, source = existing_file(path), os.fspath(path)
         with decoding(source, _HDF5), h5py.File(found, "r") as file:
-            inside = _Inside(file, found)
+            inside = _DataSets(file, found)
             arrays = list(inside.arrays(file, "", 0))
         super().__init__(found, _HDF5, arrays, inside.left_out, source)
 
 
-class _Inside:
+class _DataSets:
     """The data sets in an open file."""
 
     def __init__(self, file: Any, path: Path) -> None:
@@ -285,7 +236,7 @@ class _Inside:
             not isinstance(item, h5py.Group)
             and h5py.check_ref_dtype(item.dtype) is not None
         )
-        if depth > _DEPTH:
+        if depth > DEPTH.most:
             self.left_out[name] = "lies too deep inside other groups"
         elif isinstance(item, h5py.Group):
             for key in item:
@@ -301,9 +252,9 @@ class _Inside:
                     yield from self.arrays(item[key], inner, depth + 1)
         elif item.is_virtual or item.external:
             self.left_out[name] = "is stored in another file"
-        elif refers and item.size > MANY:
+        elif refers and item.size > ENTRIES.most:
             self.left_out[name] = (
-                f"has {item.size} structs or cells; at most {MANY} are opened"
+                f"has {item.size} structs or cells; at most {ENTRIES.most} are opened"
             )
         elif refers:  # cells, or the fields of an array of structs
             for k, reference in enumerate(item[()].ravel()):

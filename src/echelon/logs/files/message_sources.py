@@ -19,19 +19,22 @@ from itertools import islice
 from pathlib import Path
 from typing import IO, Any
 
+import numpy as np
+
 from echelon.errors import InputError, one_line
 from echelon.extras import extra
 from echelon.inputs import parse_json
 from echelon.logs.files.log_file import decoding, existing_file
-from echelon.logs.files.unpacked_size import bounded, check_bag, check_chunks
+from echelon.logs.files.unpacked_size import MCAP_MARK, bounded, check_bag, check_chunks
 
-END_OF_TIME = 2**63  # nanoseconds that do not fit into 64 bits any more
+END_OF_TIME = np.iinfo(np.int64).max
+"""Nanoseconds from which on they do not fit into 64 bits any more."""
 
 _RULE = "=" * 80 + "\n"
 _BAG, _MCAP = "a ROS bag", "an MCAP file"
 _ADVICE = "the tool 'mcap recover' saves the messages that are complete"
-_FIRST, _MARK = b"#ROSBAG", b"\x89MCAP0\r\n"
-"""How bags of ROS 1 and MCAP files begin."""
+_FIRST = b"#ROSBAG"
+"""Beginning of bags of ROS 1."""
 _METADATA = "metadata.yaml"
 _LANGUAGES = {"ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
 _Decoder = Callable[[bytes], Any]
@@ -223,8 +226,8 @@ class Mcap:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._path, self.source = existing_file(path), os.fspath(path)
         with decoding(self.source, _MCAP, _ADVICE), self._path.open("rb") as stream:
-            stream.seek(-len(_MARK), os.SEEK_END)
-            if stream.read() != _MARK:
+            stream.seek(-len(MCAP_MARK), os.SEEK_END)
+            if stream.read() != MCAP_MARK:
                 raise InputError(
                     f"was cut off: the end of the MCAP file is missing; {_ADVICE}",
                     source=self.source,
@@ -263,16 +266,16 @@ def is_mcap(path: str | os.PathLike[str]) -> bool:
     if os.path.isdir(path):
         return False
     with existing_file(path).open("rb") as stream:
-        return stream.read(len(_MARK)) == _MARK or os.fspath(path).lower().endswith(
-            ".mcap"
-        )
+        return stream.read(len(MCAP_MARK)) == MCAP_MARK or os.fspath(
+            path
+        ).lower().endswith(".mcap")
 
 
 @dataclass(frozen=True)
-class _Index:
-    """What a file holds; messages are counted by channel.  The file's own index of it need not be complete."""
+class _McapIndex:
+    """The content of a file; messages are counted by channel."""
 
-    complete: bool
+    complete: bool  # whether the file's own index is
     start: int
     schemas: Mapping[int, Any]
     channels: Mapping[int, Any]
@@ -289,46 +292,32 @@ def _reader(stream: IO[bytes], indexed: bool = True) -> Any:
     )
 
 
-def _index(stream: IO[bytes]) -> _Index:
-    """From the summary at the end of the file; from all its records where that is missing or not complete."""
+def _index(stream: IO[bytes]) -> _McapIndex:
+    """From the summary at the end of the file; from all its messages where that is missing or not complete."""
     summary = _reader(stream).get_summary()
-    if summary is None or (found := summary.statistics) is None:
-        return _scanned(stream)
-    if found.channel_count != len(summary.channels) or found.schema_count != len(
-        summary.schemas
+    found = None if summary is None else summary.statistics
+    if found is not None and (found.channel_count, found.schema_count) == (
+        len(summary.channels),
+        len(summary.schemas),
     ):
-        return _scanned(stream)
-    return _Index(
-        True,
-        found.message_start_time,
-        summary.schemas,
-        summary.channels,
-        found.channel_message_counts,
-    )
-
-
-def _scanned(stream: IO[bytes]) -> _Index:
-    with extra("ros"):
-        from mcap.records import Channel, Message, Schema
-        from mcap.stream_reader import StreamReader
-
+        counts = found.channel_message_counts
+        return _McapIndex(
+            True, found.message_start_time, summary.schemas, summary.channels, counts
+        )
     stream.seek(0)
-    start: int | None = None
-    schemas: dict[int, Any] = {}
-    channels: dict[int, Any] = {}
-    counts: Counter[int] = Counter()
-    for record in StreamReader(stream, validate_crcs=True).records:
-        if isinstance(record, Schema):
-            schemas[record.id] = record
-        elif isinstance(record, Channel):
-            channels[record.id] = record
-        elif isinstance(record, Message):
-            counts[record.channel_id] += 1
-            start = record.log_time if start is None else min(start, record.log_time)
-    return _Index(False, start or 0, schemas, channels, counts)
+    schemas, channels, counts, start = {}, {}, Counter[int](), 0
+    for schema, channel, message in _reader(stream, indexed=False).iter_messages(
+        log_time_order=False
+    ):
+        schemas[channel.schema_id], channels[channel.id] = schema, channel
+        counts[channel.id] += 1
+        start = min(start or message.log_time, message.log_time)
+    return _McapIndex(False, start, schemas, channels, counts)
 
 
-def _decoders(index: _Index, source: str) -> tuple[dict[int, _Decoder], dict[int, str]]:
+def _decoders(
+    index: _McapIndex, source: str
+) -> tuple[dict[int, _Decoder], dict[int, str]]:
     """How the messages of each channel are decoded; and for the other channels why not."""
     found: dict[int, _Decoder] = {}
     unread: dict[int, str] = {}

@@ -22,7 +22,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import product
+from itertools import islice, product
 from math import prod
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -226,12 +226,8 @@ def _named(name: str, entry: tuple[int, ...], label: str) -> str:
 
 
 def _count_numbers(kind: np.dtype[Any]) -> int:
-    """How many real numbers a dtype holds."""
-    if kind.names is not None:
-        return sum(_count_numbers(kind[name]) for name in kind.names)
-    if kind.subdtype is not None:
-        return _count_numbers(kind.subdtype[0]) * prod(kind.subdtype[1])
-    return int(kind.kind in "biuf")
+    """Real numbers in a dtype; of more than an array can have as columns, one more than that."""
+    return sum(1 for _ in islice(_number_fields(kind), ARRAY_COLUMNS.most + 1))
 
 
 def _number_fields(kind: np.dtype[Any]) -> Iterator[tuple[str, tuple[str | int, ...]]]:
@@ -330,15 +326,20 @@ def _check_complete(shape: tuple[int, ...], kind: np.dtype[Any], rest: int) -> N
 def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
     """Shape and dtype of an array that is stored in NumPy's format."""
     version = np.lib.format.read_magic(stream)
-    if version == (1, 0):
-        shape, _, kind = np.lib.format.read_array_header_1_0(stream)
-    elif version == (2, 0):
-        shape, _, kind = np.lib.format.read_array_header_2_0(stream)
-    else:
+    if version not in _HEADERS:
         raise ValueError(
             f"version {version[0]}.{version[1]} of the format is not known"
         )
+    shape, _, kind = _HEADERS[version](stream)
     return shape, kind
+
+
+_HEADERS: Mapping[
+    tuple[int, int], Callable[[Any], tuple[tuple[int, ...], bool, np.dtype[Any]]]
+] = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
 
 
 def is_samples(log: object) -> bool:

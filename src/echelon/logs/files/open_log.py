@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterable, Sequence
-from enum import StrEnum
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
@@ -26,21 +26,16 @@ _METADATA = "metadata.yaml"
 _EPISODE = re.compile(r"episode_(\d+)")
 
 _FOREIGN = {b"PK\x03\x04[Content_Types]": "is a spreadsheet; save it as CSV"}
-_VALID = (
-    "valid are .csv, .tsv, .txt, .dat (also with .gz), .parquet, .npz, .npy, .mat, .h5, .hdf5, .bag, .db3, .mcap, "
-    "directories of bags and of LeRobot datasets"
-)
 
 
-class Kind(StrEnum):
-    """Kinds of logs."""
+@dataclass(frozen=True)
+class LogFormat:
+    """A format of logs."""
 
-    TEXT = "CSV"
-    PARQUET = "Parquet"
-    NUMPY = "NumPy"
-    MATLAB = "MAT"
-    HDF5 = "HDF5"
-    BAG = "ROS bag or MCAP"
+    name: str  # as messages call it
+    read: Callable[[str | os.PathLike[str]], LogFile]
+    suffixes: tuple[str, ...]  # of names of files
+    marks: tuple[bytes, ...] = ()  # with which files begin
 
 
 def _parquet() -> ModuleType:
@@ -50,36 +45,36 @@ def _parquet() -> ModuleType:
     return parquet_file
 
 
-_READERS: dict[Kind, Callable[[str | os.PathLike[str]], LogFile]] = {
-    Kind.TEXT: CsvFile,
-    Kind.PARQUET: lambda path: _parquet().ParquetFile(path),
-    Kind.NUMPY: NpzFile,
-    Kind.MATLAB: MatFile,
-    Kind.HDF5: Hdf5File,
-    Kind.BAG: BagFile,
-}
-_NAMES = {
-    Kind.TEXT: ".csv .tsv .txt .dat",
-    Kind.PARQUET: ".parquet .pq",
-    Kind.NUMPY: ".npz .npy",
-    Kind.MATLAB: ".mat",
-    Kind.HDF5: ".h5 .hdf5",
-    Kind.BAG: ".bag .db3 .mcap",
-}
-_SUFFIXES = {
-    suffix: kind for kind, suffixes in _NAMES.items() for suffix in suffixes.split()
-}
+_TEXT = LogFormat("CSV", CsvFile, (".csv", ".tsv", ".txt", ".dat"))
+_BAG = LogFormat(
+    "ROS bag or MCAP",
+    BagFile,
+    (".bag", ".db3", ".mcap"),
+    (b"#ROSBAG", b"SQLite format 3\0", b"\x89MCAP0"),
+)
+FORMATS = (
+    _TEXT,
+    LogFormat(
+        "Parquet",
+        lambda path: _parquet().ParquetFile(path),
+        (".parquet", ".pq"),
+        (b"PAR1",),
+    ),
+    LogFormat("NumPy", NpzFile, (".npz", ".npy"), (b"\x93NUMPY",)),
+    LogFormat(
+        "HDF5", Hdf5File, (".h5", ".hdf5"), (b"MATLAB 7.3", b"\x89HDF\r\n\x1a\n")
+    ),
+    LogFormat("MAT", MatFile, (".mat",), (b"MATLAB ",)),
+    _BAG,
+)
+"""All formats; where marks begin alike, the longer one comes first."""
+
+_SUFFIXES = {suffix: kind for kind in FORMATS for suffix in kind.suffixes}
 _ALSO_TEXT = ("", ".log", ".asc", ".prn", ".out")
-_MARKS = {
-    b"PAR1": Kind.PARQUET,
-    b"\x93NUMPY": Kind.NUMPY,
-    b"MATLAB 7.3": Kind.HDF5,
-    b"MATLAB ": Kind.MATLAB,
-    b"\x89HDF\r\n\x1a\n": Kind.HDF5,
-    b"#ROSBAG": Kind.BAG,
-    b"SQLite format 3\0": Kind.BAG,
-    b"\x89MCAP0": Kind.BAG,
-}
+_VALID = (
+    f"valid are {', '.join(_SUFFIXES)} (text also with .gz), directories of bags and of "
+    "LeRobot datasets"
+)
 
 
 def open_log(path: str | os.PathLike[str]) -> LogFile:
@@ -96,7 +91,7 @@ def open_log(path: str | os.PathLike[str]) -> LogFile:
                 f"is a directory, not a log{_content(found)}", source=os.fspath(path)
             )
         return BagFile(path)
-    return with_stamps(_READERS[_kind(existing_file(path))](path))
+    return with_stamps(_format(existing_file(path)).read(path))
 
 
 def log_paths(logs: object) -> list[Path]:
@@ -134,22 +129,17 @@ def _paths(path: str | os.PathLike[str]) -> list[Path]:
 
 
 def _directory(path: Path) -> list[Path]:
-    kinds: dict[Kind, list[Path]] = {}
+    kinds: dict[LogFormat, list[Path]] = {}
     for entry in _entries(path):
-        kind = (
-            Kind.BAG
-            if is_bag(entry)
-            else None
-            if entry.is_dir()
-            else _kind_by_name(entry)
-        )
+        by_name = None if entry.is_dir() else _format_by_name(entry)
+        kind = _BAG if is_bag(entry) else by_name
         if kind is not None:
             kinds.setdefault(kind, []).append(entry)
     if not kinds:
         raise InputError(f"is a directory without logs; {_VALID}", source=str(path))
     if len(kinds) > 1:
         examples = ", ".join(
-            f"{kind} ({entries[0].name})" for kind, entries in kinds.items()
+            f"{kind.name} ({entries[0].name})" for kind, entries in kinds.items()
         )
         problem = f"holds logs of several kinds: {examples}; give each kind a directory of its own"
         raise InputError(problem, source=str(path))
@@ -196,31 +186,27 @@ def is_episode(path: Path) -> bool:
     return _EPISODE.fullmatch(path.name) is not None and is_dataset(path.parent)
 
 
-def _kind(path: Path) -> Kind:
+def _format(path: Path) -> LogFormat:
     with path.open("rb") as stream:
         start = stream.read(64)
     for mark, reason in _FOREIGN.items():
         if start.startswith(mark[:4]) and mark[4:] in start:
             raise InputError(reason, source=os.fspath(path))
-    for mark, kind in _MARKS.items():
-        if start.startswith(mark):
+    for kind in FORMATS:
+        if start.startswith(kind.marks):
             return kind
-    by_name = _kind_by_name(path)
-    if (
-        by_name is None and path.suffix.lower() in _ALSO_TEXT
-    ):  # in a directory they are notes rather than logs
-        return Kind.TEXT
-    if by_name is None:
-        raise InputError(f"its kind is not known; {_VALID}", source=os.fspath(path))
-    return by_name
+    by_name = _format_by_name(path)
+    if by_name is not None:
+        return by_name
+    if path.suffix.lower() in _ALSO_TEXT:  # in a directory they are notes, not logs
+        return _TEXT
+    raise InputError(f"its kind is not known; {_VALID}", source=os.fspath(path))
 
 
-def _kind_by_name(path: Path) -> Kind | None:
+def _format_by_name(path: Path) -> LogFormat | None:
     name = path.name.lower()
-    if name.endswith(".gz"):
-        kind = _SUFFIXES.get(Path(name.removesuffix(".gz")).suffix)
-        return kind if kind is Kind.TEXT else None
-    return _SUFFIXES.get(Path(name).suffix)
+    kind = _SUFFIXES.get(Path(name.removesuffix(".gz")).suffix)
+    return kind if kind is _TEXT or not name.endswith(".gz") else None
 
 
 def _entries(directory: Path) -> list[Path]:
@@ -235,13 +221,13 @@ def _entries(directory: Path) -> list[Path]:
 
 
 def _content(directory: Path) -> str:
-    """What a directory that is no log holds instead."""
+    """A hint at the logs in a directory that is none."""
     logs = sorted(
-        (entry for entry in _entries(directory) if _kind_by_name(entry)), key=_natural
+        (entry for entry in _entries(directory) if _format_by_name(entry)), key=_natural
     )
     if not logs:
         return f", and it holds none; {_VALID}"
-    if _kind_by_name(logs[0]) is Kind.BAG:
+    if _format_by_name(logs[0]) is _BAG:
         return f": {_METADATA} is missing; name {logs[0].name} in it, or repair the bag with  ros2 bag reindex"
     return f"; name a file in it, such as {logs[0].name}"
 

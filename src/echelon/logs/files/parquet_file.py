@@ -26,15 +26,23 @@ import pyarrow.parquet as pq
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.inputs import COLUMNS, check_unpacked, parse_json, read_content
-from echelon.logs.files.log_file import CHUNK, Table, decoding, existing_file, selected
+from echelon.inputs import (
+    COLUMNS,
+    ENTRIES,
+    LINE,
+    check_unpacked,
+    parse_json,
+    read_content,
+)
+from echelon.logs.files.log_file import (
+    CHUNK,
+    HEAD,
+    Table,
+    decoding,
+    existing_file,
+    selected,
+)
 
-_UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
-_DAY = 86400
-_LONGEST = 256
-
-_SAMPLED = 16
-_BUFFER = 1 << 18
 _KIND = "a Parquet file"
 
 
@@ -70,42 +78,15 @@ def numbers(array: Any, origin: int) -> Floats:
     """A piece of a column without nesting as numbers (N,), times in seconds; dates count from ``origin``, s."""
     if pa.types.is_dictionary(array.type):
         array = array.dictionary_decode()
-    if ticks := ticks_per_second(array.type):
-        shift = origin * ticks if is_point_in_time(array.type) else 0
-        values = pc.subtract(_integers(array), pa.scalar(shift, pa.int64()))
-        scale = ticks
-    else:
-        values, scale = array, 1
-    floats = np.asarray(
-        pc.cast(values, pa.float64(), safe=False).to_numpy(zero_copy_only=False),
+    if pa.types.is_time(array.type):
+        array = array.cast(pa.time64("ns")).cast(pa.int64()).cast(pa.duration("ns"))
+    values = array.to_numpy(zero_copy_only=False)
+    if values.dtype.kind == "M":
+        values = values - np.datetime64(origin, "s")
+    return np.asarray(
+        values / np.timedelta64(1, "s") if values.dtype.kind == "m" else values,
         dtype=np.float64,
     )
-    return floats / scale if scale != 1 else floats
-
-
-def ticks_per_second(kind: Any) -> int:
-    """Resolution of a type of times; 0 for other types."""
-    if (
-        pa.types.is_timestamp(kind)
-        or pa.types.is_duration(kind)
-        or pa.types.is_time(kind)
-    ):
-        return _UNITS[kind.unit]
-    return 1000 if pa.types.is_date64(kind) else 1 if pa.types.is_date32(kind) else 0
-
-
-def is_point_in_time(kind: Any) -> bool:
-    """Whether a type of times counts from 1970."""
-    return bool(pa.types.is_timestamp(kind) or pa.types.is_date(kind))
-
-
-def _integers(times: Any) -> Any:
-    """Ticks since the type's zero."""
-    if pa.types.is_date32(times.type):
-        return pc.multiply(pc.cast(times.cast(pa.int32()), pa.int64()), _DAY)
-    if times.type.bit_width == 32:  # times of the day in seconds or milliseconds
-        return pc.cast(times.cast(pa.int32()), pa.int64())
-    return times.cast(pa.int64())
 
 
 def leaves(leaf: Leaf, sample: Any) -> Iterator[tuple[Leaf, str]]:
@@ -136,8 +117,7 @@ def leaves(leaf: Leaf, sample: Any) -> Iterator[tuple[Leaf, str]]:
                 pc.list_element(complete, index),
             )
     else:
-        valued = kind.value_type if pa.types.is_dictionary(kind) else kind
-        yield leaf, "" if _is_number(valued) else f"holds {kind}, not numbers"
+        yield leaf, "" if _is_number(kind) else f"holds {kind}, not numbers"
 
 
 def _is_text(kind: Any) -> bool:
@@ -146,14 +126,13 @@ def _is_text(kind: Any) -> bool:
 
 
 def _is_number(kind: Any) -> bool:
-    plain = (
-        pa.types.is_integer,
-        pa.types.is_floating,
-        pa.types.is_boolean,
-        pa.types.is_decimal,
-        pa.types.is_null,
+    """Whether values of a type are numbers, times, or missing."""
+    valued = kind.value_type if pa.types.is_dictionary(kind) else kind
+    return bool(
+        pa.types.is_primitive(valued)
+        or pa.types.is_decimal(valued)
+        or pa.types.is_null(valued)
     )
-    return any(test(kind) for test in plain) or ticks_per_second(kind) > 0
 
 
 def _length(sample: Any) -> tuple[int, str]:
@@ -169,10 +148,10 @@ def _length(sample: Any) -> tuple[int, str]:
             0,
             f"holds lists of different lengths ({min(lengths)} and {max(lengths)})",
         )
-    if lengths[0] > _LONGEST:
+    if lengths[0] > ENTRIES.most:
         return (
             0,
-            f"holds lists of {lengths[0]} entries; at most {_LONGEST} become columns",
+            f"holds lists of {lengths[0]} entries; at most {ENTRIES.most} become columns",
         )
     return lengths[0], "" if lengths[0] else "holds empty lists"
 
@@ -206,7 +185,7 @@ class ParquetFile:
                 raise InputError("holds no rows", source=self.source)
             COLUMNS.check(file.metadata.num_columns, self.source)
             self._rows: int = file.metadata.num_rows
-            head = next(file.iter_batches(batch_size=_SAMPLED))
+            head = next(file.iter_batches(batch_size=HEAD))
             self._leaves, self._left_out = self._columns(head)
             self.origin = _origin(head)
         self.names: tuple[str, ...] = tuple(self._leaves)
@@ -252,7 +231,7 @@ class ParquetFile:
             self.source,
             page_checksum_verification=True,
             pre_buffer=False,
-            buffer_size=_BUFFER,
+            buffer_size=LINE.most,
         )
 
     def _next(self, batches: Iterator[Any]) -> Any:
@@ -297,15 +276,18 @@ class ParquetFile:
 
 def _origin(head: Any) -> int:
     """Second of the first point in time of the file."""
-    for column in head.columns:
-        valid = column.drop_null()
-        if is_point_in_time(column.type) and len(valid):
-            if pa.types.is_date32(column.type):
-                return int(valid[0].cast(pa.int32()).as_py()) * 86400
-            return int(valid[0].cast(pa.int64()).as_py()) // ticks_per_second(
-                column.type
-            )
-    return 0
+    dated = [
+        column.drop_null()
+        for column in head.columns
+        if pa.types.is_timestamp(column.type)
+    ]
+    dated += [
+        column.drop_null() for column in head.columns if pa.types.is_date(column.type)
+    ]
+    found = [
+        column.to_numpy(zero_copy_only=False)[0] for column in dated if len(column)
+    ]
+    return int(found[0].astype("datetime64[s]").astype(np.int64)) if found else 0
 
 
 # -- datasets of LeRobot ----------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""What recordings claim about themselves, checked before the packages that decode them believe it.
+"""Sizes that recordings claim, checked before the packages that decode them believe it.
 
 The packages unpack whatever a file says, and read settings written in YAML with aliases and all.  A damaged or
 malicious file of a few kilobytes could so fill the memory, or never come to an end.
@@ -14,11 +14,15 @@ from pathlib import Path
 from typing import IO, Any
 
 from echelon.errors import InputError
-from echelon.inputs import check_unpacked, most_unpacked, parse_yaml, read_content
+from echelon.inputs import LINE, check_unpacked, most_unpacked, parse_yaml, read_content
 
-_BLOCK = 1 << 20
-_HEAD = 32
-_CHUNK, _MAGIC = 6, 8
+MCAP_MARK = b"\x89MCAP0\r\n"
+"""Beginning and end of MCAP files."""
+
+_CHUNK = b"\x06"
+_FRAME_HEADER = 32
+"""Bytes that hold the header of a compressed frame, and the name of a compression."""
+
 _READ = ("messages", "topics", "schema", "message_definitions")
 _QOS = "offered_qos_profiles"
 
@@ -26,9 +30,9 @@ _QOS = "offered_qos_profiles"
 def check_chunks(stream: IO[bytes], size: int) -> None:
     """Refuse an MCAP file whose chunks unpack to far more than its size in bytes."""
     unpacked = 0
-    stream.seek(_MAGIC)
+    stream.seek(len(MCAP_MARK))
     while len(head := stream.read(9)) == 9:
-        kind, length = struct.unpack("<BQ", head)
+        kind, (length,) = head[:1], struct.unpack("<xQ", head)
         start = stream.tell()
         if kind == _CHUNK and start + length <= size:
             unpacked += _chunk_size(stream, start + length, size)
@@ -40,10 +44,10 @@ def _chunk_size(stream: IO[bytes], end: int, size: int) -> int:
     """Bytes that a chunk will take: what it states, or what its compressed data state."""
     stated: int
     stated, _, letters = struct.unpack("<16xQII", stream.read(32))
-    compression = stream.read(min(letters, _HEAD))
+    compression = stream.read(min(letters, _FRAME_HEADER))
     stream.seek(8, 1)
     if compression == b"zstd":
-        return max(stated, _zstd_size(stream.read(_HEAD)) or 0)
+        return max(stated, _zstd_size(stream.read(_FRAME_HEADER)) or 0)
     if compression == b"lz4":
         return max(stated, _lz4_size(stream, end, size))
     return stated
@@ -62,7 +66,7 @@ def _lz4_size(stream: IO[bytes], end: int, size: int) -> int:
     import lz4.frame
 
     data = stream.read(end - stream.tell())
-    stated: int = lz4.frame.get_frame_info(data[:_HEAD])["content_size"]
+    stated: int = lz4.frame.get_frame_info(data[:_FRAME_HEADER])["content_size"]
     return stated or len(
         lz4.frame.LZ4FrameDecompressor().decompress(
             data, max_length=most_unpacked(size) + 1
@@ -71,7 +75,7 @@ def _lz4_size(stream: IO[bytes], end: int, size: int) -> int:
 
 
 def bounded(chunk: Any, size: int) -> Any:
-    """A chunk of a ROS 1 bag of so many bytes, as rosbags describes it, that unpacks to no more than such a bag may."""
+    """A chunk of a ROS 1 bag, as rosbags describes it, that unpacks to no more than its bag may hold."""
     package = chunk.decompressor.__module__.split(".")[0]
     if package not in ("bz2", "lz4"):
         return chunk
@@ -148,7 +152,7 @@ def _check_database(connection: sqlite3.Connection, packed: bool, size: int) -> 
 
 def _message_sizes(connection: sqlite3.Connection, size: int) -> Iterator[int]:
     for row, head in connection.execute(
-        f"SELECT rowid, substr(data, 1, {_HEAD}) FROM messages"
+        f"SELECT rowid, substr(data, 1, {_FRAME_HEADER}) FROM messages"
     ):
         stated = _zstd_size(bytes(head))
         if stated is None:
@@ -165,7 +169,7 @@ def _unpacked_size(packed: bytes | IO[bytes], most: int) -> int:
 
     counted = 0
     for piece in zstandard.ZstdDecompressor().read_to_iter(
-        packed, read_size=_BLOCK, write_size=_BLOCK
+        packed, read_size=LINE.most, write_size=LINE.most
     ):
         counted += len(piece)
         if counted > most:

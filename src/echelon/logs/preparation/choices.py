@@ -21,14 +21,15 @@ from echelon.logs.columns.column_map import quaternion_columns, signal_names
 from echelon.logs.preparation.prepare import (
     Preparation,
     cutoffs,
+    has_dry_friction,
     measured_signal,
-    rubs,
     speed_rows,
     usable,
     velocity_names,
 )
-from echelon.logs.recording import Segment
+from echelon.logs.recording import FEWEST, Segment
 from echelon.mechanism.mechanism import Mechanism
+from echelon.signals.clock import JITTER
 from echelon.signals.filters import (
     NEAR,
     PASSED,
@@ -37,7 +38,14 @@ from echelon.signals.filters import (
     derivative,
     lowpass,
 )
-from echelon.signals.spectrum import Spectrum, best_cutoff, noise_deviation, spectra
+from echelon.signals.spectrum import (
+    SHOWING,
+    TRUSTED,
+    PositionSpectrum,
+    best_cutoff,
+    noise_deviation,
+    spectra,
+)
 
 HARMONICS = 12
 """Times the mean frequency of the fastest velocity, up to which regressor and outputs are kept at most: on logs of five
@@ -53,21 +61,18 @@ OWN = 2.0
 SIGMAS = 2.0
 """Standard deviations of a velocity's noise, within which its sign says nothing; beyond, one in forty is wrong."""
 
-ROWS = 10  # rows per parameter below which none are left out
+ROWS = 10
+"""Rows per parameter below which none are left out."""
 
-FLATTEST = (
-    1 / 6
-)  # share of the rate up to which derivatives are right to two thousandths
+FLATTEST = 1 / 6
+"""Share of the rate up to which derivatives are right to two thousandths."""
 
-_RATES_ALIKE = 1e-3
 _AGREEING = 0.05
 """Largest difference of measured from differentiated velocities, by their own size within the motion's band, that a
 sensor of velocity may have; more is another signal, or one that is late or filtered."""
 
 _REPEATED = 0.7
 """Share of their noise that velocities which were differentiated by the recorder have from the positions."""
-_SHOWING_NOISE = 1 << 15  # samples that tell it
-_NOISY = 0.35  # share of the rate at which noise has to begin, for it to be looked at
 
 
 def chosen(preparation: PreparationEntry, log: Signals) -> Preparation:
@@ -80,7 +85,7 @@ def chosen(preparation: PreparationEntry, log: Signals) -> Preparation:
 
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """What choices look at: stretches of one rate."""
+    """Stretches of one rate from which settings are chosen."""
 
     segments: tuple[Segment, ...]
     mechanism: Mechanism
@@ -94,7 +99,7 @@ class Signals:
         alike = [
             segment
             for segment in segments
-            if abs(segment.rate - longest) <= _RATES_ALIKE * longest
+            if abs(segment.rate - longest) <= JITTER * longest
         ]
         return Signals(
             tuple(usable(segment, mechanism) for segment in alike), mechanism
@@ -125,16 +130,16 @@ class Signals:
         return signal_names(self.mechanism, "q", self.segments[0].signals["q"].shape[1])
 
     @cached_property
-    def spectra(self) -> list[Spectrum]:
+    def spectra(self) -> list[PositionSpectrum]:
         """Spectra of every position."""
         return self.spectra_of("q")
 
     @cached_property
-    def velocity_spectra(self) -> list[Spectrum]:
+    def velocity_spectra(self) -> list[PositionSpectrum]:
         """Spectra of every measured velocity."""
         return self.spectra_of("qd")
 
-    def spectra_of(self, signal: str) -> list[Spectrum]:
+    def spectra_of(self, signal: str) -> list[PositionSpectrum]:
         """Spectra of every column of a signal."""
         with locating(self.source):
             some = (
@@ -156,80 +161,79 @@ class Signals:
     @cached_property
     def fastest(self) -> tuple[str, float]:
         """The position whose velocity has the highest mean frequency, and that frequency, Hz."""
-        found = {k: self.spectra[k].mean_frequency(self.clean(k)) for k in self.moving}
+        found = {k: self.spectra[k].mean_frequency(self.clean[k]) for k in self.moving}
         fastest = max(found, key=lambda k: found[k])
         return self.names[fastest], found[fastest]
 
     @cached_property
     def lost(self) -> tuple[str, float]:
         """The position whose acceleration is lost in noise last, and from where on, Hz."""
-        found = {k: self.clean(k) for k in self.moving}
+        found = {k: self.clean[k] for k in self.moving}
         last = max(found, key=lambda k: found[k])
         return self.names[last], found[last]
 
-    def clean(self, column: int) -> float:
-        """Where the acceleration of a position is lost in noise, Hz."""
-        return best_cutoff(self.spectra[column])
-
-    @property
-    def agreeing(self) -> bool:
-        """Whether velocities were logged that are those of the positions."""
-        if (
-            any("qd" not in segment.signals for segment in self.segments)
-            or self.disagreement > _AGREEING
-        ):
-            return False
-        if self.repeated > _REPEATED:
-            return False
-        return all(self.velocity_spectra[k].moves for k in self.moving)
+    @cached_property
+    def clean(self) -> list[float]:
+        """Where the accelerations of positions are lost in noise, Hz."""
+        return [best_cutoff(spectrum) for spectrum in self.spectra]
 
     @cached_property
-    def disagreement(self) -> float:
-        """Largest rms of measured less differentiated velocities in the band of the motion, by that of the velocity."""
-        edge, segment = 2 * self.fastest[1], max(self.segments, key=len)
-        if edge > FLATTEST * segment.rate or quaternion_columns(
-            self.mechanism, "q", len(self.names)
-        ):
-            return np.inf
-        x, v = (
-            lowpass(segment.signals[name], edge, segment.rate)[:, self.moving]
-            for name in ("q", "qd")
-        )
+    def doubt(self) -> str:
+        """Why velocities of the log are not those of its positions; empty if they are."""
+        if any("qd" not in segment.signals for segment in self.segments):
+            return "the log has no velocities"
+        if quaternion_columns(self.mechanism, "q", len(self.names)):
+            return "orientations are differentiated"
+        if not all(self.velocity_spectra[k].moves for k in self.moving):
+            return "velocities of the log are lost in noise"
+        apart = self._disagreement()
+        if apart is None:
+            return "the rate is too low for the motion to compare velocities with positions"
+        if apart > _AGREEING:
+            return f"the velocities of the log differ from those of its positions by {apart:.0%} of their size"
+        if self._repeated() > _REPEATED:
+            return "velocities of the log were computed from its positions, whose noise they repeat"
+        return ""
+
+    def _compared(self, edge: float) -> tuple[list[Floats], list[Floats], slice]:
+        """Positions and velocities of the longest stretch, below an edge, Hz, and above; and what its ends leave."""
+        segment = max(self.segments, key=len)
+        both = [segment.signals[name][:, self.moving] for name in ("q", "qd")]
+        slow = [lowpass(values, edge, segment.rate) for values in both]
+        rough = [values - low for values, low in zip(both, slow, strict=True)]
         spoilt = butterworth(edge, segment.rate).reach(NEAR) + REACH
+        return slow, rough, slice(spoilt, -spoilt)
+
+    def _disagreement(self) -> float | None:
+        """Largest rms of measured less differentiated velocities in the band of the motion, by that of the velocity."""
+        edge = 2 * self.fastest[1]
+        if edge > FLATTEST * self.rate:
+            return None
+        (x, v), _, inside = self._compared(edge)
         apart, size = (
-            np.std(some[spoilt:-spoilt], axis=0)
-            for some in (derivative(x, segment.rate) - v, v)
+            np.std(values[inside], axis=0)
+            for values in (derivative(x, self.rate) - v, v)
         )
         return (
-            float(np.max(apart / size))
-            if len(v) > 2 * spoilt and (size > 0).all()
-            else np.inf
+            float(np.max(apart / size)) if len(v[inside]) and (size > 0).all() else None
         )
 
-    @cached_property
-    def repeated(self) -> float:
+    def _repeated(self) -> float:
         """Share of the noise of the velocities that is noise of the positions, by the nearest samples of these."""
-        edge, segment = HARMONICS * self.fastest[1], max(self.segments, key=len)
-        if edge > _NOISY * segment.rate or quaternion_columns(
-            self.mechanism, "q", len(self.names)
-        ):
+        edge = HARMONICS * self.fastest[1]
+        if edge > TRUSTED * self.rate:
             return 0.0
-        parts = (
-            segment.signals[name][:_SHOWING_NOISE, self.moving] for name in ("q", "qd")
-        )
-        q, v = (values - lowpass(values, edge, segment.rate) for values in parts)
-        spoilt = butterworth(edge, segment.rate).reach(NEAR) + REACH
-        inside = slice(spoilt, -spoilt)
+        _, (q, v), inside = self._compared(edge)
+        inside = slice(inside.start, min(SHOWING, len(q) + inside.stop))
+        lags = range(-REACH, REACH + 1)
         shares = []
         for x, y in zip(q.T, v[inside].T, strict=True):
-            taps = np.column_stack(
-                [np.roll(x, lag)[inside] for lag in range(-REACH, REACH + 1)]
-            )
-            rest = y - taps @ np.linalg.lstsq(taps, y)[0]
+            taps = np.column_stack([np.roll(x, lag)[inside] for lag in lags])
+            left = y - taps @ np.linalg.lstsq(taps, y)[0]
             shares.append(
-                1 - float(rest @ rest) / max(float(y @ y), np.finfo(float).tiny)
+                1 - float(left @ left) / max(float(y @ y), np.finfo(float).tiny)
             )
-        return float(np.median(shares)) if len(v) > 2 * spoilt + 10 * REACH else 0.0
+        return float(np.median(shares)) if len(v[inside]) > FEWEST else 0.0
 
     def noise(self, made: Preparation) -> Floats:
         """Standard deviation of the noise that the velocity of a state has, for every velocity."""
@@ -273,42 +277,22 @@ def reasoned(made: Preparation, name: str, value: object, reason: str) -> Prepar
 def _measured(log: Signals, made: Preparation) -> Preparation:
     if made.measured is not None:
         return made
-    if any("qd" not in segment.signals for segment in log.segments):
-        return reasoned(made, "measured", (), "none: the log has no velocities")
-    if quaternion_columns(log.mechanism, "q", len(log.names)):
-        return reasoned(made, "measured", (), "none: orientations are differentiated")
-    velocities = log.velocity_spectra
-    if not all(velocities[k].moves for k in log.moving):
-        return reasoned(
-            made, "measured", (), "none: velocities of the log are lost in noise"
-        )
+    if log.doubt:
+        return reasoned(made, "measured", (), f"none: {log.doubt}")
     top = HARMONICS * log.fastest[1]
-    from_positions, from_sensors = (
-        np.array([noise_deviation(some[k], order, top) for k in log.moving])
-        for some, order in ((log.spectra, 1), (velocities, 0))
+    from_positions = np.array(
+        [noise_deviation(log.spectra[k], 1, top) for k in log.moving]
+    )
+    from_sensors = np.array(
+        [noise_deviation(log.velocity_spectra[k], 0, top) for k in log.moving]
     )
     with np.errstate(divide="ignore", invalid="ignore"):
         gain = float(np.exp(np.nanmean(np.log(from_positions / from_sensors))))
-    apart = log.disagreement
-    if apart > _AGREEING:
-        text = f"none: the velocities of the log differ from those of its positions by {apart:.0%} of their size"
-        return reasoned(made, "measured", (), text)
-    if log.repeated > _REPEATED:
-        text = "none: velocities of the log were computed from its positions, whose noise they repeat"
-        return reasoned(made, "measured", (), text)
     if not gain > 1:
-        return reasoned(
-            made,
-            "measured",
-            (),
-            f"none: they have {1 / gain:.3g} times the noise of positions",
-        )
-    return reasoned(
-        made,
-        "measured",
-        ("qd",),
-        f"velocities: differentiated positions have {gain:.3g} times their noise",
-    )
+        reason = f"none: velocities of the log have {1 / gain:.3g} times the noise of differentiated positions"
+        return reasoned(made, "measured", (), reason)
+    reason = f"velocities: differentiated positions have {gain:.3g} times their noise"
+    return reasoned(made, "measured", ("qd",), reason)
 
 
 def _band(log: Signals, made: Preparation) -> Preparation:
@@ -335,7 +319,7 @@ def with_lowpass(log: Signals, made: Preparation) -> Preparation:
         return made
     if "qd" in (made.measured or ()):
         return reasoned(made, "lowpass", {}, "none: velocities are measured")
-    own = {k: OWN * log.clean(k) for k in log.moving}
+    own = {k: OWN * log.clean[k] for k in log.moving}
     for first in quaternion_columns(log.mechanism, "q", len(log.names)):
         entries = range(first, first + 4)
         own |= dict.fromkeys(
@@ -344,13 +328,10 @@ def with_lowpass(log: Signals, made: Preparation) -> Preparation:
     floor = min(NARROWEST * log.fastest[1], made.band or 0.0)
     found = {log.names[k]: cutoff for k, cutoff in own.items() if cutoff < floor}
     listed = ", ".join(f"{name} {cutoff:.3g} Hz" for name, cutoff in found.items())
-    reason = f"{listed}: {OWN:g} times where their own motion is lost in noise; the others need {floor:.3g} Hz"
-    return reasoned(
-        made,
-        "lowpass",
-        found,
-        reason if found else "none: no position is lost in noise so early",
-    )
+    reason = f"none: no position is lost in noise below {floor:.3g} Hz"
+    if found:
+        reason = f"{listed}: {OWN:g} times where their own motion is lost in noise; the others need {floor:.3g} Hz"
+    return reasoned(made, "lowpass", found, reason)
 
 
 def with_still(log: Signals, made: Preparation) -> Preparation:
@@ -363,7 +344,7 @@ def with_still(log: Signals, made: Preparation) -> Preparation:
     for output in log.mechanism.outputs:
         rows = (
             speed_rows(log.mechanism, output, names)
-            if rubs(log.mechanism, output)
+            if has_dry_friction(log.mechanism, output)
             else None
         )
         if rows is not None:

@@ -27,7 +27,7 @@ from echelon.errors import InputError
 from echelon.extras import extra
 from echelon.formats.schema.schema_log import PreparationEntry
 from echelon.logs.columns.column_map import quaternion_columns, signal_names
-from echelon.logs.faults.examine import pinned
+from echelon.logs.faults.repeated_values import pinned
 from echelon.logs.recording import Samples, Segment
 from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import Mechanism, Output
@@ -46,6 +46,9 @@ from echelon.signals.filters import (
     lowpass,
     reduction,
 )
+from echelon.signals.filters import (
+    ORDER as ORDER,
+)
 
 
 class Preparation(PreparationEntry):
@@ -58,11 +61,13 @@ class Preparation(PreparationEntry):
 
 States = tuple[Floats, Floats, Floats]
 
-ROOM, ORDER = 3.0, 4
+ROOM = 3.0
 """Low-pass over positions, relative to the band of both sides: within the band its gain is right to 2e-4, and to 3 % up
 to where the filter of both sides lets nothing pass."""
-_SHOWING = 16.0  # times a cut-off, on whose clock a low-pass does the same
-_ROUNDINGS = 16.0  # of a position, that add up in its derivatives
+
+_ROUNDINGS = 16.0
+"""Roundings of a position that add up in its derivatives: one for every weight, and as many for what it was made of."""
+
 MEASURED = ("qd", "qdd")  # derivatives that may be taken from a log
 
 
@@ -159,9 +164,9 @@ def _smoothed(
 ) -> Floats:
     own = cutoffs(preparation, rate, names)
     if len(set(own)) == 1:
-        return lowpass(values, own[0], rate, ORDER)
+        return lowpass(values, own[0], rate)
     return np.hstack(
-        [lowpass(values[:, [k]], cutoff, rate, ORDER) for k, cutoff in enumerate(own)]
+        [lowpass(values[:, [k]], cutoff, rate) for k, cutoff in enumerate(own)]
     )
 
 
@@ -170,9 +175,7 @@ def states_reach(rate: float, preparation: Preparation) -> int:
     cutoff = min(
         [states_cutoff(preparation, rate), *(preparation.lowpass or {}).values()]
     )
-    return REACH + (
-        butterworth(cutoff, rate, ORDER).reach(NEAR) if isfinite(cutoff) else 0
-    )
+    return REACH + (butterworth(cutoff, rate).reach(NEAR) if isfinite(cutoff) else 0)
 
 
 def _without_rounding(
@@ -241,7 +244,7 @@ def speed_rows(
     return rows
 
 
-def rubs(mechanism: Mechanism, output: Output) -> bool:
+def has_dry_friction(mechanism: Mechanism, output: Output) -> bool:
     """Whether an output sees dry friction."""
     dry = {
         (a.at, a.side)
@@ -266,7 +269,7 @@ def rubs(mechanism: Mechanism, output: Output) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class PreparationPlan:
-    """What settings mean at a rate: how many samples filters need, and what they make of a piece."""
+    """Settings at a rate: the samples that filters need, and the samples that they make of a piece."""
 
     preparation: Preparation  # without open settings
     mechanism: Mechanism
@@ -413,19 +416,13 @@ class PreparationPlan:
         ), flags
 
     def _smeared(self, qd: Floats, names: Sequence[str]) -> Floats:
-        """What the low-pass would take off velocities once more, at most within half a period of its cut-off.
-
-        They have passed it before, so that a clock some times faster than its cut-off is enough.
-        """
+        """Parts of velocities that the low-pass would take off again, the largest within half a period of it."""
         with extra("identify"):
             from scipy.ndimage import maximum_filter1d
-        own = cutoffs(self.preparation, self.rate, names)
-        factor = max(1, int(self.rate / (_SHOWING * max(own))))
-        slow, rate = qd[::factor], self.rate / factor
-        taken = np.abs(slow - _smoothed(slow, self.preparation, rate, names))
-        reach = ceil(0.5 * rate / min(own)) if isfinite(min(own)) else 0
-        largest = maximum_filter1d(taken, 2 * reach + 1, axis=0)
-        return np.repeat(largest, factor, axis=0)[: len(qd)]
+        taken = np.abs(qd - _smoothed(qd, self.preparation, self.rate, names))
+        lowest = min(cutoffs(self.preparation, self.rate, names))
+        reach = ceil(0.5 * self.rate / lowest) if isfinite(lowest) else 0
+        return maximum_filter1d(taken, 2 * reach + 1, axis=0)
 
     def _still(self) -> Mapping[str, float]:
         given = self.preparation.still

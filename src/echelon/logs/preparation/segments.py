@@ -22,7 +22,7 @@ from echelon.logs.columns.column_map import (
     signal_names,
 )
 from echelon.logs.finding import Finding, counted, note, seconds, warning
-from echelon.logs.recording import Recording, Segment
+from echelon.logs.recording import FEWEST, Recording, Segment
 from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.clock import (
     GAP,
@@ -38,8 +38,6 @@ from echelon.signals.clock import (
 from echelon.signals.filters import continuous
 
 _POSITIONS = ("q", "reference")
-
-FEWEST = 20  # samples that a segment must have; filters and derivatives make nothing of shorter ones
 
 
 def unwrapped(
@@ -181,7 +179,8 @@ def segments(
     counts = [_count(clean.time[piece], asked) for piece in found.pieces]
     if max(counts) < FEWEST:
         where = f"at {asked:g} Hz" if asked else f"{found.period:.4g} s apart"
-        problem = f"no stretch without gaps has {FEWEST} samples: the longest of {len(counts)} has {max(counts)}, {where}"
+        longest = f"the longest of {len(counts)} has {max(counts)}, {where}"
+        problem = f"no stretch without gaps has {FEWEST} samples: {longest}"
         return _none(recording, problem, whole)
     long, short = (
         [p for p, n in zip(found.pieces, counts, strict=True) if (n >= FEWEST) is so]
@@ -245,7 +244,7 @@ def _checked(rate: float | None, period: float, source: str) -> float | None:
     if not 0 < rate < float("inf"):
         raise InputError(f"the rate must be positive, got {rate:g}", element="rate")
     if rate * period > 2 - SLOWER:
-        problem = f"the log has {1 / period:.4g} samples per second; {rate:g} would only invent some"
+        problem = f"the log has {1 / period:.4g} samples per second; at a rate of {rate:g} the others would be invented"
         raise InputError(problem, source=source, element="rate")
     return rate
 
