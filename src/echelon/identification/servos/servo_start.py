@@ -20,6 +20,9 @@ from echelon.setup.setup import Setup
 from echelon.signals.filters import derivatives, lowpass
 
 ANYTHING = 1e3  # standard deviation of effects, in the largest parameters of bodies: data alone tell them
+CERTAIN = (
+    2 * CLEAR
+)  # standard errors of a gain that is a good start: it is right to a tenth
 SLIGHT = 1e-3  # of a gain, that friction has at least at the start: logarithms need something to begin with
 
 FAR_LESS = 0.7
@@ -230,7 +233,7 @@ class _JointEquation:
         return (
             found[:-1] / scales[:-1],
             float(found[-1] / scales[-1]),
-            bool(found[-1] > CLEAR * error),
+            bool(found[-1] > CERTAIN * error),
             squares,
         )
 
