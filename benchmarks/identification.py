@@ -23,7 +23,7 @@ import numpy as np
 import echelon as ec
 from echelon.identification.cluster import connect
 from echelon.identification.identify import identify
-from echelon.identification.passes_over_data import stacked
+from echelon.identification.rows.rows import stacked
 from echelon.logs.preparation.prepare import Preparation
 from echelon.setup.setup import Setup, load_setup
 
@@ -155,12 +155,12 @@ def processes(folder: Path, logs: int, samples: int) -> None:
 def merging(folder: Path) -> tuple[float, float]:
     """Seconds and bytes of one merge of two R-factors."""
     from echelon.identification.passes_over_data import PassesOverData
-    from echelon.identification.rows.plan import Plan
+    from echelon.identification.rows.plan import LogPlan
     from echelon.identification.survey import survey
 
     setup, log = panda(), next((folder / "many").iterdir())
     base = ec.base_parameters(setup.mechanism)
-    plan = Plan(base, setup.columns, survey(setup, base, [log]).preparation)
+    plan = LogPlan(base, setup.columns, survey(setup, base, [log]).preparation)
     whole = PassesOverData(plan, [log]).observation
     seconds = float(
         np.median([seconds_of(lambda: stacked(whole, whole)) for _ in range(200)])

@@ -4,7 +4,7 @@ python benchmarks/mistakes.py                 twelve mistakes for each of five a
 python benchmarks/mistakes.py --robots ur5    of some
 
 Arms move as Pinocchio computes, with masses, centres and inertias up to 40 % off those of their files, with friction,
-an encoder's steps and noise of the torques.  A mistake is named if the one finding about culprits says what was done.
+an encoder's steps and noise of the torques.  A mistake is named if the one finding about the set-up says what was done.
 """
 
 from __future__ import annotations
@@ -200,17 +200,17 @@ def identified(name: str, log: Log, folder: Path) -> ec.Identification:
 
 
 def said(run: Callable[[], ec.Identification]) -> tuple[str, str]:
-    """The finding about culprits, or the error that stops the run; and the verdict."""
+    """The finding about the set-up, or the error that stops the run; and the verdict."""
     try:
         found = run()
     except ec.InputError as error:
         return str(error), "refused"
-    culprits = [
+    errors = [
         finding.text
         for finding in found.findings
-        if finding.kind in ("culprit", "units", "gains")
+        if finding.kind in ("setup error", "units", "gains")
     ]
-    return " ".join(culprits), found.verdict
+    return " ".join(errors), found.verdict
 
 
 def main() -> None:
@@ -232,7 +232,7 @@ def main() -> None:
             wrong = [
                 finding.text
                 for finding in correct.findings
-                if finding.kind in ("culprit", "gains")
+                if finding.kind in ("setup error", "gains")
             ]
             seconds = perf_counter() - begin
             rows.append(

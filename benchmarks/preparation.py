@@ -22,10 +22,10 @@ from scipy.stats import binom
 
 import echelon as ec
 from echelon.identification.band import with_band
+from echelon.identification.delays import with_delays
 from echelon.identification.estimators.covariance import clustered
 from echelon.identification.estimators.least_squares import irls
 from echelon.identification.rows.rows import ModelRows
-from echelon.identification.survey import with_delays
 from echelon.logs.preparation.choices import Signals, chosen
 from echelon.logs.preparation.prepare import Preparation, prepare
 from echelon.logs.recording import Segment

@@ -108,6 +108,6 @@ def test_a_load_in_a_log_that_only_validates_is_named(mass: float) -> None:
     second = replace(first, q=other.q, qd=other.qd, qdd=other.qdd).with_load(mass)
     logs = [usual_log(some).columns for some in (first, second)]
     found = ec.identify(robot_file(ROBOTS["ur10"]), *logs).findings
-    said = [f.text for f in found if f.kind in ("changes", "culprit")]
+    said = [f.text for f in found if f.kind in ("changes", "setup error")]
     words = "in this log, other than in those that were fitted, 'wrist_3_link' carries another load"
     assert said == ([words] if mass else [])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.identification.survey import with_delays
+from echelon.identification.delays import with_delays
 from echelon.logs.preparation.choices import Signals, chosen
 from echelon.logs.preparation.prepare import Preparation
 from echelon.logs.recording import Segment

@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 
 from echelon.errors import InputError
 from echelon.identification.estimators.errors_in_variables import tls
-from echelon.identification.estimators.estimate import Estimate, solved
+from echelon.identification.estimators.estimate import ROUNDING, Estimate, solved
 from echelon.identification.estimators.least_squares import (
     irls,
     noise_estimate,
@@ -166,7 +166,7 @@ def test_irls_takes_exact_data() -> None:
     estimate = irls(rows.observation(), rows.units)
     np.testing.assert_allclose(estimate.values, TRUTH, rtol=1e-10)
     assert estimate.diagnostics["exact_outputs"] == ["joint1", "joint2", "joint3"]
-    believed = [1e-8 * np.sqrt(np.mean(some**2)) for some in rows.y]
+    believed = [ROUNDING * np.sqrt(np.mean(some**2)) for some in rows.y]
     np.testing.assert_allclose(
         estimate.diagnostics["weights"], 1 / np.array(believed), rtol=1e-9
     )

@@ -9,7 +9,7 @@ import pytest
 from echelon.errors import InputError
 from echelon.identification.estimators.errors_in_variables import instrumental, tls
 from echelon.identification.estimators.least_squares import irls, ols
-from echelon.identification.rows.rows import Rows
+from echelon.identification.rows.rows import RowStream
 from support.estimation_problems import (
     NOISE,
     TRUTH,
@@ -212,7 +212,7 @@ def test_instruments_from_simulation_make_the_estimate_consistent() -> None:
         [np.column_stack([x[:-1], u])], [x[1:]], units=("", "m/N"), seconds=1.0
     )
 
-    def instruments(values: Floats) -> Rows:
+    def instruments(values: Floats) -> RowStream:
         return ArrayRows(
             [np.column_stack([simulated(values, u)[:-1], u])],
             [x[1:]],

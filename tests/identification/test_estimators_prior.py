@@ -259,7 +259,7 @@ def test_known_values_refuse_what_does_not_fit() -> None:
     names, units = rows.layout.parameters, rows.units
     with pytest.raises(
         InputError,
-        match=r"parameter 'p22': there is no such parameter; did you mean p2",
+        match=r"parameter 'p22': there is no such parameter; did you mean 'p2'",
     ):
         known_values(names, units, {"p22": 1.0})
     with pytest.raises(InputError, match="nothing is left"):

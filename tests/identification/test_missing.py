@@ -198,4 +198,4 @@ def test_rotors_that_are_left_out_are_no_wrong_clock(tmp_path: Path) -> None:
         setup, [system.log(system.motion(11), tmp_path / "run", setup.mechanism)]
     )
     assert "{type: rotor_inertia, at: [j2]}" in result.findings[0].text
-    assert not {"culprit", "gains"} & {finding.kind for finding in result.findings}
+    assert not {"setup error", "gains"} & {finding.kind for finding in result.findings}

@@ -41,7 +41,7 @@ def test_what_was_not_taken_in_is_not_said_to_be(
 ) -> None:
     """Where fits end, the last one's hypotheses are told as what is still to be stated."""
     log = swinging(gravity="9.81,0,0")
-    monkeypatch.setattr(job, "_COMPLETIONS", 0)
+    monkeypatch.setattr(job, "COMPLETIONS", 0)
     result = ec.identify(ec.load_setup(ARM, gravity="generic"), log)
     assert not any("taken in" in found.text for found in result.findings)
     assert "gravity is along x of the base" in about_gravity(result)[0].text
@@ -56,7 +56,7 @@ LOOP = ROOT / "examples" / "loops" / "four_bar.yaml"
 def test_a_wall_and_a_zero_that_explain_alike_are_both_named() -> None:
     """Gravity may be along x, or the first joint's zero 90° off: a robot file alone says neither."""
     result = ec.identify(ARM, swinging(gravity="9.81,0,0"))
-    (found,) = [found for found in result.findings if found.kind == "culprit"]
+    (found,) = [found for found in result.findings if found.kind == "setup error"]
     assert "zero of the position of 'shoulder_joint'" in found.text
     assert "or gravity is along x of the base" in found.text
     assert "taken in" not in found.text

@@ -239,7 +239,9 @@ def test_the_values_of_a_robot_file_decide_between_mirrored_robots() -> None:
         "tau": wrong.y,
     }
     found = [
-        f.text for f in ec.identify(ROLL_AND_PITCH, log).findings if f.kind == "culprit"
+        f.text
+        for f in ec.identify(ROLL_AND_PITCH, log).findings
+        if f.kind == "setup error"
     ]
     assert len(found) == 1
     assert found[0].startswith("the sign of the output of 'roll'")
@@ -257,7 +259,9 @@ def test_robots_with_vertical_slides_and_values_are_judged() -> None:
         "tau": samples.y.copy(),
     }
     log["tau"][:, 0] *= -1
-    found = [f.text for f in ec.identify(GANTRY, log).findings if f.kind == "culprit"]
+    found = [
+        f.text for f in ec.identify(GANTRY, log).findings if f.kind == "setup error"
+    ]
     assert len(found) == 1
     assert (
         "the sign of the output of 'X'" in found[0]

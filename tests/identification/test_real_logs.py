@@ -16,7 +16,7 @@ import pytest
 import echelon as ec
 from echelon.identification.identify import identify
 from echelon.identification.result import Identification
-from echelon.identification.rows.plan import Plan
+from echelon.identification.rows.plan import LogPlan
 from echelon.identification.scores import Validation
 from echelon.identification.validation import validated
 from echelon.setup.setup import Setup, load_setup
@@ -32,7 +32,7 @@ def values(result: Identification) -> dict[str, float]:
     return dict(zip(result.estimate.parameters, result.estimate.values, strict=True))
 
 
-def judged(plan: Plan, file: str, values: np.ndarray) -> Validation:
+def judged(plan: LogPlan, file: str, values: np.ndarray) -> Validation:
     """What is held out of a log, or all of it, predicted by base parameters."""
     path = measured(file)
     part = "last" if plan.holdout else "all"
@@ -45,7 +45,9 @@ def assert_as_good_as_by_hand(
 ) -> None:
     """Fits with settings of the preparation that an expert chose for each log, on the same rows of unseen data."""
     theirs = json.loads((TESTS / "data" / "prepared_by_hand.json").read_text())[name]
-    plan = Plan(result.base, setup.columns, result.preparation, setup.settings.holdout)
+    plan = LogPlan(
+        result.base, setup.columns, result.preparation, setup.settings.holdout
+    )
     by_hand = judged(
         plan, file, np.array([theirs[name] for name in result.base.pivots])
     )
@@ -159,7 +161,7 @@ def test_tx40_gives_all_published_values() -> None:
             strict=True,
         )
     )
-    plan = Plan(
+    plan = LogPlan(
         result.base,
         setup.columns,
         result.preparation.model_copy(update={"band": 20.0, "still": still}),
@@ -249,7 +251,9 @@ def test_pendulum_on_the_last_third(pendulum: tuple[Setup, Identification]) -> N
     assert rms(unseen)[0] <= 0.087
     assert rms(unseen)[1] <= 0.083
     assert_as_good_as_by_hand(setup, result, PENDULUM, "pendulum")
-    plan = Plan(result.base, setup.columns, result.preparation, setup.settings.holdout)
+    plan = LogPlan(
+        result.base, setup.columns, result.preparation, setup.settings.holdout
+    )
     for model in MODELS:
         theirs = judged(plan, PENDULUM, published_pendulum(result.base, model))
         assert all(
@@ -266,7 +270,7 @@ def test_pendulum_on_fast_runs(
     """The runs that move enough: in all others torques stay within 1 N·m, where dry friction decides (README there)."""
     setup, result = pendulum
     # they move several times as fast as the run that was fitted, and have to be seen in a band that suits them
-    plan = Plan(
+    plan = LogPlan(
         result.base, setup.columns, result.preparation.model_copy(update={"band": 10.0})
     )
     file = f"double_pendulum/{run}.parquet"
@@ -304,7 +308,7 @@ def test_panda_on_the_last_part(panda: tuple[Setup, Identification]) -> None:
 def test_panda_predicts_another_arm(panda: tuple[Setup, Identification]) -> None:
     """Offsets of torque sensors belong to the arm, so what is compared is explained apart from a constant."""
     setup, result = panda
-    plan = Plan(result.base, setup.columns, result.preparation)
+    plan = LogPlan(result.base, setup.columns, result.preparation)
     other = judged(plan, "panda_30hz/panda_exciting.parquet", result.values)
     for score, least in zip(
         other.scores, (0.88, 0.999, 0.998, 0.989, 0.94, 0.965, 0.96), strict=True
@@ -342,7 +346,7 @@ def test_lwr4_needs_physics_and_a_prior() -> None:
     )
     first, third = (measured(f"{folder}/lwr4_measurements_{k}.parquet") for k in (1, 3))
     result = identify(setup, [first], [third])
-    plan = Plan(result.base, setup.columns, result.preparation)
+    plan = LogPlan(result.base, setup.columns, result.preparation)
     plain = judged(
         plan, f"{folder}/lwr4_measurements_3.parquet", result.estimate.values
     )

@@ -16,22 +16,15 @@ from hypothesis import strategies as st
 
 import echelon as ec
 from echelon.errors import InputError
+from echelon.identification.batches import BATCHES, Batcher, grouped, total
 from echelon.identification.estimators.covariance import clustered, clustered_by
 from echelon.identification.estimators.least_squares import irls
 from echelon.identification.identify import identify
-from echelon.identification.passes_over_data import (
-    BATCHES,
-    Batcher,
-    PassesOverData,
-    grouped,
-    ingest,
-    size_of,
-    total,
-)
+from echelon.identification.passes_over_data import PassesOverData, ingest, size_of
 from echelon.identification.result import Identification
 from echelon.identification.rows import plan as model_plan
 from echelon.identification.rows import rows as model_rows
-from echelon.identification.rows.plan import Plan
+from echelon.identification.rows.plan import LogPlan
 from echelon.identification.rows.rows import prefetched
 from echelon.logs.preparation.prepare import Preparation
 from echelon.observe.triangle import upper_triangle
@@ -56,9 +49,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def plan() -> Plan:
+def plan() -> LogPlan:
     setup = pendulum()
-    return Plan(ec.base_parameters(setup.mechanism), setup.columns, PREPARATION, 0.3)
+    return LogPlan(ec.base_parameters(setup.mechanism), setup.columns, PREPARATION, 0.3)
 
 
 def same(a: Identification, b: Identification, tolerance: float = 1e-9) -> None:
@@ -109,7 +102,7 @@ def test_memory_does_not_grow_with_logs(tmp_path: Path) -> None:
     assert _peak(long) < _peak(short) + 24  # the file holds 120 MB
 
 
-def test_rows_are_kept_within_bounds(plan: Plan, folder: Path) -> None:
+def test_rows_are_kept_within_bounds(plan: LogPlan, folder: Path) -> None:
     log = next(iter(sorted(folder.iterdir())))
     _, kept = ingest(plan, log, 4, memory=1 << 24)
     assert kept is not None
@@ -144,7 +137,7 @@ def test_the_truth_is_found(folder: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("window", [64, 300, 5000])
 def test_windows_do_not_change_the_result(
-    window: int, plan: Plan, folder: Path, monkeypatch: pytest.MonkeyPatch
+    window: int, plan: LogPlan, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     log = folder / "run1.parquet"
     whole = plan.rows([log], "first").observation()
@@ -162,7 +155,7 @@ def test_windows_do_not_change_the_result(
 )
 @pytest.mark.parametrize("count", [1, 3, 40])
 def test_batches_add_up_to_the_whole(
-    count: int, preparation: Preparation, plan: Plan, folder: Path
+    count: int, preparation: Preparation, plan: LogPlan, folder: Path
 ) -> None:
     """Whether rows are formed or, without a filter, factored as they are."""
     plan, log = replace(plan, preparation=preparation), folder / "run2.parquet"
@@ -178,7 +171,7 @@ def test_batches_add_up_to_the_whole(
     assert sum(batch.observation.rows for batch in grouped(batches, 2)) == whole.rows
 
 
-def test_many_logs_make_as_many_batches_as_wanted(plan: Plan, folder: Path) -> None:
+def test_many_logs_make_as_many_batches_as_wanted(plan: LogPlan, folder: Path) -> None:
     logs = sorted(folder.iterdir())
     few, many = PassesOverData(plan, logs[:1]), PassesOverData(plan, logs * 10)
     assert BATCHES <= len(few.batches) <= 2 * BATCHES
@@ -188,17 +181,15 @@ def test_many_logs_make_as_many_batches_as_wanted(plan: Plan, folder: Path) -> N
     )
 
 
-def test_intervals_from_factors_are_those_from_rows(plan: Plan, folder: Path) -> None:
+def test_intervals_from_factors_are_those_from_rows(
+    plan: LogPlan, folder: Path
+) -> None:
     rows = plan.rows([folder / "run3.parquet"], "first")
     (block,) = rows.blocks()
     start, stop = (float(block.times[0][k]) for k in (0, -1))
     batcher, length = Batcher(10), (stop - start) * (1 + 1e-9)
     batcher.begin(start, length)
-    for piece in batcher.pieces(block):
-        ends = [time for times in piece.times for time in (times[0], times[-1])]
-        batcher.add(
-            block.source, min(ends), max(ends), model_rows.observed(rows.layout, piece)
-        )
+    batcher.take(block, rows.layout)
     batches = batcher.batches()
     estimate = irls(total(batches), rows.units)
     expected = clustered(rows, estimate, seconds=length / 10)
@@ -265,7 +256,7 @@ def test_factors_of_parts_are_those_of_the_whole(
 
 
 def test_a_stretch_that_is_too_short_is_left_out(
-    plan: Plan, folder: Path, monkeypatch: pytest.MonkeyPatch
+    plan: LogPlan, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Never the whole log, unless there is nothing else."""
     (piece,) = model_plan.read_log(

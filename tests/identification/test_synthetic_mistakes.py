@@ -74,7 +74,7 @@ def test_a_validation_at_rest_says_that_it_cannot_judge(
         "Nothing can be said on data that the fit did not see"
     )
     assert "its joint rests" in result.verdict
-    assert not of_kind(result, "culprit")
+    assert not of_kind(result, "setup error")
     assert result.reasons
 
 
@@ -108,7 +108,7 @@ def test_a_sign_that_is_wrong_in_a_log_that_only_validates_is_named(
         seed=1,
     )
     result = identify(setup, [good], [bad])
-    (fault,) = of_kind(result, "culprit")
+    (fault,) = of_kind(result, "setup error")
     assert fault.where == str(bad)
     assert "the sign of the position of" in fault.text
     assert f"'{setup.mechanism.positions[1]}'" in fault.text
@@ -123,7 +123,7 @@ def test_one_output_in_amperes_is_named(tmp_path: Path) -> None:
     factor = re.search(r"State  scale: ([0-9.]+)", fault.text)
     assert factor is not None
     assert float(factor[1]) == pytest.approx(9, rel=0.1)
-    assert not of_kind(result, "culprit")
+    assert not of_kind(result, "setup error")
 
 
 # -- poor excitation ---------------------------------------------------------------------------------------------------
@@ -260,7 +260,7 @@ def test_mistakes_are_named(name: str, tmp_path: Path) -> None:
         ("The model should not be used", "The model is poor", "The model cannot")
     )
     assert result.reasons
-    named = [finding.text for finding in of_kind(result, "culprit")]
+    named = [finding.text for finding in of_kind(result, "setup error")]
     assert len(named) == bool(words)
     assert all(words in text for text in named)
 

@@ -188,8 +188,8 @@ FAULTS = (
     ),
     Fault(
         "identification/band.py",
-        "_EXPLAINED = 0.5",
-        "_EXPLAINED = -99.0",
+        "trials.explained(narrow.values) >= HALF",
+        "trials.explained(narrow.values) >= -99.0",
         "a band that the model explains",
         "identification/test_band.py",
     ),

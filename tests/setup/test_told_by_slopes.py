@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 import echelon as ec
-from echelon.identification.survey import explained_rate
+from echelon.identification.judging import explained_rate
 from echelon.logs.columns.by_values import error_as_rates
 from echelon.setup.skeleton import Skeleton, skeleton
 from support.command_line import run

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from echelon.identification.rows.rows import RowBlock
 from echelon.identification.scores import Fit, Validation
-from echelon.identification.validation import Predicted, validate
+from echelon.identification.validation import Predicted, PredictedOutput, validate
 from echelon.observe.observation import Layout, Observation
 from echelon.observe.triangle import upper_triangle
 
@@ -180,14 +180,14 @@ def judged_rows(
 def _signals(rows: ArrayRows, models: Sequence[npt.ArrayLike]) -> Iterator[Predicted]:
     values = np.array(models, dtype=float).T
     for block in rows.blocks():
-        guesses = tuple(
-            M @ values[list(some)]
-            for M, some in zip(block.matrices, rows.layout.columns, strict=True)
+        parts = zip(
+            block.times, block.y, block.matrices, rows.layout.columns, strict=True
         )
-        moving = tuple(np.ones(len(y), dtype=bool) for y in block.y)
-        yield Predicted(
-            block.source, block.segment, block.times, block.y, guesses, moving
+        outputs = (
+            PredictedOutput(t, y, M @ values[list(k)], np.ones(len(y), dtype=bool))
+            for t, y, M, k in parts
         )
+        yield Predicted(block.source, block.segment, tuple(outputs))
 
 
 def fit_of(

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 import echelon as ec
-from echelon.identification.conditioning import Conditioning, Direction
+from echelon.identification.conditioning import DataConditioning, Direction
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
@@ -110,7 +110,7 @@ def estimate_of(base: ec.BaseModel, values: Floats, std: Floats, rows: int) -> E
     )  # fmt: skip
 
 
-def conditioning_of(base: ec.BaseModel, rng: np.random.Generator) -> Conditioning:
+def conditioning_of(base: ec.BaseModel, rng: np.random.Generator) -> DataConditioning:
     r = base.rank
     values = np.logspace(0, -2.3, r)
     weights = tuple(
@@ -123,7 +123,7 @@ def conditioning_of(base: ec.BaseModel, rng: np.random.Generator) -> Conditionin
             "Move joints 1 and 2 at the same time, and faster.",
         ),
     )
-    return Conditioning(742.0, 199.5, values, r, rng.uniform(0.03, 1.0, r), weak)
+    return DataConditioning(742.0, 199.5, values, r, rng.uniform(0.03, 1.0, r), weak)
 
 
 def physical_of(base: ec.BaseModel, zeta: Floats) -> PhysicalFit:

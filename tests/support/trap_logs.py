@@ -53,7 +53,7 @@ _KINDS = (
     "gravity",
     "gains",
     "joint",
-    "culprit",
+    "setup error",
 )  # of findings of hypotheses
 _USUAL = re.compile(
     r"the acceleration qdd|the velocity qd;|the direction sign\(qd\);|nothing but a constant"

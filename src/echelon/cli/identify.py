@@ -22,13 +22,14 @@ from echelon.errors import InputError, one_line
 from echelon.extras import extra
 from echelon.hints import nearest_of
 from echelon.identification.cluster import connect
+from echelon.identification.fit_findings import limited
 from echelon.identification.identify import identify
+from echelon.identification.judging import explained_rate
 from echelon.identification.predict import Prediction, predict_log
-from echelon.identification.result import limited
 from echelon.identification.scores import Score
 from echelon.identification.servos.servo_fit import fit_servos
 from echelon.identification.servos.servo_start import servo_joints
-from echelon.identification.survey import FirstLook, explained_rate, first_look
+from echelon.identification.survey import FirstLook, first_look
 from echelon.logs.finding import counted
 from echelon.results.identified import (
     identification_to_json,

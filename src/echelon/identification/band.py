@@ -32,8 +32,10 @@ from echelon.arrays import Flags, Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.rows.plan import SAMPLED
+from echelon.identification.judge.evidence import OutputRows, Products, fitted
+from echelon.identification.rows.plan import LOOKED_AT, SAMPLED
 from echelon.identification.rows.rows import ModelRows, rows_taken
+from echelon.identification.scores import HALF
 from echelon.logs.finding import Finding, note, warning
 from echelon.logs.preparation.choices import (
     NARROWEST,
@@ -48,22 +50,24 @@ from echelon.logs.recording import Segment
 from echelon.signals.clock import low_passed
 from echelon.signals.spectrum import PositionSpectrum
 
-_WIDER = 1.4  # ratio of neighbouring bands that are tried
-_LONGEST = 6_000  # samples, at that rate, from which the band is chosen
-_EXPLAINED = 0.5  # share of what is measured that the model explains at least at the edge of the band
-_BIASED = 1 / 3  # largest bias of a base parameter, by its standard deviation
-_TOLD = 0.5  # bias from which on it is said: intervals of 95 % then hold 92 % or less
-_KNOWN = 0.3
-"""Largest share that noise takes of any combination of parameters, for which a correction of first order is enough."""
-_RESTS = 0.9  # share of the squares of residuals, as with delays, that none predicted at rest has to leave at most
-_REWEIGHTED = 4
-_LEAST = 1e-9  # residual of an output at least, by its largest value: rounding of exact data is no knowledge
-_OPEN = 1e-12  # share of the largest eigenvalue of the scaled normal matrix below which nothing is known
+BAND_RATIO = 1.4
+"""Ratio of neighbouring bands that are tried: a band is then right to a fifth, and few fits are made."""
+
+LARGEST_BIAS = 1 / 3
+"""Largest bias of a base parameter, in its standard deviations: intervals of 95 % then hold at least 94 %."""
+
+REMOVED = 0.1
+"""Share of the residual's squares that a delay, or friction that is not predicted at rest, removes at least: chance
+removes less, and smaller shares move no parameter by more than its standard deviation."""
+
+FIRST_ORDER = 0.3
+"""Largest share that noise may take of any combination of parameters for a correction of first order to be enough: what
+is left out is of the order of its square, a tenth."""
 
 
 @dataclass(frozen=True, eq=False)
 class Noisy:
-    """What noise of the positions does to an estimate even in the narrowest band."""
+    """Bias of an estimate by noise of the positions, in a band in which it is too large nevertheless."""
 
     source: str  # the log
     parameter: str  # that is moved most
@@ -73,11 +77,11 @@ class Noisy:
     @property
     def is_known(self) -> bool:
         """Whether it is small enough for its first order to be all of it."""
-        return float(np.abs(np.linalg.eigvals(self.lost)).max()) < _KNOWN
+        return float(np.abs(np.linalg.eigvals(self.lost)).max()) < FIRST_ORDER
 
     @property
     def finding(self) -> Finding:
-        """What is said of it."""
+        """Finding that names the parameter, and says whether the bias is corrected."""
         text = (
             f"noise of the positions moves {self.parameter} by {self.bias:.2g} standard deviations, however narrow the "
             "band"
@@ -125,10 +129,10 @@ def with_band(
     bands = trials.bands
     informed = place = _explained(trials)
     fits = {place: trials.fit(bands[place])}
-    while fits[place].bias > _BIASED and place > 0:
+    while fits[place].bias > LARGEST_BIAS and place > 0:
         place -= 1
         fits[place] = trials.fit(bands[place])
-    if fits[place].bias > _BIASED:
+    if fits[place].bias > LARGEST_BIAS:
         place = min(fits, key=lambda k: fits[k].bias)
     if place < informed:
         worst = (
@@ -143,7 +147,7 @@ def with_band(
         preparation = reasoned(preparation, "band", bands[place], reason)
     fit = fits[place]
     preparation = _with_rest(with_still(log, preparation), trials, fit.values)
-    if fit.bias <= _TOLD:
+    if fit.bias <= LARGEST_BIAS:
         return preparation, None
     return preparation, Noisy(log.source, trials.name(fit), fit.bias, fit.lost)
 
@@ -161,9 +165,8 @@ def _better_velocities(
     }
     left = {}
     for measured in sources:
-        every = preparation.model_copy(
-            update={"measured": measured, "still": 0.0}
-        )  # the same rows
+        # the same rows
+        every = preparation.model_copy(update={"measured": measured, "still": 0.0})
         every = with_lowpass(trials.log, every).model_copy(update={"reasons": {}})
         left[measured] = replace(trials, preparation=every).fit(narrow).residual
     best, other = sorted(sources, key=lambda measured: left[measured])
@@ -196,7 +199,7 @@ def _with_rest(preparation: Preparation, trials: Trials, values: Floats) -> Prep
     found = [
         name
         for name, as_sign, as_none in zip(outputs, *left, strict=True)
-        if as_none < _RESTS * as_sign
+        if as_none < (1 - REMOVED) * as_sign
     ]
     text = f"{', '.join(found) or 'none'}: of these it would leave larger residuals to predict friction near standstill"
     return reasoned(preparation, "rest", tuple(found), text)
@@ -207,7 +210,7 @@ def _explained(trials: Trials) -> int:
     place = 0
     for _ in range(2):
         narrow = trials.fit(trials.bands[min(max(place, 1), len(trials.bands) - 1)])
-        above = np.flatnonzero(trials.explained(narrow.values) >= _EXPLAINED)
+        above = np.flatnonzero(trials.explained(narrow.values) >= HALF)
         place = int(above[-1]) + 1 if len(above) else 0
     rows = (
         trials.log.rows(trials.preparation.model_copy(update={"band": band}))
@@ -218,7 +221,7 @@ def _explained(trials: Trials) -> int:
 
 
 @dataclass(frozen=True)
-class Fit:
+class BandFit:
     """Least squares in one band."""
 
     values: Floats
@@ -236,12 +239,10 @@ class Trials:
     preparation: Preparation
     base: BaseModel
     bands: tuple[float, ...]  # Hz, from the narrowest to the widest
-    pairs: tuple[
-        tuple[Segment, Segment], ...
-    ]  # segments, and the same with as much noise added as they have
-    fits: dict[float, Fit] = field(
-        default_factory=dict, init=False
-    )  # those made so far, by band
+    # segments, and the same with as much noise added as they have
+    pairs: tuple[tuple[Segment, Segment], ...]
+    # those made so far, by band
+    fits: dict[float, BandFit] = field(default_factory=dict, init=False)
 
     @staticmethod
     def of(log: Signals, preparation: Preparation, base: BaseModel) -> Trials:
@@ -249,19 +250,15 @@ class Trials:
         assert preparation.band is not None
         high = min(preparation.band, 0.5 * log.rate)
         low = min(NARROWEST * log.fastest[1], high)
-        steps = round(np.log(high / low) / np.log(_WIDER))
-        bands = (
-            tuple(float(band) for band in np.geomspace(low, high, steps + 1))
-            if steps
-            else (high,)
-        )
+        steps = round(np.log(high / low) / np.log(BAND_RATIO))
+        bands = tuple(np.geomspace(high, low, steps + 1)[::-1].tolist())
         made = preparation.model_copy(update={"delays": preparation.delays or {}})
         spectra = {"q": log.spectra}
         spectra |= {
             n: log.velocity_spectra if n == "qd" else log.spectra_of(n)
             for n in made.measured or ()
         }
-        rng, left, pairs = np.random.default_rng(0), _LONGEST, []
+        rng, left, pairs = np.random.default_rng(0), LOOKED_AT, []
         for segment in log.segments:
             slow = slower(segment, SAMPLED * high, left)
             if "y" in slow.signals and left > 0:
@@ -270,53 +267,36 @@ class Trials:
         return Trials(log, made, base, bands, tuple(pairs))
 
     def usable(self, band: float) -> bool:
-        """Whether there are rows in a band."""
-        return any(len(y) for y, _, _ in self._rows(band))
+        """Whether some output has rows in a band that are not all zero."""
+        return any(y.any() for y, _, _ in self._rows(band))
 
-    def name(self, fit: Fit) -> str:
-        """Of the parameter that is biased most."""
+    def name(self, fit: BandFit) -> str:
+        """Name of the parameter that a fit has biased most."""
         return ModelRows.of(self.base, ()).layout.parameters[fit.worst]
 
-    def fit(self, band: float) -> Fit:
+    def fit(self, band: float) -> BandFit:
         """Reweighted least squares in a band, and what noise of the positions does to it."""
         if band not in self.fits:
-            self.fits[band] = self._fit(self._rows(band))
+            told = [some for some in self._rows(band) if some[0].any()]
+            self.fits[band] = self._fit(told)
         return self.fits[band]
 
-    def _fit(self, rows: Sequence[tuple[Floats, Floats, Floats]]) -> Fit:
+    def _fit(self, rows: Sequence[tuple[Floats, Floats, Floats]]) -> BandFit:
         n = self.base.rank
-        sigma = np.ones(len(rows))
-        for _ in range(_REWEIGHTED):
-            A = sum(
-                (W.T @ W / s**2 for (_, W, _), s in zip(rows, sigma, strict=True)),
-                np.zeros((n, n)),
-            )
-            right = sum(
-                (W.T @ y / s**2 for (y, W, _), s in zip(rows, sigma, strict=True)),
-                np.zeros(n),
-            )
-            inverse = _inverse(A)
-            values = inverse @ right
-            rms = np.array(
-                [
-                    np.sqrt(np.mean((y - W @ values) ** 2)) if len(y) else np.inf
-                    for y, W, _ in rows
-                ]
-            )
-            sigma = np.maximum(
-                rms,
-                _LEAST * np.array([np.abs(y).max(initial=1e-300) for y, _, _ in rows]),
-            )
-        D = sum(
-            (E.T @ E / s**2 for (_, _, E), s in zip(rows, sigma, strict=True)),
-            np.zeros((n, n)),
-        )
-        lost = inverse @ D
-        with np.errstate(divide="ignore", invalid="ignore"):
-            biased = np.nan_to_num(np.abs(lost @ values) / np.sqrt(np.diag(inverse)))
+        outputs = []
+        for y, W, _ in rows:
+            every, whole = np.ones(len(y), dtype=bool), (slice(0, len(y)),)
+            table = np.column_stack([W, y])
+            outputs.append(OutputRows(np.arange(n), table, every, whole))
+        found = fitted(Products.of(n, outputs))
+        added = np.zeros((n, n))
+        for (_, _, E), noise in zip(rows, found.noise, strict=True):
+            added += E.T @ E / noise
+        lost = found.covariance @ added
+        biased = np.abs(lost @ found.values) / found.errors
         worst = int(np.argmax(biased))
-        level = float(np.exp(np.log(sigma[np.isfinite(sigma)]).mean()))
-        return Fit(values, level, float(biased[worst]), worst, lost)
+        level = float(np.exp(np.mean(np.log(found.noise)) / 2))
+        return BandFit(found.values, level, float(biased[worst]), worst, lost)
 
     def explained(self, values: Floats) -> Floats:
         """Share of what is measured that a model explains, from each band's edge to the next, shape (bands − 1,)."""
@@ -392,16 +372,6 @@ class Trials:
             (np.concatenate(y), np.concatenate(W), np.concatenate(E))
             for y, W, E in parts
         ]
-
-
-def _inverse(A: Floats) -> Floats:
-    """Inverse of a normal matrix; directions that the rows say nothing of count as known."""
-    scale = 1 / np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(A * np.outer(scale, scale))
-    told = values > _OPEN * values[-1]
-    return np.asarray(
-        (vectors[:, told] / values[told]) @ vectors[:, told].T * np.outer(scale, scale)
-    )
 
 
 def _where_moving(signal: Floats, moving: Flags | None) -> Floats:

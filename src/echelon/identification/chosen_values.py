@@ -26,12 +26,8 @@ from echelon.identification.rows.rows import ModelRows
 from echelon.logs.finding import Finding, note
 from echelon.logs.recording import Samples
 
-LEAST_SQUARES = (
-    "ols",
-    "wls",
-    "irls",
-    "huber",
-)  # estimators that give what data alone tell
+# estimators that give what data alone tell
+LEAST_SQUARES = ("ols", "wls", "irls", "huber")
 
 
 def chosen_values(
@@ -44,20 +40,17 @@ def chosen_values(
 ) -> tuple[Values, list[Finding]]:
     """Values that predictions use, by the settings or else by the data, and what is said of the choice.
 
-    ``noise`` are variances of the residuals of fitted rows, shape (outputs,).
+    ``noise`` are standard deviations of the residuals of fitted rows, shape (outputs,).
     """
     if settings.predict != "auto":
         return settings.predict, []
-    plain = settings.estimator in LEAST_SQUARES and not settings.known
-    told = bool(
-        np.isfinite(estimate.covariance).all()
-    )  # what data leave open is said elsewhere
-    if (
-        not plain
-        or not told
-        or physical is None
-        or (physical.advantage is not None and physical.advantage.is_loss)
-    ):
+    is_plain = settings.estimator in LEAST_SQUARES and not settings.known
+    # data that leave something open are said elsewhere
+    is_told = bool(np.isfinite(estimate.covariance).all())
+    if physical is None or not is_plain or not is_told:
+        return "estimate", []
+    gain = physical.advantage
+    if gain is not None and gain.mean < -gain.error:
         return "estimate", []
     ratio = _uncertainty(data, unseen_logs, estimate, noise)
     if ratio <= 1:
@@ -78,21 +71,21 @@ def _uncertainty(
     paths = data.paths if data.plan.holdout else unseen_logs
     rows = ModelRows(data.plan.base, partial(_samples, data, paths, part))
     observation, largest = rows.observation(), 0.0
-    for columns, R, count, variance in zip(
+    for columns, R, count, sigma in zip(
         observation.layout.columns,
         observation.factors,
         observation.counts,
         noise,
         strict=True,
     ):
-        if count and np.isfinite(variance) and variance > 0:
+        if count and np.isfinite(sigma) and sigma > 0:
             places = list(columns)
             W = R[:, :-1]
             predicted = (
                 float(np.sum((W @ estimate.covariance[np.ix_(places, places)]) * W))
                 / count
             )
-            largest = max(largest, predicted / float(variance))
+            largest = max(largest, predicted / float(sigma) ** 2)
     return float(np.sqrt(largest))
 
 

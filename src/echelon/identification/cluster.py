@@ -94,7 +94,7 @@ def _own_cluster(count: int) -> Iterator[Any]:
 
 
 def versions() -> dict[str, str]:
-    """What has to be the same everywhere, so that results are."""
+    """Versions that have to be the same everywhere, so that results are."""
     return {
         "echelon": __version__,
         "python": ".".join(map(str, sys.version_info[:2])),
@@ -131,7 +131,7 @@ def _check_versions(client: Client, where: str) -> None:
 
 
 def result(client: Client, future: Future[Any]) -> Any:
-    """What a task gave, while there is anyone to work on it."""
+    """Result of a task, waited for while there is anyone to work on it."""
     from concurrent.futures import CancelledError
 
     with extra("dask"):
@@ -141,9 +141,8 @@ def result(client: Client, future: Future[Any]) -> Any:
     address, seen = str(client.scheduler_info().get("address")), monotonic()
     while True:
         try:
-            return future.result(
-                timeout=_LOOK
-            )  # also one that was made may be lost before it is here
+            # also one that was made may be lost before it is here
+            return future.result(timeout=_LOOK)
         except KilledWorker as error:
             problem = f"a task ended {error.allowed_failures + 1} workers one after another, perhaps by lack of memory"
             raise InputError(problem, source=address) from None
@@ -205,9 +204,8 @@ def summed(
 
 def tree(values: Iterable[Any], merge: Callable[[Any, Any], Any]) -> Any:
     """Merge neighbours pairwise until one value is left, holding no more values than the tree is deep."""
-    waiting: list[
-        tuple[int, Any]
-    ] = []  # how many values were merged into it, a power of two; descending
+    # how many values were merged into it, a power of two; descending
+    waiting: list[tuple[int, Any]] = []
     for value in values:
         size = 1
         while waiting and waiting[-1][0] == size:

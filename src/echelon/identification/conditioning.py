@@ -1,4 +1,4 @@
-"""What the data at hand show of the parameters that the sensors could see.
+"""Conditioning: which of the parameters that sensors could see the data at hand show.
 
 Base parameters can all be identified from some motion: a direction that stays open is the fault of the data.  Which
 ones do is read from the singular vectors of the R-factor with columns of norm 1, where parameters of different units
@@ -21,7 +21,11 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
-from echelon.identification.estimators.estimate import sparse_basis
+from echelon.identification.estimators.estimate import (
+    NEGLIGIBLE,
+    ROUNDING,
+    sparse_basis,
+)
 from echelon.logs.finding import enumerated
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.stated import characteristic_length
@@ -38,14 +42,9 @@ WEAK = 1e-2
 for a condition number below 100, and condition indices from 30 to 100 on are harmful collinearity (Belsley, Kuh and
 Welsch, "Regression diagnostics", 1980)."""
 
-ROUNDING = 1.5e-8
-"""Norm of a column, relative to the largest of its unit, below which it is no more than rounding: half of the digits
-of a double, and more than any sensor has."""
-
-_SHARE = 0.1  # shares below this part of the largest are left out of a direction
-_INVOLVED = (
-    1e-6  # share in an open direction from which on a parameter counts as open itself
-)
+NAMED = 0.2
+"""Part of the largest share in a direction, or of the largest sensitivity, below which a parameter or a motion is not
+named: all of these together matter less than what is named."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,7 @@ class Direction:
 
 
 @dataclass(frozen=True)
-class Conditioning:
+class DataConditioning:
     """Conditioning of a set of data."""
 
     condition: float  # condition number of the weighted observation matrix
@@ -68,9 +67,8 @@ class Conditioning:
     rank: int  # directions that the data determine at all
     # shape (n,); for each parameter 1/√(VIF): the share of its column that no other column explains, 0 to 1
     independent_share: Floats
-    weak: tuple[
-        Direction, ...
-    ]  # combinations that the data leave open, or nearly so, weakest last
+    # combinations that the data leave open, or nearly so, weakest last
+    weak: tuple[Direction, ...]
 
     @property
     def is_complete(self) -> bool:
@@ -79,7 +77,7 @@ class Conditioning:
 
     @property
     def verdict(self) -> str:
-        """How good the data are, in a sentence."""
+        """Quality of the data, in a sentence."""
         count = len(self.independent_share)
         start = f"the data determine {self.rank} of {count} base parameters"
         condition = f"condition number with scaled columns {self.scaled_condition:.3g}"
@@ -98,7 +96,7 @@ def conditioning(
     observation: Observation,
     weights: Sequence[float] | Floats | None = None,
     base: BaseModel | None = None,
-) -> Conditioning:
+) -> DataConditioning:
     """Conditioning of data, and the combinations of parameters that they hardly show.
 
     A direction is weak if its singular value is below :data:`WEAK` of the largest, or if the noise leaves it so
@@ -122,7 +120,7 @@ def conditioning(
     condition, scaled_condition = triangle.condition, triangle.scaled_condition
     if rank < n:  # to within rounding
         condition = scaled_condition = float("inf")
-    return Conditioning(
+    return DataConditioning(
         condition,
         scaled_condition,
         singular,
@@ -133,7 +131,7 @@ def conditioning(
 
 
 def without_rounding(observation: Observation, units: Sequence[str]) -> Observation:
-    """The same data with zeros in columns of which only the rounding is left.
+    """Data with zeros in columns of which only the rounding is left.
 
     With columns of norm 1, the cosine of a joint that rests at 90° would look as good as any other.  Columns of equal
     units compare; no sensor tells apart what differs as much as :data:`ROUNDING`.
@@ -158,7 +156,7 @@ def _independent_share(
     with np.errstate(divide="ignore"):
         inflation = ((directions[:rank] / singular[:rank, None]) ** 2).sum(axis=0)
         seen: Floats = np.where(inflation > 0, 1 / np.sqrt(inflation), 0.0)
-    open_parameters = (np.abs(directions[rank:]) > _INVOLVED).any(axis=0)
+    open_parameters = (np.abs(directions[rank:]) > NEGLIGIBLE).any(axis=0)
     return np.where(open_parameters, 0.0, np.minimum(seen, 1.0))
 
 
@@ -183,7 +181,7 @@ def _weak(
     rest = [row / np.linalg.norm(row) for row in sparse_basis(directions[rank:])[0]]
     return found + [
         (0.0, row)
-        for row in sorted(rest, key=lambda row: int(np.argmax(np.abs(row) > _SHARE)))
+        for row in sorted(rest, key=lambda row: int(np.argmax(np.abs(row) > NAMED)))
     ]
 
 
@@ -191,7 +189,7 @@ def _shares(names: Sequence[str], direction: Floats) -> tuple[tuple[str, float],
     """The parameters that matter in a direction, largest share first; the largest is positive."""
     order = np.argsort(-np.abs(direction), kind="stable")
     sign = np.sign(direction[order[0]]) or 1.0
-    limit = _SHARE * np.abs(direction[order[0]])
+    limit = NAMED * np.abs(direction[order[0]])
     return tuple(
         (names[k], float(sign * direction[k]))
         for k in order
@@ -201,12 +199,9 @@ def _shares(names: Sequence[str], direction: Floats) -> tuple[tuple[str, float],
 
 State = dict[str, Floats]
 
-_STATES = 256  # random states: indices are wanted to a tenth or so
-_SPEED, _ACCELERATION = 1.5, 6.0
-"""Typical speeds and accelerations of arms, rad/s and rad/s² (per characteristic length for sliding joints)."""
-_MATTERS = 0.25  # index, relative to the largest, from which on a variable is named
-_NAMED = 0.2  # share, relative to the largest, from which on a parameter is named
-_MOST = 6  # parameters named
+TYPICAL_SPEED, TYPICAL_ACCELERATION = 1.5, 6.0
+"""Speeds and accelerations of arms, rad/s and rad/s² (per characteristic length for sliding joints)."""
+
 _KINDS = ("qdd", "qd", "q")
 
 
@@ -217,27 +212,21 @@ def advice(
     base: BaseModel | None,
     seen: float = 0.0,
 ) -> str:
-    """What the data do not show and how to show it, in a sentence."""
+    """Motions that would show a direction that the data hardly show, in a sentence."""
     size = np.abs(direction)
     order = [
         int(k)
         for k in np.argsort(-size, kind="stable")
-        if size[k] >= _NAMED * size.max()
+        if size[k] >= NAMED * size.max()
     ]
-    shown = [names[k] for k in order[:_MOST]] + (
-        ["others"] if len(order) > _MOST else []
-    )
     how = "hardly" if seen else "do not"
-    problem = (
-        f"the data {how} show {shown[0]}"
-        if len(shown) == 1
-        else f"the data {how} tell {enumerated(shown)} apart"
-    )
+    tell = "show {}" if len(order) == 1 else "tell {} apart"
+    problem = f"the data {how} {tell.format(enumerated([names[k] for k in order]))}"
     # what hardly belongs to the direction would only blur its sensitivity
     motion = (
         None
         if base is None
-        else _motion(base, np.where(size >= _NAMED * size.max(), change, 0.0))
+        else _motion(base, np.where(size >= NAMED * size.max(), change, 0.0))
     )
     return f"{problem}: {motion}" if motion else f"{problem}: move in other ways"
 
@@ -256,9 +245,7 @@ def _motion(base: BaseModel, change: Floats) -> str:
             "the outputs they change do not depend on the motion; record more samples"
         )
     chosen = {
-        kind: [
-            name for name, value in found[kind].items() if value >= _MATTERS * largest
-        ]
+        kind: [name for name, value in found[kind].items() if value >= NAMED * largest]
         for kind in _KINDS
         if found.get(kind)
     }
@@ -276,10 +263,12 @@ def _motion(base: BaseModel, change: Floats) -> str:
     return "move " + "; ".join(parts)
 
 
-def sensitivities(base: BaseModel, change: Floats) -> dict[str, dict[str, float]]:
-    """Total Sobol indices of the change of outputs X̄(x) δ."""
+def sensitivities(
+    base: BaseModel, change: Floats, count: int = 256
+) -> dict[str, dict[str, float]]:
+    """Total Sobol indices of the change of outputs X̄(x) δ: of 256 random states they are right to a tenth or so."""
     rng = random_generator(DEFAULT_SEED)
-    first, second = (_random_states(base.mechanism, rng) for _ in range(2))
+    first, second = (_random_states(base.mechanism, rng, count) for _ in range(2))
     start = _outputs(base, first, change)
     variance = start.var(axis=0)
     # rounding of an output that δ does not change is no variance
@@ -336,7 +325,7 @@ def _variables(mechanism: Mechanism) -> list[tuple[str, str, list[int]]]:
     ]
 
 
-def _random_states(mechanism: Mechanism, rng: np.random.Generator) -> State:
+def _random_states(mechanism: Mechanism, rng: np.random.Generator, count: int) -> State:
     """States as an arm may have them: any pose, and speeds and accelerations of usual size."""
     length = characteristic_length(mechanism)
     moving = mechanism.free_motions
@@ -348,20 +337,20 @@ def _random_states(mechanism: Mechanism, rng: np.random.Generator) -> State:
     positions = []
     for motion in moving:
         if motion.kind is MotionKind.BALL:
-            quaternions = rng.normal(size=(_STATES, 4))
+            quaternions = rng.normal(size=(count, 4))
             positions.append(
                 quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
             )
         else:
             reach = length if motion.kind is MotionKind.TRANSLATION else np.pi
-            positions.append(rng.uniform(-reach, reach, (_STATES, 1)))
+            positions.append(rng.uniform(-reach, reach, (count, 1)))
     return {
-        "q": np.concatenate(positions, axis=1) if positions else np.zeros((_STATES, 0)),
-        "qd": _SPEED * rng.normal(size=(_STATES, len(sizes))) * sizes,
-        "qdd": _ACCELERATION * rng.normal(size=(_STATES, len(sizes))) * sizes,
-        "inputs": rng.normal(size=(_STATES, len(_input_names(mechanism)))),
+        "q": np.concatenate(positions, axis=1) if positions else np.zeros((count, 0)),
+        "qd": TYPICAL_SPEED * rng.normal(size=(count, len(sizes))) * sizes,
+        "qdd": TYPICAL_ACCELERATION * rng.normal(size=(count, len(sizes))) * sizes,
+        "inputs": rng.normal(size=(count, len(_input_names(mechanism)))),
     }
 
 
 def _together(names: Sequence[str]) -> str:
-    return enumerated(names) + (" together" if 1 < len(names) < _MOST else "")
+    return enumerated(names) + (" together" if len(names) > 1 else "")

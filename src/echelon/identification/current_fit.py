@@ -1,8 +1,9 @@
 """Nonlinear least squares in currents, from R-factors alone.
 
 A drive's row of 0 = x̄ᵀ ζ̄ + known − i K, over K, is the current that the model expects less the one that was measured.
-So the sum of squares over all rows of an output is ‖R (ζ̄, K, −1)‖²/K²: a Gauss–Newton step costs as much as least
-squares on the triangles, however many rows there were.  Each drive's noise is estimated from its own residual.
+So the sum of squares over all rows of an output is ‖R (ζ̄, K, −1)‖²/K²: a step of Levenberg's and Marquardt's method
+costs as much as least squares on the triangles, however many rows there were.  Each drive's noise is estimated from its
+own residual, and the fit is repeated with it until it stands.
 """
 
 from __future__ import annotations
@@ -15,18 +16,16 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
+from echelon.extras import extra
 from echelon.identification.estimators.estimate import (
+    ROUNDING,
     Estimate,
     inverse_triangle,
     solved,
 )
+from echelon.identification.estimators.least_squares import fixed_noise
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import upper_triangle
-
-_STEPS = 200
-_SETTLED = 1e-6  # step in standard deviations that changes nothing
-_ROUNDING = 1e-11  # step in parts of the currents that is rounding
-_HALVINGS = 30
 
 
 def gain_names(base: BaseModel) -> tuple[str, ...]:
@@ -79,33 +78,34 @@ class _Output:
 
 
 def fit_currents(
-    observation: Observation, units: Sequence[str], gains: Sequence[Sequence[str]]
+    observation: Observation,
+    units: Sequence[str],
+    gains: Sequence[Sequence[str]],
+    *,
+    tolerance: float = 1e-6,
+    limit: int = 200,
 ) -> Estimate:
-    """Maximum likelihood of an equation that is homogeneous but for known parts, noise being in the currents."""
+    """Maximum likelihood of an equation that is homogeneous but for known parts, noise being in the currents.
+
+    Noise counts as found when its logarithm changes by less than a tolerance, which it does within a limit of fits.
+    """
     start = solved(observation, units)
     if start.degrees <= 0:
         raise InputError(
             "no row is left over to estimate the noise from; give more samples"
         )
     parts = _outputs(observation, gains)
-    values = start.values
-    noise = _first_noise(parts, values)
-    iterations = 0
-    settled = False
-    while not settled and iterations < _STEPS:
-        iterations += 1
-        root, change = _step(parts, values, noise)
-        settled = _settled(
-            parts, np.asarray(np.linalg.solve(root, change), dtype=np.float64), noise
-        )
-        values = _walked(parts, values, change, noise)
-        noise = _noise(parts, values, root, noise)
-    if not settled:
-        raise InputError(
-            "no drive gains were found that explain the currents best: they hardly follow the model; look for a wrong "
-            "sign or order of currents, or give runs with a heavier load"
-        )
-    root, _ = _step(parts, values, noise)
+    values, root = start.values, np.zeros((len(units), 0))
+
+    def updated(noise: Floats) -> Floats:
+        nonlocal values, root
+        values, root = _fitted(parts, values, noise)
+        return _noise(parts, values, root, noise)
+
+    rough = _noise(parts, values, root, np.ones(len(parts)))
+    noise, iterations, converged = fixed_noise(updated, rough, tolerance, limit)
+    if not converged:
+        raise InputError(_NOTHING_FOUND)
     scale = np.array([abs(part.scale(values)) for part in parts])
     diagnostics = {
         "iterations": iterations,
@@ -125,6 +125,50 @@ def fit_currents(
         float(sum(counts) - len(values)),
         diagnostics,
     )
+
+
+_NOTHING_FOUND = (
+    "no drive gains were found that explain the currents best: they hardly follow the model; look for a wrong sign or "
+    "order of currents, or give runs with a heavier load"
+)
+
+
+def _fitted(
+    parts: Sequence[_Output], values: Floats, noise: Floats
+) -> tuple[Floats, Floats]:
+    """Values with the least squares, found from others, and the root of their covariance."""
+    with extra("identify"):
+        from scipy.optimize import least_squares
+
+    def residuals(tried: Floats) -> Floats:
+        return np.concatenate(
+            [
+                part.residual(tried) / sigma
+                for part, sigma in zip(parts, noise, strict=True)
+            ]
+        )
+
+    def slopes(tried: Floats) -> Floats:
+        return np.concatenate(
+            [
+                part.jacobian(tried) / sigma
+                for part, sigma in zip(parts, noise, strict=True)
+            ]
+        )
+
+    triangle = upper_triangle(slopes(values))
+    shares = np.abs(np.diagonal(triangle)) / np.maximum(
+        np.linalg.norm(triangle, axis=0), np.finfo(float).tiny
+    )
+    if shares.min() < len(triangle) * np.finfo(float).eps:
+        raise InputError(
+            "the data do not determine the drive gains together with the other parameters"
+        )
+    found = least_squares(residuals, values, slopes, method="lm", x_scale="jac")
+    is_same_sign = all(part.scale(found.x) * part.scale(values) > 0 for part in parts)
+    if not (found.success and is_same_sign):
+        raise InputError(_NOTHING_FOUND)
+    return found.x, inverse_triangle(upper_triangle(slopes(found.x)))
 
 
 def _outputs(observation: Observation, gains: Sequence[Sequence[str]]) -> list[_Output]:
@@ -151,89 +195,15 @@ def _outputs(observation: Observation, gains: Sequence[Sequence[str]]) -> list[_
     return found
 
 
-def _first_noise(parts: Sequence[_Output], values: Floats) -> Floats:
-    """Rough noise of each current: all of it that least squares leaves."""
-    sizes = np.array(
-        [
-            np.linalg.norm(part.residual(values)) / np.sqrt(max(part.rows, 1))
-            for part in parts
-        ]
-    )
-    noise: Floats = np.maximum(sizes, _floor(parts))
-    return noise
-
-
 def _noise(
     parts: Sequence[_Output], values: Floats, root: Floats, before: Floats
 ) -> Floats:
-    """Standard deviation of each current, corrected for the degrees of freedom."""
+    """Standard deviation of each current, corrected for the degrees of freedom; rounding at least, shape (m,)."""
     found = []
     for part, sigma in zip(parts, before, strict=True):
         leverage = float(np.sum((part.jacobian(values) @ root / sigma) ** 2))
-        found.append(
-            np.linalg.norm(part.residual(values))
-            / np.sqrt(max(part.rows - leverage, 1.0))
-        )
-    return np.maximum(found, _floor(parts))
-
-
-def _floor(parts: Sequence[_Output]) -> Floats:
-    """What is noise by rounding only: a part of the current, or of the measured value."""
-    return np.array(
-        [max(1e-10 * part.size / np.sqrt(max(part.rows, 1)), 1e-300) for part in parts]
-    )
-
-
-def _settled(parts: Sequence[_Output], step: Floats, noise: Floats) -> bool:
-    """Whether a step, in standard deviations, is none."""
-    size = np.linalg.norm(
-        [part.size / sigma for part, sigma in zip(parts, noise, strict=True)]
-    )
-    return bool(
-        np.linalg.norm(step) < max(_SETTLED * np.sqrt(len(step)), _ROUNDING * size)
-    )
-
-
-def _step(
-    parts: Sequence[_Output], values: Floats, noise: Floats
-) -> tuple[Floats, Floats]:
-    """Root of the covariance, and the Gauss–Newton step."""
-    stacked = np.vstack(
-        [
-            np.column_stack([part.jacobian(values), part.residual(values)]) / sigma
-            for part, sigma in zip(parts, noise, strict=True)
-        ]
-    )
-    triangle = upper_triangle(stacked)[:-1]
-    diagonal = np.abs(np.diagonal(triangle)) / np.linalg.norm(
-        triangle[:, :-1], axis=0
-    ).clip(min=1e-300)
-    if diagonal.min() < 1e-13:
-        raise InputError(
-            "the data do not determine the drive gains together with the other parameters"
-        )
-    root = inverse_triangle(triangle[:, :-1])
-    change: Floats = -root @ triangle[:, -1]
-    return root, change
-
-
-def _walked(
-    parts: Sequence[_Output], values: Floats, change: Floats, noise: Floats
-) -> Floats:
-    """Values after a step that is as long as it may be while the sum of squares falls and no gain changes its sign."""
-    before = _squares(parts, values, noise)
-    for halving in range(_HALVINGS):
-        tried: Floats = values + change / 2**halving
-        kept = all(part.scale(tried) * part.scale(values) > 0 for part in parts)
-        if kept and _squares(parts, tried, noise) <= before * (1 + 1e-12):
-            return tried
-    return values
-
-
-def _squares(parts: Sequence[_Output], values: Floats, noise: Floats) -> float:
-    return float(
-        sum(
-            np.sum((part.residual(values) / s) ** 2)
-            for part, s in zip(parts, noise, strict=True)
-        )
-    )
+        spare = max(part.rows - leverage, 1.0)
+        noise = np.linalg.norm(part.residual(values)) / np.sqrt(spare)
+        rounding = ROUNDING * part.size / np.sqrt(max(part.rows, 1))
+        found.append(max(noise, rounding, np.finfo(float).tiny))
+    return np.array(found)

@@ -27,8 +27,8 @@ from echelon.identification.current_fit import fit_currents, gain_names
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.fit import known_values
 from echelon.identification.payload import Payload, loaded_rows, with_zeros
-from echelon.identification.rows.plan import Plan
-from echelon.identification.rows.rows import ModelRows, Rows
+from echelon.identification.rows.plan import LogPlan
+from echelon.identification.rows.rows import ModelRows, RowStream
 from echelon.logs.files.open_log import log_paths
 from echelon.logs.preparation.choices import Signals, chosen
 from echelon.logs.read_log import read_log
@@ -89,8 +89,8 @@ class GainEstimate:
 @public
 def drive_gains(
     base: BaseModel | Mechanism | Readable,
-    unloaded: Observation | Rows,
-    loaded: Observation | Rows | None = None,
+    unloaded: Observation | RowStream,
+    loaded: Observation | RowStream | None = None,
     payload: Payload | None = None,
     *,
     known: Mapping[str, float] | None = None,
@@ -181,7 +181,7 @@ def _gains_of(estimate: Estimate, gains: tuple[str, ...], scale: str) -> GainEst
 
 
 def _observation(
-    data: Observation | Rows, parameters: tuple[str, ...], what: str
+    data: Observation | RowStream, parameters: tuple[str, ...], what: str
 ) -> Observation:
     found = data if isinstance(data, Observation) else data.observation()
     if found.layout.parameters != parameters:
@@ -193,7 +193,7 @@ def _observation(
 
 
 def _extended(observation: Observation, layout: Layout) -> Observation:
-    """The same rows with more columns, of parameters that they do not depend on."""
+    """Rows with more columns, of parameters that they do not depend on."""
     factors = []
     for R, old, new in zip(
         observation.factors, observation.layout.columns, layout.columns, strict=True
@@ -325,7 +325,7 @@ def gains_from_logs(
     )
 
 
-def _plan(setup: Setup, base: BaseModel, logs: Paths) -> Plan:
+def _plan(setup: Setup, base: BaseModel, logs: Paths) -> LogPlan:
     """Settings chosen from the runs without a load; they hold for all."""
     segments: list[Segment] = []
     for path in log_paths(logs):
@@ -337,14 +337,14 @@ def _plan(setup: Setup, base: BaseModel, logs: Paths) -> Plan:
             outputs=False,
         ):
             segments += piece.segments
-    return Plan(
+    return LogPlan(
         base,
         setup.columns,
         chosen(setup.preparation, Signals.of(segments, setup.mechanism)),
     )
 
 
-def _samples(plan: Plan, logs: Paths) -> list[Samples]:
+def _samples(plan: LogPlan, logs: Paths) -> list[Samples]:
     paths = log_paths(logs)
     return [
         with_zeros(plan.base, some)

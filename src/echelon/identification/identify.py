@@ -2,98 +2,55 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from echelon.arrays import Floats, one_thread
+from echelon.arrays import one_thread
 from echelon.base.derive import base_parameters
 from echelon.base.matrix import Identifiability
-from echelon.base.model import BaseModel
 from echelon.doors import public
-from echelon.errors import EchelonError, InputError, MissingExtraError
+from echelon.errors import InputError
 from echelon.formats.usual_effects import slides, with_rotors
-from echelon.identification.chosen_values import LEAST_SQUARES, chosen_values
-from echelon.identification.conditioning import (
-    Conditioning,
-    conditioning,
-    without_rounding,
-)
+from echelon.identification.chosen_values import chosen_values
 from echelon.identification.current_fit import gain_names
-from echelon.identification.estimators.essential import essential
-from echelon.identification.estimators.estimate import Estimate, solved
-from echelon.identification.estimators.fit import fitted, usable_noise
-from echelon.identification.estimators.least_squares import minimum_norm, noise_estimate
-from echelon.identification.judge.evidence import States
+from echelon.identification.estimators.estimate import CLEAR
+from echelon.identification.fit_findings import contradictions, fit_findings, limited
+from echelon.identification.fitting import base_fit, physics, without_friction
 from echelon.identification.judge.findings import contradiction, finding
 from echelon.identification.judge.hypothesis import Kind
-from echelon.identification.judge.judge import Judge, Judged
-from echelon.identification.judge.mounting import (
-    free_gravity,
-    is_unknown,
-    standing,
-    with_gravity,
-)
-from echelon.identification.judge.readings import Readings
-from echelon.identification.judge.units import common_unit
+from echelon.identification.judge.judge import Judged
+from echelon.identification.judge.mounting import is_unknown, standing, with_gravity
+from echelon.identification.judging import judged_fit, misread_elsewhere
 from echelon.identification.passes_over_data import MEMORY, PassesOverData, Task
-from echelon.identification.physics.bounds import Bounds
-from echelon.identification.physics.feasibility import Feasibility, feasibility
-from echelon.identification.physics.fit import PhysicalFit, departures, physical_fit
-from echelon.identification.physics.prior_information import Prior, known_before
+from echelon.identification.physics.fit import departures
+from echelon.identification.physics.prior_information import known_before
 from echelon.identification.plausible_mass import mass_findings
-from echelon.identification.result import (
-    FAR,
-    Identification,
-    contradictions,
-    fit_findings,
-    fitted_ranges,
-    limited,
-    predicting,
-)
-from echelon.identification.rows.plan import Plan
-from echelon.identification.scores import (
-    UNEXPLAINED,
-    Grade,
-    Validation,
-    by_role,
-    grade,
-    overall_verdict,
-)
+from echelon.identification.result import Identification, fitted_ranges, predicting
+from echelon.identification.rows.plan import LogPlan
+from echelon.identification.scores import Validation
 from echelon.identification.survey import survey
 from echelon.identification.validation import Models
-from echelon.logs.columns.column_map import ColumnMap
-from echelon.logs.finding import Finding, counted, enumerated, note, warning
-from echelon.logs.recording import Samples
-from echelon.observe.observation import Observation
+from echelon.identification.verdict import by_role, overall_verdict
+from echelon.logs.finding import Finding, counted, enumerated, note
 from echelon.setup.logs import with_logs
 from echelon.setup.setup import Setup
 
 if TYPE_CHECKING:
     from distributed import Client
 
-    from echelon.formats.schema.schema_log import IdentificationEntry
 
 Logs = tuple[Path, ...]
 OnStep = Callable[[str], None]
 
-Solved = TypeVar("Solved")
-
-_PIECES = (
-    5  # stretches of the data that are predicted from one another to weigh the prior
-)
-_CLEARLY = 5.0  # times a sensor's noise in the band, or an estimate's standard deviation, that is more than noise
-_ROTOR = "a rotor inertia was taken in at {}: it weighs nothing, which else a constant force would have to explain"
-_COMPLETIONS = (
+COMPLETIONS = (
     3  # of a set-up with what a fit says: gravity, rotors, and what a rotor explains
 )
+_ROTOR = "a rotor inertia was taken in at {}: it weighs nothing, which else a constant force would have to explain"
 _ASSUMED_GRAVITY = "the direction of gravity was left open: -z of the base was taken"
-_EXPLAINED = (
-    1e-3  # share of an output's spread that is left at most where nothing is lacking
-)
 
 
 @public
@@ -156,7 +113,7 @@ def identify(
 
     remarks: list[Finding] = []
     result, judged = fit(setup)
-    for _ in range(_COMPLETIONS):
+    for _ in range(COMPLETIONS):
         completed, said = _completed(setup, result, judged, mounted=mounted and lists)
         if completed is setup:
             break
@@ -216,7 +173,7 @@ def _lifted(result: Identification) -> set[str]:
     clear = dict(
         zip(
             estimate.parameters,
-            np.abs(estimate.values) > _CLEARLY * estimate.std,
+            np.abs(estimate.values) > CLEAR * estimate.std,
             strict=True,
         )
     )
@@ -251,7 +208,7 @@ def _fitted(
         base = base_parameters(setup.mechanism, seed=setup.seed)
         fitted_logs, unseen_logs = _split_logs(given, others, settings.holdout)
         surveyed = survey(setup, base, fitted_logs, unseen_logs)
-        plan = Plan(
+        plan = LogPlan(
             base,
             setup.columns,
             surveyed.preparation,
@@ -262,79 +219,51 @@ def _fitted(
 
         step(f"taking in {counted(len(fitted_logs), 'log')}")
         data = PassesOverData(plan, fitted_logs, client, memory)
-        observation = without_rounding(data.observation, base.units)
-        _check_rows(observation, fitted_logs)
 
         step("estimating")
-        conditions = conditioning(observation, 1 / noise_estimate(observation), base)
-        estimate = _estimate(settings, data, observation, conditions, prior_base)
-        if (
-            surveyed.noisy is not None
-            and estimate.method in LEAST_SQUARES
-            and not settings.known
-        ):
-            biased, estimate = estimate, surveyed.noisy.corrected(estimate)
-            observation = observation.moved(estimate.values - biased.values)
-        noise = usable_noise(observation, estimate)
-        reduced = None
-        if settings.essential != "none" and conditions.is_complete:
-            alike, criterion = _correlation(estimate), settings.essential
-            reduced = essential(
-                observation, base.units, noise, criterion=criterion, correlation=alike
-            )
+        fit = base_fit(setup, data, surveyed.noisy, prior_base)
+        estimate, conditions = fit.estimate, fit.conditions
 
         step("fitting a physical robot")
-        unsolved: list[Finding] = []
-        physical = feasible = None
-        if settings.physical:
-            physical = _tried(
-                lambda: _physical(setup, data, observation, noise, prior), unsolved
-            )
-        if settings.physical and conditions.is_complete:
-            feasible = _tried(
-                lambda: _feasibility(base, observation, estimate, noise), unsolved
-            )
+        physical, feasible, unsolved = physics(setup, data, fit, prior)
 
         step("validating")
         used, choice = chosen_values(
-            settings, data, unseen_logs, estimate, noise, physical
+            settings, data, unseen_logs, estimate, fit.noise, physical
         )
-        models = {"model": predicting(used, estimate, reduced, physical)}
+        models = {"model": predicting(used, estimate, fit.reduced, physical)}
         models |= {} if prior_base is None else {"prior": prior_base}
-        plain = _without_friction(base, observation, noise)
+        plain = without_friction(base, fit)
         models |= {} if plain is None else {"plain": plain}
         validations = _validations(data, models, unseen_logs)
+
         step("judging what may be wrong or lacking")
-        judged: list[Judged] = []
-        told: list[Judged] = []
-        doubtful = bool(unsolved) or _is_doubtful(validations, feasible)
-        unit = (
-            None if prior_base is None else common_unit(base, observation, prior_base)
+        is_far = feasible is not None and feasible.is_beyond(CLEAR)
+        judged, told = judged_fit(
+            data,
+            estimate.values,
+            validations,
+            prior,
+            seed=setup.seed,
+            is_contradicted=bool(unsolved) or is_far,
+            gravity_is_open=gravity_is_open,
         )
-        if unit is not None or doubtful or _is_unexplained(by_role(validations)):
-            judge = _judge(plan, data.fitted(), estimate.values, setup, prior)
-            judge = replace(judge, doubtful=doubtful, gravity_is_open=gravity_is_open)
-            judged = judge.run() if judge.is_told else []
-            told = judge.told
-        if unit is not None and not any(some.kind is Kind.READING for some in judged):
-            judged, told = [unit, *judged], [unit, *told]
-        elsewhere = _misread_elsewhere(
-            setup, data, models["model"], validations, unseen_logs
-        )
+        elsewhere = misread_elsewhere(data, models["model"], validations, unseen_logs)
 
     findings = [note("assumed", setup.source, text) for text in setup.assumed]
     findings += [
         *surveyed.findings,
         *(() if prior is None else prior.findings),
         *unsolved,
+        *elsewhere,
+        *choice,
     ]
-    comparable = conditions.is_complete and not gain_names(base)
-    findings += [*elsewhere, *choice]
     if physical is not None and prior is not None:
         findings += departures(
             base.mechanism, physical.standard, prior.values, physical.prior_weight
         )
-    findings += mass_findings(base, estimate.values) if comparable else []
+    if conditions.is_complete and not gain_names(base):
+        findings += mass_findings(base, estimate.values)
     facts = [
         *filter(None, map(contradiction, judged)),
         *contradictions(feasible, findings, plan.preparation.measured),
@@ -344,21 +273,24 @@ def _fitted(
     ranges = fitted_ranges(plan.preparation, by_role(validations)[0])
     speeds = enumerated([found.speeds for found in ranges], "; ")
     result = Identification(
-        base,
-        tuple(map(str, fitted_logs)),
-        plan.preparation,
-        estimate,
-        reduced,
-        conditions,
-        feasible,
-        physical,
-        validations,
-        limited(findings),
-        used,
-        _record(setup, plan),
-        f"{judgement.text} It was fitted up to {ranges[0].band:.3g} Hz: {speeds}.",
-        (*judgement.reasons, *([] if conditions.is_complete else [conditions.verdict])),
-        tuple(told),
+        base=base,
+        logs=tuple(map(str, fitted_logs)),
+        preparation=plan.preparation,
+        estimate=estimate,
+        essential=fit.reduced,
+        conditioning=conditions,
+        feasibility=feasible,
+        physical=physical,
+        validations=validations,
+        findings=limited(findings),
+        predict_with=used,
+        settings=_record(setup, plan),
+        verdict=f"{judgement.text} It was fitted up to {ranges[0].band:.3g} Hz: {speeds}.",
+        reasons=(
+            *judgement.reasons,
+            *([] if conditions.is_complete else [conditions.verdict]),
+        ),
+        hypotheses=tuple(told),
     )
     return result, judged
 
@@ -373,192 +305,6 @@ def _split_logs(
     return (given[:-held], given[-held:]) if held else (given, others)
 
 
-def _check_rows(observation: Observation, logs: Sequence[Path]) -> None:
-    """Refuse logs that nothing is left of, or that measured nothing."""
-    if any(
-        count and np.any(R[:, -1])
-        for count, R in zip(observation.counts, observation.factors, strict=True)
-    ):
-        return
-    problem = (
-        "no row is left: 'still' is above all speeds"
-        if not any(observation.counts)
-        else "all outputs are zero"
-    )
-    raise InputError(problem, source=", ".join(map(str, logs[:3])))
-
-
-def _estimate(
-    settings: IdentificationEntry,
-    data: PassesOverData,
-    observation: Observation,
-    conditions: Conditioning,
-    prior: Floats | None,
-) -> Estimate:
-    if (
-        not conditions.is_complete
-        and settings.estimator != "ridge"
-        and not settings.known
-    ):
-        return minimum_norm(observation, data.plan.base.units)
-    along_reference = settings.estimator == "iv"
-    return fitted(
-        settings,
-        data.rows(),
-        data.observation,
-        prior=prior,
-        instruments=data.plan.rows(data.paths, "first", reference=True)
-        if along_reference
-        else None,
-        batches=data.batches,
-    )
-
-
-def _correlation(estimate: Estimate) -> float:
-    """Rows that say as much as one: residuals that resemble their neighbours say less than their number."""
-    inflation = [
-        value
-        for value in estimate.diagnostics.get("inflation", {}).values()
-        if np.isfinite(value)
-    ]
-    return max(1.0, float(np.mean(inflation))) if inflation else 1.0
-
-
-def _tried(solve: Callable[[], Solved], unsolved: list[Finding]) -> Solved | None:
-    """What a solver finds; nothing but a finding where it gives up, as it may where data and physics contradict."""
-    try:
-        return solve()
-    except (InputError, MissingExtraError):
-        raise
-    except EchelonError as error:
-        unsolved.append(warning("physics", "", f"no physical robot was found: {error}"))
-        return None
-
-
-def _physical(
-    setup: Setup,
-    data: PassesOverData,
-    observation: Observation,
-    noise: Floats,
-    prior: Prior | None,
-) -> PhysicalFit:
-    base, settings = data.plan.base, setup.settings
-    weights, pieces = _weights(noise), data.pieces(_PIECES)
-    return physical_fit(
-        base,
-        observation.combined(weights),
-        bounds=_bounds(setup, base),
-        prior=None if prior is None else prior.values,
-        prior_weight=settings.prior.weight or "auto",
-        prior_name="" if prior is None else prior.name,
-        pieces=pieces if len(pieces) > 1 else (),
-        weights=weights,
-    )
-
-
-def _bounds(setup: Setup, base: BaseModel) -> Bounds:
-    """Bounds of the physical fit that a set-up states; known parameters that are seen alone are fixed."""
-    settings = setup.settings
-    alone = {
-        name
-        for name, seen in base.classification.items()
-        if seen is Identifiability.ALONE
-    }
-    fixed = {
-        name: (value, value) for name, value in settings.known.items() if name in alone
-    }
-    limits = {**fixed, **settings.parameters}
-    bounds = Bounds(settings.bodies, limits, settings.total_mass)
-    try:
-        bounds.check(base.mechanism)
-    except InputError as error:
-        raise error.located(setup.source) from None
-    return bounds
-
-
-def _feasibility(
-    base: BaseModel, observation: Observation, estimate: Estimate, noise: Floats
-) -> Feasibility:
-    """Distances are measured by the classical covariance of as many rows as are independent.
-
-    That of batches of time has no more rank than there are batches.
-    """
-    covariance = (
-        _correlation(estimate)
-        * solved(observation, base.units, _weights(noise)).inverse
-    )
-    return feasibility(base, estimate.values, covariance)
-
-
-def _weights(noise: Floats) -> Floats:
-    return np.where(np.isfinite(noise), 1 / noise, 0.0)
-
-
-def _without_friction(
-    base: BaseModel, observation: Observation, noise: Floats
-) -> Floats | None:
-    """Base parameters of a model fitted without friction, offsets and springs, shape (r,); None if there are none."""
-    mechanism = base.mechanism
-    inertial = {
-        e.parameter
-        for e in mechanism.effects
-        if all(action.read.is_inertial for action in e.actions)
-    }
-    kept = [
-        k
-        for k, p in enumerate(base.matrix.pivots)
-        if mechanism.columns[p].body is not None or mechanism.parameters[p] in inertial
-    ]
-    if not kept or len(kept) == base.rank:
-        return None
-    triangle = observation.select(kept).combined(_weights(noise))
-    found = np.zeros(base.rank)
-    found[kept] = (
-        np.linalg.lstsq(triangle.scaled, triangle.qty, rcond=None)[0]
-        / triangle.safe_scales
-    )
-    return found
-
-
-def _is_doubtful(
-    validations: Sequence[Validation], feasible: Feasibility | None
-) -> bool:
-    """Whether physics or predictions contradict the set-up, so that a mistake in it is looked for."""
-    grades = [grade(score) for v in validations for score in v.scores]
-    poor = any(found is not None and found < Grade.GOOD for found in grades)
-    return poor or (
-        feasible is not None and feasible.feasible is False and feasible.distance > FAR
-    )
-
-
-def _is_unexplained(validations: Sequence[Validation]) -> bool:
-    """Whether more is left of some output than its sensor's noise, or than no model could explain."""
-    fitted, judged = validations[0], validations[-1]
-    above = any(score.by_noise > UNEXPLAINED for score in fitted.scores)
-    return above or any(score.r2 < 1 - _EXPLAINED for score in judged.scores)
-
-
-def _judge(
-    plan: Plan,
-    samples: Iterable[Samples],
-    values: Floats,
-    setup: Setup,
-    prior: Prior | None,
-) -> Judge:
-    """A judge of what may be wrong with some logs, or lacking in a model with some base parameters."""
-    base, preparation = plan.base, plan.preparation
-    free, gravity = free_gravity(base, setup.seed)
-    states = States.of(samples, preparation.band or np.inf, base, values, gravity)
-    columns = setup.columns[0] if setup.columns else ColumnMap()
-    readings = Readings(free, states, columns, "qd" in (preparation.measured or ()))
-    return Judge(
-        free,
-        states,
-        readings,
-        prior=None if prior is None else prior.base_values(free, states.symbols),
-    )
-
-
 def _validations(
     data: PassesOverData, models: Models, unseen_logs: Sequence[Path]
 ) -> tuple[Validation, ...]:
@@ -571,48 +317,7 @@ def _validations(
     return (*first, *data.validations(models, unseen, reference))
 
 
-def _misread_elsewhere(
-    setup: Setup,
-    data: PassesOverData,
-    values: Floats,
-    validations: Sequence[Validation],
-    unseen_logs: Sequence[Path],
-) -> list[Finding]:
-    """Mistakes in logs that are predicted poorly, where the fitted ones are not."""
-    fitted = by_role(validations)[0].scores
-    found = []
-    for log, validation in zip(
-        unseen_logs, [v for v in validations if v.role == "validation"], strict=False
-    ):
-        grades = [
-            (grade(seen), grade(unseen))
-            for seen, unseen in zip(fitted, validation.scores, strict=True)
-        ]
-        told = [
-            (seen, unseen)
-            for seen, unseen in grades
-            if seen is not None and unseen is not None
-        ]
-        if any(seen >= Grade.USABLE > unseen for seen, unseen in told):
-            base, preparation = data.plan.base, data.plan.preparation
-            states = States.of(
-                data.samples(log, "all"), preparation.band or np.inf, base, values
-            )
-            columns = setup.columns[0] if setup.columns else ColumnMap()
-            readings = Readings(
-                base, states, columns, "qd" in (preparation.measured or ())
-            )
-            judge = Judge(base, states, readings, values=values)
-            mistake = judge.other_reading()
-            words = judge.other_load() if mistake is None else mistake[0].words
-            if words is not None:
-                kind = "changes" if mistake is None else "culprit"
-                text = f"in this log, other than in those that were fitted, {words}"
-                found.append(warning(kind, str(log), text))
-    return found
-
-
-def _record(setup: Setup, plan: Plan) -> dict[str, Any]:
+def _record(setup: Setup, plan: LogPlan) -> dict[str, Any]:
     """Everything needed to repeat the run, JSON-able."""
     return {
         **setup.settings.model_dump(),

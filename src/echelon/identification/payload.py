@@ -21,7 +21,7 @@ from echelon.conventions import PARAMETERS, PER_BODY
 from echelon.doors import public
 from echelon.errors import InputError
 from echelon.hints import nearest_of
-from echelon.identification.rows.rows import ModelRows, RowBlock, Rows
+from echelon.identification.rows.rows import ModelRows, RowBlock, RowStream
 from echelon.logs.recording import Samples
 from echelon.mechanism.joint import ALL
 from echelon.observe.observation import Layout
@@ -165,11 +165,11 @@ class Payload:
 
 
 @dataclass(frozen=True, repr=False)
-class JoinedRows(Rows):
+class JoinedRows(RowStream):
     """Rows whose columns are those of two sets of rows side by side."""
 
-    first: Rows  # of the same samples; measured outputs are the first's
-    second: Rows  # of the same samples; measured outputs are the first's
+    first: RowStream  # of the same samples; measured outputs are the first's
+    second: RowStream  # of the same samples; measured outputs are the first's
 
     def __post_init__(self) -> None:
         a, b = self.first.layout, self.second.layout

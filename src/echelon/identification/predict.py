@@ -16,7 +16,7 @@ import numpy.typing as npt
 from echelon.arrays import Floats
 from echelon.doors import public
 from echelon.errors import InputError
-from echelon.identification.rows.plan import Plan
+from echelon.identification.rows.plan import LogPlan
 from echelon.identification.rows.rows import ModelRows
 from echelon.identification.scores import Score
 from echelon.identification.validation import validated
@@ -56,7 +56,7 @@ class Prediction:
 
 
 @public
-def predict_log(plan: Plan, values: npt.ArrayLike, path: str | Path) -> Prediction:
+def predict_log(plan: LogPlan, values: npt.ArrayLike, path: str | Path) -> Prediction:
     """Predict the outputs of a log, at every row of it.
 
     Parameters
@@ -103,7 +103,9 @@ def predict_log(plan: Plan, values: npt.ArrayLike, path: str | Path) -> Predicti
     )
 
 
-def _at_rows(plan: Plan, model: ModelRows, values: Floats, piece: LogPiece) -> Floats:
+def _at_rows(
+    plan: LogPlan, model: ModelRows, values: Floats, piece: LogPiece
+) -> Floats:
     """Predicted outputs at the time stamps of a piece, shape (N, m)."""
     time, outputs = piece.recording.time, plan.base.mechanism.outputs
     found = np.full((len(time), len(outputs)), np.nan)
@@ -115,15 +117,14 @@ def _at_rows(plan: Plan, model: ModelRows, values: Floats, piece: LogPiece) -> F
         rows = np.flatnonzero(
             (time > clock[0] - 0.5 / rate) & (time < clock[-1] + 0.5 / rate)
         )
-        for k, delay in enumerate(
-            delays
-        ):  # what was predicted shows in an output that is late
+        # what was predicted shows in an output that is late
+        for k, delay in enumerate(delays):
             found[rows, k] = np.interp(time[rows] - delay, clock, guess[:, k])
     return found
 
 
 def _stretches(
-    plan: Plan, model: ModelRows, values: Floats, segments: Iterable[Segment]
+    plan: LogPlan, model: ModelRows, values: Floats, segments: Iterable[Segment]
 ) -> Iterator[tuple[float, float, Floats]]:
     """Start (s), rate (Hz) and predicted outputs (N, m) of stretches."""
     mechanism = plan.base.mechanism

@@ -13,13 +13,14 @@ from echelon.arrays import Floats
 from echelon.doors import public
 from echelon.errors import InputError, one_line
 from echelon.extras import extra
-from echelon.identification.conditioning import Conditioning
+from echelon.identification.conditioning import DataConditioning
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.judge.judge import Judged
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
-from echelon.identification.scores import Validation, by_role
-from echelon.logs.finding import Finding, Severity, counted, note, warning
+from echelon.identification.scores import Validation
+from echelon.identification.verdict import by_role
+from echelon.logs.finding import Finding, counted
 from echelon.logs.preparation.prepare import Preparation
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FittedRange:
-    """What an output was fitted to; elsewhere the model extrapolates."""
+    """Band and speeds that an output was fitted to; elsewhere the model extrapolates."""
 
     output: str
     band: float  # highest frequency, Hz
@@ -60,7 +61,7 @@ class FittedRange:
 def fitted_ranges(
     preparation: Preparation, fitted: Validation
 ) -> tuple[FittedRange, ...]:
-    """What every output was fitted to, by the scores of all fitted logs together."""
+    """Ranges of all outputs, by the scores of all fitted logs together."""
     still, band = preparation.still or 0.0, preparation.band or np.inf
     slowest = (
         still
@@ -100,7 +101,7 @@ def predicting(
     return found
 
 
-_SHOWN = 30  # base parameters in a notebook
+SHOWN_PARAMETERS = 30  # in a notebook: one screen; a data frame has all
 _MEASURED, _PREDICTED = "#4477aa", "#ee6677"
 
 
@@ -146,7 +147,7 @@ class Identification:
     preparation: Preparation
     estimate: Estimate
     essential: Estimate | None
-    conditioning: Conditioning
+    conditioning: DataConditioning
     feasibility: Feasibility | None
     physical: PhysicalFit | None
     validations: tuple[Validation, ...]
@@ -241,7 +242,7 @@ class Identification:
         columns = _columns(self)
         shown = zip(
             *(
-                columns[name][:_SHOWN]
+                columns[name][:SHOWN_PARAMETERS]
                 for name in ("expression", "value", "low", "high", "unit")
             ),
             strict=True,
@@ -294,138 +295,3 @@ def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 def _safe(text: str) -> str:
     return escape(one_line(text))
-
-
-_MOST = (
-    12  # findings of one kind that are shown; of more the first ones and their number
-)
-_STRANGER = (
-    0.3  # R² below which, for every output, the model has nothing to do with the data
-)
-FAR = 5.0  # standard deviations to the nearest robot that noise alone does not bring about
-IMPOSSIBLE = 30.0
-"""Standard deviations from which on the model contradicts physics: what filters and unmodelled effects do is below."""
-_COSTLY = 1.5  # ratio of misfits from which on physical consistency costs more than noise does
-
-
-def contradictions(
-    feasible: Feasibility | None,
-    findings: Sequence[Finding],
-    measured: Sequence[str] | None = (),
-) -> list[str]:
-    """Facts that contradict a model however well it predicts; rates do where they are taken as ``measured``."""
-    facts = []
-    if (
-        feasible is not None
-        and feasible.feasible is False
-        and feasible.distance > IMPOSSIBLE
-    ):
-        away = f"{feasible.distance:.2g} standard deviations away"
-        facts.append(f"no robot can have its parameters, the nearest is {away}")
-    told = ("contradiction", "rates") if measured else ("contradiction",)
-    facts += [str(finding) for finding in findings if finding.kind in told]
-    return facts
-
-
-def fit_findings(
-    estimate: Estimate,
-    seen: Conditioning,
-    feasible: Feasibility | None,
-    physical: PhysicalFit | None,
-    validations: Sequence[Validation],
-) -> list[Finding]:
-    """What is wrong with a fit, or worth knowing."""
-    return [
-        *_of_scores(validations),
-        *_of_estimate(estimate, seen),
-        *_of_physics(feasible, physical, estimate),
-    ]
-
-
-def limited(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Findings with warnings first, each once, and of one kind not more than can be read."""
-    unique = list(dict.fromkeys(findings))
-    unique.sort(key=lambda finding: finding.severity is not Severity.WARNING)
-    shown: list[Finding] = []
-    kinds = list(dict.fromkeys((f.severity, f.kind) for f in unique))
-    for severity, kind in kinds:
-        same = [
-            finding
-            for finding in unique
-            if (finding.severity, finding.kind) == (severity, kind)
-        ]
-        shown += same[:_MOST]
-        if len(same) > _MOST:
-            shown.append(
-                Finding(
-                    severity,
-                    kind,
-                    "",
-                    f"{len(same) - _MOST} more findings of this kind ({kind})",
-                )
-            )
-    return tuple(shown)
-
-
-def _of_scores(validations: Sequence[Validation]) -> Iterable[Finding]:
-    for validation in validations:
-        scores = [score.r2 for score in validation.scores if np.isfinite(score.r2)]
-        if validation.role == "identification" and scores and max(scores) < _STRANGER:
-            text = (
-                f"the model explains no output (R² at most {max(scores):.2f}): is this log of another robot, or are "
-                "columns exchanged, or their signs or units wrong?"
-            )
-            yield warning("stranger", validation.source, text)
-    told = [
-        score
-        for validation in validations
-        for score in validation.scores
-        if score.raw.deviation > 0
-    ]
-    if told and all(score.is_computed for score in told):
-        noise = max(score.noise / score.raw.deviation for score in told)
-        text = (
-            f"all outputs are predicted without a filter, and their noise is {noise:.1g} of their deviation: they look "
-            "computed from a model or commanded, not measured, so the fit repeats that model"
-        )
-        yield warning("computed", "", text)
-
-
-def _of_estimate(estimate: Estimate, seen: Conditioning) -> Iterable[Finding]:
-    for output, rows in zip(estimate.outputs, estimate.rows, strict=True):
-        if not rows:
-            text = "no row of it is left: it never moves faster than 'still', so nothing was fitted to it"
-            yield warning("silent", f"output '{output}'", text)
-    n, course = len(estimate.values), estimate.diagnostics
-    if seen.rank < n:
-        text = f"the data determine {seen.rank} of {n} base parameters, though the sensors could see all of them"
-        yield warning("conditioning", "", text)
-    for direction in seen.weak:
-        yield warning("conditioning", "", direction.advice)
-    if course.get("converged") is False:
-        text = f"the estimator {estimate.method} did not converge in {course.get('iterations')} iterations"
-        yield warning("convergence", "", text)
-
-
-def _of_physics(
-    feasible: Feasibility | None, physical: PhysicalFit | None, estimate: Estimate
-) -> Iterable[Finding]:
-    if feasible is not None and feasible.feasible is False:
-        away = f"{feasible.distance:.2g} standard deviations away"
-        text = f"no physical robot has the estimated base parameters; the nearest one is {away}"
-        if feasible.distance <= FAR:
-            yield note("feasibility", "", f"{text}, as noise does")
-        else:
-            wrong = "columns are exchanged, or their signs or units wrong, or " * (
-                feasible.distance > IMPOSSIBLE
-            )
-            yield warning(
-                "feasibility", "", f"{text}: {wrong}the model lacks something"
-            )
-    rows = max(sum(estimate.rows), 1)
-    if physical is not None and physical.misfit > _COSTLY * max(
-        physical.unconstrained_misfit, rows
-    ):
-        more = (physical.misfit - physical.unconstrained_misfit) / rows
-        text = f"physical consistency raises the squares by {more:.2g} noise variances per row: is the model complete?"
-        yield warning("physics", "", text)

@@ -1,14 +1,7 @@
 """Validation: measured against predicted outputs, on data the fit did not see.
 
 One pass is enough, in memory that does not grow with the log: scores come from sums, which also pool those of several
-logs, and of the traces a subset with all peaks is kept.  Neighbouring rows form buckets, of which the rows with the
-extremes of what is measured, of what is predicted and of their difference stay: every peak survives, at its time, and
-no value is invented.
-
-Autocorrelations of residuals are taken over pairs of rows that are really so far apart in time: rows that were left out
-leave holes in the grid of samples, not shifts, and no pair reaches across the end of a segment.  The integrated
-autocorrelation time 1 + 2 Σ ρ_k is summed up to the window that Sokal proposes, the first lag M that is at least five
-times the time found so far (Sokal, "Monte Carlo methods in statistical mechanics", 1997).
+logs, and of the traces a subset with all peaks is kept.
 """
 
 from __future__ import annotations
@@ -21,7 +14,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
-from echelon.extras import extra
+from echelon.identification.autocorrelation import CorrelationSums
 from echelon.identification.rows.rows import (
     ModelRows,
     Numbering,
@@ -38,8 +31,9 @@ from echelon.identification.scores import (
     Trace,
     Validation,
     fits,
-    verdict,
 )
+from echelon.identification.traces import LIMIT, TraceKeeper
+from echelon.identification.verdict import verdict
 from echelon.logs.preparation.prepare import speed_rows, velocity_names
 from echelon.logs.recording import Samples
 from echelon.mechanism.mechanism import Mechanism
@@ -49,78 +43,67 @@ Models = Mapping[str, Floats]
 """Parameters of the models that are compared by name: the identified one first, then those of :data:`BESIDE`."""
 BESIDE = ("prior", "plain")
 """What the identified model is compared with: the model one had before, and one without friction, fitted alike."""
-LIMIT = 200_000  # rows of an output that are kept; more than any screen shows
-_SHOWING_NOISE = 1 << 14  # samples of a stretch that tell the noise of its sensor
-_ORDER = 4  # of the differences that leave the noise of a sensor: motion is slow against its samples
+# samples of a stretch that tell the noise of its sensor, to a hundredth
+SHOWING_NOISE = 1 << 14
+NOISE_ORDER = 4  # of the differences that leave the noise of a sensor: motion is slow against its samples
 _NAN = float("nan")
 
 
 @dataclass(frozen=True)
+class PredictedOutput:
+    """Measured and predicted values of one output in a stretch of a log; models are columns."""
+
+    times: Floats  # shape (k,), s
+    measured: Floats  # shape (k,), after the filter of both sides
+    predicted: Floats  # shape (k, models)
+    moving: Flags  # shape (k,)
+    # shapes (N,) and (N, models): without a filter
+    raw: tuple[Floats, Floats] | None = None
+    fastest: float = _NAN  # largest speed of its joint or drive, rad/s or m/s
+    # shape (k,), filtered like both sides; None for a wrench
+    speed: Floats | None = None
+
+
+@dataclass(frozen=True)
 class Predicted:
-    """Measured and predicted outputs of one stretch of a log; of each output an array, of models a column."""
+    """Measured and predicted outputs of one stretch of a log."""
 
     source: str
     segment: int  # counts uninterrupted stretches
-    times: tuple[Floats, ...]  # shape (k_i,), s
-    measured: tuple[Floats, ...]  # shape (k_i,), after the filter of both sides
-    predicted: tuple[Floats, ...]  # shape (k_i, models)
-    moving: tuple[Flags, ...]  # shape (k_i,)
-    samples: tuple[
-        tuple[Floats, Floats], ...
-    ] = ()  # shapes (N,) and (N, models): without a filter
-    fastest: tuple[float, ...] = ()  # largest speeds, rad/s or m/s
-    speeds: tuple[
-        Floats | None, ...
-    ] = ()  # shape (k_i,), filtered like both sides; None for wrenches
+    outputs: tuple[PredictedOutput, ...]
 
 
 def predicted(
     model: ModelRows, samples: Iterable[Samples], values: Sequence[Floats]
 ) -> Iterator[Predicted]:
-    """What models with given base parameters predict, beside what was measured."""
+    """Outputs that models with given base parameters predict, beside those that were measured."""
     numbering = Numbering()
     for some in samples:
         if some.y is None:
             raise InputError("the log holds no measured outputs", source=some.source)
-        yield _predicted(model, some, some.y, values, numbering.of(some))
+        outputs = tuple(_predicted(model, some, some.y, values))
+        yield Predicted(some.source, numbering.of(some), outputs)
 
 
 def _predicted(
-    model: ModelRows,
-    samples: Samples,
-    y: Floats,
-    values: Sequence[Floats],
-    segment: int,
-) -> Predicted:
+    model: ModelRows, samples: Samples, y: Floats, values: Sequence[Floats]
+) -> Iterator[PredictedOutput]:
     signals = np.stack([y, *(model.predict(samples, some) for some in values)], axis=2)
     times, rows, moving = rows_taken(samples, signals)
-    inside, outputs = slice(samples.first, samples.stop), range(y.shape[1])
-    speeds = list(_speeds(model.base.mechanism, samples))
-    every = np.ones(rows.shape[:2], dtype=bool)
-    flags = every if moving is None else moving
-    measured = rows_measured(samples)
-    told = every if measured is None else measured
-    true = np.ones(y.shape, dtype=bool) if samples.pinned is None else ~samples.pinned
-    return Predicted(
-        samples.source,
-        segment,
-        tuple(times[told[:, i]] for i in outputs),
-        tuple(rows[told[:, i], i, 0] for i in outputs),
-        tuple(rows[told[:, i], i, 1:] for i in outputs),
-        tuple(flags[told[:, i], i] for i in outputs),
-        tuple(
-            (y[inside, i][true[inside, i]], signals[inside, i, 1:][true[inside, i]])
-            for i in outputs
-        ),
-        tuple(
-            _NAN if some is None else float(np.abs(some).max(initial=0.0))
-            for some in speeds
-        ),
-        tuple(
-            None if some is None else rows_filtered(samples, some[:, :1])[told[:, i], 0]
-            for i, some in enumerate(speeds)
-        ),
-    )
+    inside, measured = slice(samples.first, samples.stop), rows_measured(samples)
+    for i, speed in enumerate(_speeds(model.base.mechanism, samples)):
+        told = slice(None) if measured is None else measured[:, i]
+        true = slice(None) if samples.pinned is None else ~samples.pinned[inside, i]
+        mine = rows[told, i]
+        yield PredictedOutput(
+            times[told],
+            mine[:, 0],
+            mine[:, 1:],
+            np.ones(len(mine), dtype=bool) if moving is None else moving[told, i],
+            (y[inside, i][true], signals[inside, i, 1:][true]),
+            _NAN if speed is None else float(np.abs(speed).max(initial=0.0)),
+            None if speed is None else rows_filtered(samples, speed[:, :1])[told, 0],
+        )
 
 
 def _speeds(mechanism: Mechanism, samples: Samples) -> Iterator[Floats | None]:
@@ -173,7 +156,7 @@ def validate(
     for some in signals:
         sources.setdefault(some.source)
         for output, tally in enumerate(tallies):
-            tally.add(some, output)
+            tally.add(some.outputs[output], (some.source, some.segment))
     if not any(tally.whole[0].rows for tally in tallies):
         raise InputError(
             "there are no rows to predict: filters, gaps or slow motion left nothing"
@@ -193,7 +176,7 @@ def validate(
 
 @dataclass
 class _Tally:
-    """What is kept of one output's rows: sums for the scores of every model, and a trace."""
+    """Sums over one output's rows for the scores of every model, and a trace."""
 
     models: int
     prior: int | None
@@ -207,35 +190,28 @@ class _Tally:
         self._noise, self._count, self._fastest = 0.0, 0, _NAN
         self._correlations, self._trace = CorrelationSums(), TraceKeeper(self.limit)
 
-    def add(self, some: Predicted, output: int) -> None:
-        """Take in an output's rows of a stretch."""
-        times, y, guesses, moving = (
-            some.times[output],
-            some.measured[output],
-            some.predicted[output],
-            some.moving[output],
-        )
-        raw, raw_guesses = (
-            some.samples[output] if some.samples else (y[:0], guesses[:0])
-        )
+    def add(self, some: PredictedOutput, where: Hashable) -> None:
+        """Take in an output's rows of a stretch, which has a name."""
+        y = some.measured
+        raw, raw_predicted = some.raw or (y[:0], some.predicted[:0])
         for sums, found in (
-            (self.whole, fits(y, guesses)),
-            (self.moving, fits(y[moving], guesses[moving])),
-            (self.raw, fits(raw, raw_guesses)),
+            (self.whole, fits(y, some.predicted)),
+            (self.moving, fits(y[some.moving], some.predicted[some.moving])),
+            (self.raw, fits(raw, raw_predicted)),
         ):
             sums[:] = map(Fit.__add__, sums, found)
-        if some.fastest:
-            self._fastest = float(np.fmax(self._fastest, some.fastest[output]))
-        if len(raw) > _ORDER:
-            self._noise += len(raw) * white_noise(raw[:_SHOWING_NOISE], _ORDER) ** 2
+        if np.isfinite(some.fastest):
+            self._fastest = float(np.fmax(self._fastest, some.fastest))
+        if len(raw) > NOISE_ORDER:
+            self._noise += len(raw) * white_noise(raw[:SHOWING_NOISE], NOISE_ORDER) ** 2
             self._count += len(raw)
         if len(y):
-            where: Hashable = (some.source, some.segment)
-            self._correlations.add(times, y - guesses[:, 0], where)
+            self._correlations.add(some.times, y - some.predicted[:, 0], where)
             shown = [0] if self.prior is None else [0, self.prior]
-            speed = some.speeds[output] if some.speeds else None
-            speeds = np.full(len(y), _NAN) if speed is None else speed
-            self._trace.add(np.column_stack([times, y, guesses[:, shown], speeds]))
+            speed = np.full(len(y), _NAN) if some.speed is None else some.speed
+            self._trace.add(
+                np.column_stack([some.times, y, some.predicted[:, shown], speed])
+            )
 
     def score(self, model: int, output: str, unit: str) -> Score:
         """Score of a model; how white its residual is, is known of the first one."""
@@ -252,7 +228,7 @@ class _Tally:
         )
 
     def trace(self, output: str, unit: str) -> Trace:
-        """What is kept to look at."""
+        """Rows that are kept to look at."""
         kept = self._trace.rows(5 if self.prior is not None else 4)
         time, measured, predicted = kept[:, :3].T
         speed = kept[:, -1] if np.isfinite(kept[:, -1]).any() else None
@@ -274,222 +250,3 @@ def _checked(model: ModelRows, values: npt.ArrayLike, name: str) -> Floats:
         problem = f"values of the {name} model have shape {found.shape}; expected {n} finite numbers, one per parameter"
         raise InputError(problem)
     return found
-
-
-# -- traces -----------------------------------------------------------------------------------------------------------
-
-
-_BUCKET = 12  # twice the six extremes that stay at most, so that a pass halves the rows at least
-
-
-def thinned(rows: Floats) -> Floats:
-    """Half of the rows or fewer, with all extremes; shape (at most k/2 + 6, columns)."""
-    full = len(rows) // _BUCKET
-    starts = _BUCKET * np.arange(full)
-    signals = np.stack([rows[:, 1], rows[:, 2], rows[:, 1] - rows[:, 2]])
-    buckets = signals[:, : _BUCKET * full].reshape(3, full, _BUCKET)
-    places = [starts + pick(buckets, axis=2) for pick in (np.argmin, np.argmax)]
-    rest = signals[:, _BUCKET * full :]
-    if rest.shape[1]:
-        places += [
-            _BUCKET * full + pick(rest, axis=1) for pick in (np.argmin, np.argmax)
-        ]
-    kept: Floats = rows[np.unique(np.concatenate([some.ravel() for some in places]))]
-    return kept
-
-
-class TraceKeeper:
-    """Rows of one output, thinned evenly whenever they become too many."""
-
-    def __init__(self, limit: int = LIMIT) -> None:
-        self._limit = limit
-        self._parts: list[Floats] = []
-        self._count = self._passes = 0
-
-    def add(self, rows: Floats) -> None:
-        """Take in rows of shape (k, columns), thinned as often as those that are kept already."""
-        for _ in range(self._passes):
-            rows = thinned(rows)
-        self._parts.append(rows)
-        self._count += len(rows)
-        while self._count > self._limit:
-            whole = thinned(np.concatenate(self._parts))
-            if len(whole) == self._count:  # nothing but extremes
-                break
-            self._parts, self._count, self._passes = (
-                [whole],
-                len(whole),
-                self._passes + 1,
-            )
-
-    def rows(self, columns: int) -> Floats:
-        """What is kept, shape (k, columns)."""
-        return np.concatenate(self._parts) if self._parts else np.zeros((0, columns))
-
-
-# -- autocorrelations -------------------------------------------------------------------------------------------------
-
-
-LAGS = 4096  # largest lag; what correlates longer is reported as at least what is summed up to there
-WINDOW = 5.0  # Sokal's window, in autocorrelation times: wide enough for little bias, narrow enough for little noise
-PORTMANTEAU = 20  # lags of the test of whiteness; enough for resonances and hysteresis, few enough to keep its power
-
-
-@dataclass(frozen=True)
-class Correlations:
-    """Autocorrelations of a residual, its mean removed."""
-
-    step: float  # time between samples, s; nan with fewer than two rows
-    rows: int
-    variance: float
-    values: Floats  # shape (lags + 1,); ρ_0 = 1, ρ_1, …; nan where no two rows are so far apart
-    pairs: Floats  # shape (lags + 1,); how many pairs of rows each is the mean over
-
-    @property
-    def time(self) -> float:
-        """Integrated autocorrelation time, s: the time between samples for white noise."""
-        rho = self.values[1:]
-        known = rho[: _first(~np.isfinite(rho))]
-        if not np.isfinite(self.step):
-            return float("nan")
-        sums = 1 + 2 * np.cumsum(known)
-        lags = np.arange(1, len(known) + 1)
-        if not len(sums):
-            return self.step
-        window = min(_first(lags >= WINDOW * sums), len(sums) - 1)
-        return float(max(sums[window], 0.0) * self.step)
-
-    def whiteness(self, lags: int = PORTMANTEAU) -> float:
-        """Probability that white noise has autocorrelations this large (Ljung and Box 1978)."""
-        with extra("identify"):
-            from scipy.stats import chi2
-
-        rho, pairs = self.values[1 : lags + 1], self.pairs[1 : lags + 1]
-        usable = (pairs > 0) & np.isfinite(rho)
-        if not usable.any():
-            return float("nan")
-        # without holes pairs is rows − k and rho has been divided by pairs / rows: then this is N (N + 2) Σ r²/(N − k)
-        statistic = (
-            (self.rows + 2) / self.rows * np.sum(pairs[usable] * rho[usable] ** 2)
-        )
-        return float(chi2.sf(statistic, int(usable.sum())))
-
-
-class CorrelationSums:
-    """Sums from which autocorrelations follow, taken in block by block in constant memory."""
-
-    def __init__(self, lags: int = LAGS) -> None:
-        self._lags = lags
-        self._sums = np.zeros(
-            (4, lags + 1)
-        )  # products, later ones, earlier ones, pairs
-        self._total = self._squares = 0.0
-        self._rows = 0
-        self._step = float("nan")
-        self._segment: Hashable = None
-        self._last = float("nan")
-        self._tail: Floats = np.zeros((2, 0))
-
-    def add(self, times: Floats, values: Floats, segment: Hashable = 0) -> None:
-        """Take in residuals that follow those before."""
-        if not len(times):
-            return
-        follows = segment == self._segment and times[0] > self._last
-        if not np.isfinite(self._step):
-            gaps = np.diff(times) if not follows else np.diff(times, prepend=self._last)
-            self._step = usual_step(gaps)
-        self._total += float(values.sum())
-        self._squares += float(values @ values)
-        self._rows += len(values)
-        for stretch, begins in self._stretches(times, values, follows):
-            self._pair(stretch, begins)
-        self._segment, self._last = segment, float(times[-1])
-
-    def _stretches(
-        self, times: Floats, values: Floats, follows: bool
-    ) -> Iterator[tuple[Floats, bool]]:
-        """Values and flags on a grid of samples, shape (2, samples), cut at holes that no lag reaches across."""
-        if not np.isfinite(self._step):
-            yield np.stack([values, np.ones_like(values)]), True
-            return
-        gaps = np.diff(times, prepend=self._last if follows else times[0] - self._step)
-        # steps are rounded one by one, so that errors of time stamps do not add up
-        steps = np.maximum(np.rint(gaps / self._step).astype(np.int64), 1)
-        cuts = np.flatnonzero(steps > self._lags)
-        for part in np.split(np.arange(len(times)), cuts):
-            if not len(part):
-                continue
-            begins = bool(steps[part[0]] > self._lags) or (part[0] == 0 and not follows)
-            places = (
-                np.cumsum(
-                    np.where(part == part[0], 1 if begins else steps[part], steps[part])
-                )
-                - 1
-            )
-            grid = np.zeros((2, int(places[-1]) + 1))
-            grid[0, places], grid[1, places] = values[part], 1.0
-            yield grid, begins
-
-    def _pair(self, grid: Floats, begins: bool) -> None:
-        """Add the pairs whose later member lies in a grid, the earlier one there or in the tail."""
-        tail = np.zeros((2, 0)) if begins else self._tail
-        whole = np.concatenate([tail, grid], axis=1)
-        later = np.concatenate([np.zeros_like(tail), grid], axis=1)
-        if whole[1].all():
-            self._sums[:1] += _crossed(later[:1], whole[:1], self._lags)
-            self._sums[1:] += _running(whole[0], tail.shape[1], self._lags)
-        else:
-            self._sums += _crossed(later, whole, self._lags)
-        self._tail = whole[:, -self._lags :]
-
-    def result(self) -> Correlations:
-        """Autocorrelations of all that was taken in."""
-        rows = self._rows
-        mean = self._total / rows if rows else 0.0
-        variance = max(self._squares / rows - mean**2, 0.0) if rows else 0.0
-        products, later, earlier, pairs = self._sums
-        pairs = np.rint(pairs)
-        centred = products - mean * (earlier + later) + mean**2 * pairs
-        with np.errstate(divide="ignore", invalid="ignore"):
-            values: Floats = np.where(pairs > 0, centred / pairs / variance, np.nan)
-        return Correlations(self._step, rows, variance, values, pairs)
-
-
-def _crossed(later: Floats, earlier: Floats, lags: int) -> Floats:
-    """Sums of products of every row of one array with every row of the other, earlier by 0 … lags places."""
-    with extra("identify"):
-        from scipy.fft import irfft, next_fast_len, rfft
-
-    size = next_fast_len(later.shape[1] + lags + 1, real=True)
-    products = rfft(later, size)[:, None] * np.conj(rfft(earlier, size))[None]
-    return irfft(products.reshape(-1, products.shape[-1]), size)[:, : lags + 1]
-
-
-def _running(whole: Floats, tail: int, lags: int) -> Floats:
-    """Later values, earlier values and pairs where no row is missing: differences of running sums, shape (3, lags + 1).
-
-    A pair's later member stands behind the tail.
-    """
-    total = np.append(0.0, np.cumsum(whole))
-    lag = np.arange(lags + 1)
-    begin, end = np.minimum(np.maximum(tail, lag), len(whole)), len(whole)
-    earlier = total[np.maximum(end - lag, 0)] - total[begin - np.minimum(lag, begin)]
-    return np.stack(
-        [total[end] - total[begin], np.where(lag < end, earlier, 0.0), end - begin]
-    )
-
-
-def usual_step(gaps: Floats) -> float:
-    """Time between samples where some are missing; the smallest gap up to rounding of time stamps, or nan."""
-    positive = gaps[gaps > 0]
-    return (
-        float(np.median(positive[positive < 1.5 * positive.min()]))
-        if len(positive)
-        else float("nan")
-    )
-
-
-def _first(flags: npt.NDArray[np.bool_]) -> int:
-    """Place of the first true flag, or their number."""
-    found = np.flatnonzero(flags)
-    return int(found[0]) if len(found) else len(flags)

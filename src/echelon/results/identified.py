@@ -22,7 +22,7 @@ from echelon.errors import InputError
 from echelon.files import write_atomically
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.result import Identification
-from echelon.identification.rows.plan import Plan
+from echelon.identification.rows.plan import LogPlan
 from echelon.identification.scores import Score
 from echelon.identification.servos.servo_fit import ServoFit
 from echelon.inputs import parse_json, plain_data, read_content
@@ -64,9 +64,9 @@ class IdentifiedModel:
     document: Mapping[str, Any]  # all that the file says
 
     @property
-    def plan(self) -> Plan:
+    def plan(self) -> LogPlan:
         """How logs become rows, as when the model was fitted."""
-        return Plan(self.base, self.columns, self.preparation)
+        return LogPlan(self.base, self.columns, self.preparation)
 
     def __repr__(self) -> str:
         return f"IdentifiedModel({self.base.mechanism.name}: {self.base.rank} base parameters)"

@@ -16,7 +16,7 @@ from echelon.errors import InputError
 from echelon.excite.problem.state_limits import EffortLimit, EffortModel, effort_output
 from echelon.formats.schema.schema_excite import EVERY, ExcitationEntry
 from echelon.identification.physics.prior_information import prior_from
-from echelon.identification.rows.plan import Plan
+from echelon.identification.rows.plan import LogPlan
 from echelon.identification.rows.rows import ModelRows
 from echelon.identification.survey import survey
 from echelon.logs.finding import Finding, listed, note, warning
@@ -70,7 +70,7 @@ def information_of_logs(
         raise InputError(problem, source=setup.source, element="locked")
     base = base_parameters(setup.mechanism, seed=setup.seed)
     found = survey(setup, base, paths)
-    plan = Plan(base, setup.columns, found.preparation)
+    plan = LogPlan(base, setup.columns, found.preparation)
     # a row for every sample: the filter averages what decimation leaves out, so that counting rows would count too few
     every = [
         replace(some, reduction=None) for path in paths for some in plan.samples(path)

@@ -5,39 +5,44 @@ classical standard deviations come out several times too small.  Rows are theref
 residuals' pull g_c = Σ Wᵀ(y − Wζ)/σ² is added up within each, and only batches are taken to be independent (Liang &
 Zeger, Biometrika 73, 1986).  Instead of the plain sandwich A⁻¹ (Σ g_c g_cᵀ) A⁻¹, which is too small for few batches,
 each batch is left out in turn: ζ₍c₎ − ζ = −(A − A_c)⁻¹ g_c exactly, so that the jackknife costs no refit (MacKinnon &
-White, J. Econometrics 29, 1985; CR3 of Bell & McCaffrey, Survey Methodology 28, 2002).  One pass over the rows is
-enough; or none at all, where the R-factors of batches are there already.
+White, J. Econometrics 29, 1985; CR3 of Bell & McCaffrey, Survey Methodology 28, 2002).
+
+All that this needs of a batch is its R-factor.  A robust estimate pulls with clipped residuals ψ: its batches are those
+of rows [W, W ζ + ψ], of which ψ is what is left.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.identification.estimators.estimate import Estimate, Solution, solved
-from echelon.identification.passes_over_data import Batch, total
-from echelon.identification.rows.rows import Rows
-from echelon.observe.observation import Observation
-from echelon.observe.triangle import safe_norms
+from echelon.identification.batches import Batcher, TimeBatch, total
+from echelon.identification.estimators.estimate import (
+    ROUNDING,
+    Estimate,
+    WeightedSolution,
+    pseudo_root,
+    solved,
+)
+from echelon.identification.rows.rows import RowBlock, RowStream
 
-BATCHED = (
-    "ols",
-    "wls",
-    "irls",
-    "huber",
-)  # estimators whose covariance can come from batches of time
+# estimators whose covariance can come from batches of time
+BATCHED = ("ols", "wls", "irls", "huber")
 _BY_FACTORS = ("ols", "wls", "irls")
-_ALL = 1e-9
 
 
 def clustered(
-    rows: Rows, estimate: Estimate, *, seconds: float | None = None, clusters: int = 40
+    rows: RowStream,
+    estimate: Estimate,
+    *,
+    seconds: float | None = None,
+    clusters: int = 40,
 ) -> Estimate:
-    """The same estimate with a covariance from batches of time."""
+    """An estimate with a covariance from batches of time, which are cut from its rows."""
     if estimate.method not in BATCHED:
         raise InputError(
             f"the covariance of '{estimate.method}' has no batches; expected one of {', '.join(BATCHED)}"
@@ -52,50 +57,64 @@ def clustered(
         raise InputError(
             f"batches of {length} s; expected a positive number of seconds"
         )
-    scores = _Scores.of(rows.observation(), rows.units, estimate)
-    return _judged(estimate, scores, _batches(rows, scores, length), length)
+    batchers: dict[str, Batcher] = {}
+    for block in rows.blocks():
+        batcher = batchers.setdefault(block.source, Batcher(width=length))
+        batcher.take(_clipped(block, rows, estimate), rows.layout)
+    return _jackknifed(
+        [batch for some in batchers.values() for batch in some.batches()],
+        rows.units,
+        estimate,
+    )
 
 
 def clustered_by(
-    batches: Sequence[Batch], units: Sequence[str], estimate: Estimate
+    batches: Sequence[TimeBatch], units: Sequence[str], estimate: Estimate
 ) -> Estimate:
-    """The same from the R-factors of batches, without another pass over the rows."""
+    """An estimate with a covariance from batches whose R-factors are there already."""
     if estimate.method not in _BY_FACTORS:
         raise InputError(
             f"R-factors do not determine the covariance of '{estimate.method}'; expected ols, wls or irls"
         )
-    if len(batches) < 2:
-        raise InputError("all rows lie within one batch: use shorter batches")
-    scores = _Scores.of(total(batches), units, estimate)
-    length = float(np.median([batch.seconds for batch in batches]))
-    return _judged(estimate, scores, _from_factors(batches, scores), length)
+    return _jackknifed(batches, units, estimate)
 
 
-def _judged(
-    estimate: Estimate, scores: _Scores, batches: Iterable[_Batch], length: float
+def _clipped(block: RowBlock, rows: RowStream, estimate: Estimate) -> RowBlock:
+    """Rows whose residuals are those that a robust estimate pulls with."""
+    clips = estimate.diagnostics.get("clips")
+    if clips is None:
+        return block
+    predicted = [
+        matrix @ estimate.values[list(columns)]
+        for matrix, columns in zip(block.matrices, rows.layout.columns, strict=True)
+    ]
+    outputs = zip(block.y, predicted, clips, strict=True)
+    return replace(
+        block,
+        y=tuple(guess + np.clip(y - guess, -clip, clip) for y, guess, clip in outputs),
+    )
+
+
+def _jackknifed(
+    batches: Sequence[TimeBatch], units: Sequence[str], estimate: Estimate
 ) -> Estimate:
-    """The estimate with the covariance that its batches make."""
-    changes, sums = [], np.zeros(len(estimate.outputs))
-    for batch in batches:
-        changes.append(scores.left_out(batch))
-        sums += batch.own
-    count = len(changes)
+    """An estimate with the covariance of leaving out one batch after another."""
+    count = len(batches)
     if count < 2:
-        raise InputError(
-            f"all rows lie within one batch of {length:g} s: use shorter batches"
-        )
-    spread = np.sqrt((count - 1) / count) * np.array(changes) @ scores.solution.root.T
-    inflation = scores.inflation(sums)
-    effective = {
-        label: float(k / max(v, 1.0))
-        for label, k, v in zip(estimate.outputs, estimate.rows, inflation, strict=True)
-    }
+        raise InputError("all rows lie within one batch: use shorter batches")
+    jackknife = _Jackknife.of(batches, units, estimate)
+    changes = np.array([jackknife.left_out(batch) for batch in batches])
+    spread = np.sqrt((count - 1) / count) * changes @ jackknife.solution.root.T
+    inflation = jackknife.inflation(batches)
+    pairs = zip(estimate.outputs, estimate.rows, inflation, strict=True)
     found = {
         "covariance": "jackknife by batch",
-        "seconds": length,
+        "seconds": float(np.median([batch.seconds for batch in batches])),
         "clusters": count,
         "inflation": dict(zip(estimate.outputs, map(float, inflation), strict=True)),
-        "effective_rows": effective,
+        "effective_rows": {
+            label: float(rows / max(value, 1.0)) for label, rows, value in pairs
+        },
     }
     covariance: Floats = spread.T @ spread
     diagnostics = {**estimate.diagnostics, **found}
@@ -107,91 +126,51 @@ def _judged(
     )
 
 
-@dataclass
-class _Batch:
-    """Sums over the rows of one batch, in coordinates where the whole WᵀW is the unit matrix."""
-
-    name: str
-    pull: Floats  # Σ R⁻ᵀWᵀψ, shape (n,)
-    gram: Floats  # Σ R⁻ᵀWᵀW R⁻¹, shape (n, n)
-    output_pulls: list[
-        Floats
-    ]  # the same for each output's own columns and own unit matrix
-
-    @property
-    def own(self) -> Floats:
-        """Squared norm of each output's own pull, shape (m,)."""
-        return np.array([pull @ pull for pull in self.output_pulls])
-
-
 @dataclass(frozen=True)
-class _Scores:
-    """What turns rows into pulls: weights, clips, and the coordinates in which WᵀW is the unit matrix."""
+class _Jackknife:
+    """Coordinates in which the whole WᵀW is the unit matrix, and how much residuals of each output pull in them."""
 
     estimate: Estimate
-    solution: Solution
-    weights: Floats
-    clips: Floats
-    slopes: Floats
-    own_roots: tuple[Floats, ...]
-    squares: Floats  # Σ ψ² of each output, filled while the rows pass
+    solution: WeightedSolution
+    weights: Floats  # shape (m,)
+    slopes: Floats  # shape (m,); of the pull by the residual: below 1 where residuals are clipped
 
     @staticmethod
     def of(
-        observation: Observation, units: Sequence[str], estimate: Estimate
-    ) -> _Scores:
-        m = len(estimate.outputs)
+        batches: Sequence[TimeBatch], units: Sequence[str], estimate: Estimate
+    ) -> _Jackknife:
         weights = np.asarray(estimate.diagnostics["weights"], dtype=float)
-        clips = np.asarray(estimate.diagnostics.get("clips", [np.inf] * m), dtype=float)
-        slopes = np.asarray(estimate.diagnostics.get("slopes", [1.0] * m), dtype=float)
-        solution = solved(observation, units, weights * np.sqrt(slopes))
-        roots = tuple(
-            _pseudo_root(R[:-1, :-1], k)
-            for R, k in zip(observation.factors, observation.counts, strict=True)
+        slopes = np.asarray(
+            estimate.diagnostics.get("slopes", np.ones_like(weights)), dtype=float
         )
-        return _Scores(estimate, solution, weights, clips, slopes, roots, np.zeros(m))
+        solution = solved(total(batches), units, weights * np.sqrt(slopes))
+        return _Jackknife(estimate, solution, weights, slopes)
 
-    def empty(self, name: str) -> _Batch:
+    def left_out(self, batch: TimeBatch) -> Floats:
+        """R (ζ − ζ₍c₎), shape (n,), where ζ₍c₎ are the values without a batch."""
         n = len(self.estimate.values)
-        return _Batch(
-            name,
-            np.zeros(n),
-            np.zeros((n, n)),
-            [np.zeros(root.shape[1]) for root in self.own_roots],
-        )
-
-    def add(self, batch: _Batch, output: int, matrix: Floats, y: Floats) -> None:
-        """Take in rows of one output."""
-        columns = list(self.solution.observation.layout.columns[output])
-        residual = np.clip(
-            y - matrix @ self.estimate.values[columns],
-            -self.clips[output],
-            self.clips[output],
-        )
-        white = matrix @ self.solution.root[columns]
-        weight = self.weights[output] ** 2
-        batch.pull += weight * residual @ white
-        batch.gram += weight * self.slopes[output] * white.T @ white
-        batch.output_pulls[output] += residual @ matrix @ self.own_roots[output]
-        self.squares[output] += residual @ residual
-
-    def left_out(self, batch: _Batch) -> Floats:
-        """R (ζ − ζ₍c₎), shape (n,)."""
-        rest: Floats = np.eye(len(batch.gram)) - batch.gram
+        pull, gram = np.zeros(n), np.zeros((n, n))
+        for output, R in enumerate(batch.observation.factors):
+            columns = list(self.solution.observation.layout.columns[output])
+            white = R[:, :-1] @ self.solution.root[columns]
+            weight = self.weights[output] ** 2
+            pull += weight * self._residual(output, R) @ white
+            gram += weight * self.slopes[output] * white.T @ white
+        rest: Floats = np.eye(n) - gram
         try:
-            np.linalg.cholesky(rest - _ALL * np.eye(len(rest)))
+            np.linalg.cholesky(rest - ROUNDING * np.eye(n))
         except np.linalg.LinAlgError:
-            raise self._needed(batch) from None
-        return np.asarray(np.linalg.solve(rest, batch.pull), dtype=np.float64)
+            raise self._needed(batch, gram) from None
+        return np.asarray(np.linalg.solve(rest, pull), dtype=np.float64)
 
-    def _needed(self, batch: _Batch) -> InputError:
+    def _residual(self, output: int, R: Floats) -> Floats:
+        columns = list(self.solution.observation.layout.columns[output])
+        found: Floats = R[:, -1] - R[:, :-1] @ self.estimate.values[columns]
+        return found
+
+    def _needed(self, batch: TimeBatch, gram: Floats) -> InputError:
         """Why a batch cannot be left out: without it something is not determined."""
-        shares, directions = np.linalg.eigh(batch.gram)
-        if shares[0] > 1 - _ALL:
-            return InputError(
-                "it holds all that the data say: use shorter batches",
-                element=batch.name,
-            )
+        directions = np.linalg.eigh(gram)[1]
         weight = np.abs(
             self.solution.triangle.R.T
             @ directions[:, -1]
@@ -201,44 +180,29 @@ class _Scores:
         return InputError(
             f"without it the data say nothing of a combination of {names}, so no other batch can confirm it: "
             "use shorter batches, or more data",
-            element=batch.name,
+            element=f"batch {batch.name}",
         )
 
-    def inflation(self, sums: Floats) -> Floats:
+    def inflation(self, batches: Sequence[TimeBatch]) -> Floats:
         """Variance of each output's pull relative to white residuals, shape (m,); 1 for outputs without rows."""
-        ranks = np.array([root.shape[1] for root in self.own_roots])
-        white = (
-            ranks
-            * self.squares
-            / np.maximum(np.array(self.solution.observation.counts), 1)
-        )
-        return np.where(white > 0, sums / np.where(white > 0, white, 1.0), 1.0)
+        observation, found = self.solution.observation, np.ones(len(self.weights))
+        for output, (whole, rows) in enumerate(
+            zip(observation.factors, observation.counts, strict=True)
+        ):
+            root = pseudo_root(whole[:-1, :-1], rows)
+            factors = [batch.observation.factors[output] for batch in batches]
+            residuals = [self._residual(output, R) for R in factors]
+            pulls = [
+                rest @ R[:, :-1] @ root
+                for rest, R in zip(residuals, factors, strict=True)
+            ]
+            white = root.shape[1] * np.sum(np.square(residuals)) / max(rows, 1)
+            if white > 0:
+                found[output] = np.sum(np.square(pulls)) / white
+        return found
 
 
-def _pseudo_root(R: Floats, rows: int) -> Floats:
-    """Q with Qᵀ RᵀR Q = 1 on the directions that R determines, shape (n, rank)."""
-    if not R.size:
-        return np.zeros((len(R), 0))
-    scales = safe_norms(R)
-    singular, right = np.linalg.svd(R / scales)[1:]
-    rank = int(np.sum(singular > np.finfo(float).eps * max(rows, len(R)) * singular[0]))
-    root: Floats = (right[:rank] / singular[:rank, None] / scales).T
-    return root
-
-
-def _from_factors(batches: Sequence[Batch], scores: _Scores) -> Iterator[_Batch]:
-    """A factor is a set of rows that has the sums of those it was made from."""
-    for given in batches:
-        batch = scores.empty(given.name)
-        for output, R in enumerate(given.observation.factors):
-            scores.add(batch, output, R[:, :-1], R[:, -1])
-        yield batch
-
-
-# -- batches of time ---------------------------------------------------------------------------------------------------
-
-
-def _length(rows: Rows, clusters: int) -> float:
+def _length(rows: RowStream, clusters: int) -> float:
     """Length of a batch, s, that gives about ``clusters`` batches."""
     if clusters < 2:
         raise InputError(f"{clusters} clusters; expected at least two")
@@ -255,26 +219,3 @@ def _length(rows: Rows, clusters: int) -> float:
     if not total > 0:
         raise InputError("the rows span no time, so they cannot be cut into batches")
     return total * (1 + 1e-9) / clusters
-
-
-def _batches(rows: Rows, scores: _Scores, seconds: float) -> Iterable[_Batch]:
-    """Batches of the given length, s, log by log; gaps begin no new one, since residuals correlate across them."""
-    starts: dict[str, float] = {}
-    found: dict[tuple[str, int], _Batch] = {}
-    for block in rows.blocks():
-        begins = [float(times[0]) for times in block.times if times.size]
-        start = starts.setdefault(block.source, min(begins)) if begins else 0.0
-        for output, (times, matrix, y) in enumerate(
-            zip(block.times, block.matrices, block.y, strict=True)
-        ):
-            numbers = ((times - start) // seconds).astype(int)
-            for number in np.unique(numbers).tolist():
-                if (block.source, number) not in found:
-                    low = start + number * seconds
-                    name = f"{block.source}, batch from {low:g} to {low + seconds:g} s"
-                    found[block.source, number] = scores.empty(name)
-                inside = numbers == number
-                scores.add(
-                    found[block.source, number], output, matrix[inside], y[inside]
-                )
-    return found.values()

@@ -37,19 +37,23 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.extras import extra
 from echelon.identification.estimators.estimate import (
+    ROUNDING,
     Estimate,
-    Solution,
+    WeightedSolution,
     augmented,
     estimate_of,
     inverse_triangle,
     solved,
 )
-from echelon.identification.estimators.least_squares import irls, noise_floor, used_up
-from echelon.identification.rows.rows import RowBlock, Rows
+from echelon.identification.estimators.least_squares import (
+    fixed_noise,
+    irls,
+    noise_floor,
+    used_up,
+)
+from echelon.identification.rows.rows import RowBlock, RowStream
 from echelon.observe.observation import Layout, Observation
 from echelon.observe.triangle import Triangle, column_norms, upper_triangle
-
-_DISTINCT = 1e-8  # relative distance of singular values below which their vectors are arbitrary: √ε
 
 
 def tls(observation: Observation, units: Sequence[str]) -> Estimate:
@@ -71,8 +75,6 @@ def tls(observation: Observation, units: Sequence[str]) -> Estimate:
     variance = float(singular[-1] ** 2 / plain.degrees)
     covariance = _tls_covariance(plain.root, K, values, scale, variance, triangle.rows)
     diagnostics = {
-        "iterations": 1,
-        "converged": True,
         "errors": scale.tolist(),
         "deviation": float(np.sqrt(variance)),
         "smallest_singular_values": singular[::-1][:3].tolist(),
@@ -88,7 +90,7 @@ def _smallest(triangle: Triangle, scale: Floats) -> tuple[Floats, Floats, float 
     whole = augmented(triangle) / np.append(scale, 1.0)
     singular, vectors = np.linalg.svd(whole)[1:]
     alone = np.linalg.svd(whole[:, :-1], compute_uv=False)[-1]
-    if not alone > singular[-1] * (1 + _DISTINCT) or abs(vectors[-1, -1]) < _DISTINCT:
+    if not alone > singular[-1] * (1 + ROUNDING) or abs(vectors[-1, -1]) < ROUNDING:
         names = [
             triangle.parameters[k] for k in np.argsort(-np.abs(vectors[-1, :-1]))[:3]
         ]
@@ -111,20 +113,24 @@ def _tls_covariance(
     return variance * total * inverse + inverse @ inner @ inverse
 
 
-_NEW = 1e-10
-_INNER, _INNER_LIMIT = 1e-9, 100
-_TOLERANCE, _LIMIT = 1e-2, 20
+def instrumental(
+    rows: RowStream,
+    instruments: RowStream | Callable[[Floats], RowStream],
+    *,
+    tolerance: float = 1e-2,
+    limit: int = 20,
+) -> Estimate:
+    """Instrumental-variable estimate; instruments may be those that the last estimate simulates.
 
-
-def instrumental(rows: Rows, instruments: Rows | Callable[[Floats], Rows]) -> Estimate:
-    """Instrumental-variable estimate; instruments may be those that the last estimate simulates."""
+    These are simulated until values change by no more than a tolerance, in standard deviations.
+    """
     observation = rows.observation()
     level = irls(observation, rows.units).noise
     level = np.where(
         np.isfinite(level), np.maximum(level, noise_floor(observation)), np.inf
     )
     values = solved(observation, rows.units, 1.0 / level).values
-    for iteration in range(1, _LIMIT + 1):
+    for iteration in range(1, limit + 1):
         factors = _factors(
             rows, instruments(values) if callable(instruments) else instruments
         )
@@ -134,7 +140,7 @@ def instrumental(rows: Rows, instruments: Rows | Callable[[Floats], Rows]) -> Es
         )
         values, level = found.values, found.noise
         course = {"iterations": iteration, "change": change}
-        done = change <= _TOLERANCE or not callable(instruments)
+        done = change <= tolerance or not callable(instruments)
         if done:
             break
     plain = solved(observation, rows.units, 1.0 / level)
@@ -156,7 +162,7 @@ class _Instrumented:
     settled: bool = True  # the noise agrees with the residuals
 
 
-def _factors(rows: Rows, instruments: Rows) -> list[Floats]:
+def _factors(rows: RowStream, instruments: RowStream) -> list[Floats]:
     """R-factors of [Z_i W_i y_i], output by output."""
     layout = rows.layout
     if instruments.layout != layout:
@@ -200,14 +206,12 @@ def _settled(
     observation: Observation, factors: list[Floats], level: Floats
 ) -> _Instrumented:
     """Solve and weigh anew until the weights agree with the residuals."""
-    for _ in range(_INNER_LIMIT):
-        found = _solved_with(observation, factors, level)
-        with np.errstate(invalid="ignore"):
-            change = float(np.nanmax(np.abs(np.log(found.noise / level)), initial=0.0))
-        level = found.noise
-        if change <= _INNER:
-            return found
-    return replace(found, settled=False)
+
+    def updated(noise: Floats) -> Floats:
+        return _solved_with(observation, factors, noise).noise
+
+    noise, _, settled = fixed_noise(updated, level)
+    return replace(_solved_with(observation, factors, noise), settled=settled)
 
 
 def _solved_with(
@@ -234,13 +238,13 @@ def _solved_with(
         leverage = np.sum((factor[:some, :some] / level[i] @ root[list(columns)]) ** 2)
         spare[i] = count - leverage
         if count:
-            if spare[i] < _NEW * count:
+            if spare[i] < ROUNDING * count:
                 raise InputError(
                     used_up(count), element=f"output '{layout.outputs[i]}'"
                 )
             noise[i] = max(misfits[i] / np.sqrt(spare[i]), floors[i])
     residuals = np.where(
-        np.isfinite(noise), misfits / np.sqrt(np.maximum(spare, _NEW)), np.nan
+        np.isfinite(noise), misfits / np.sqrt(np.maximum(spare, ROUNDING)), np.nan
     )
     return _Instrumented(
         values, noise, residuals, Rzw, T[n : 2 * n, n : 2 * n], float(T[2 * n, 2 * n])
@@ -269,7 +273,10 @@ def _check_strength(
 
 
 def _iv_estimate(
-    plain: Solution, found: _Instrumented, units: Sequence[str], course: dict[str, Any]
+    plain: WeightedSolution,
+    found: _Instrumented,
+    units: Sequence[str],
+    course: dict[str, Any],
 ) -> Estimate:
     scales = column_norms(found.Rzw)
     root = np.linalg.inv(found.Rzw / scales) / scales[:, None]
@@ -289,13 +296,13 @@ def _iv_estimate(
     return replace(estimate, noise=found.residuals)
 
 
-def _hausman(plain: Solution, found: _Instrumented) -> dict[str, Any]:
+def _hausman(plain: WeightedSolution, found: _Instrumented) -> dict[str, Any]:
     """Wu's form of the test: whether Z adds to what W explains of y."""
     with extra("identify"):
         from scipy.stats import f
 
     new = np.linalg.svd(found.Rww / plain.triangle.scales, compute_uv=False)
-    q = int(np.sum(new > _NEW))
+    q = int(np.sum(new > ROUNDING))
     rest = plain.triangle.rows - len(plain.values) - q
     explained = max(plain.triangle.residual**2 - found.rest**2, 0.0)
     if q == 0 or rest <= 0 or found.rest == 0:

@@ -31,7 +31,7 @@ from echelon.errors import InputError
 from echelon.extras import extra
 from echelon.identification.estimators.estimate import (
     Estimate,
-    Solution,
+    WeightedSolution,
     augmented,
     check,
     estimate_of,
@@ -104,11 +104,6 @@ class Submodel:
         )
 
 
-RATIO = 10.0
-"""Multiple of the smallest relative standard deviation from which on a parameter is dropped; customary are 10 to 30."""
-LEVEL = 0.05  # significance of the F-test
-
-
 def essential(
     observation: Observation,
     units: Sequence[str],
@@ -116,8 +111,14 @@ def essential(
     *,
     criterion: Criterion = "bic",
     correlation: float = 1.0,
+    level: float = 0.05,
+    ratio: float = 10.0,
 ) -> Estimate:
-    """Least squares with the essential parameters only, found by backward elimination."""
+    """Least squares with the essential parameters only, found by backward elimination.
+
+    ``level`` is the significance of the F-test, ``ratio`` the multiple of the smallest relative standard deviation from
+    which on a parameter is dropped; customary are 10 to 30.
+    """
     names = observation.layout.parameters
     if criterion not in get_args(Criterion):
         raise InputError(
@@ -139,13 +140,19 @@ def essential(
         place = int(
             np.argmax(model.relative if criterion == "relative_std" else -model.growth)
         )
-        if not _goes(model, place, criterion):
-            break
         smaller = model.without(place)
+        before = _value(model, criterion)
+        if (
+            not before
+            > {"bic": _value(smaller, "bic"), "f-test": level, "relative_std": ratio}[
+                criterion
+            ]
+        ):
+            break
         history.append(
             {
                 "parameter": names[model.kept[place]],
-                "before": _value(model, criterion),
+                "before": before,
                 "after": _value(smaller, criterion),
                 "rms": float(np.sqrt(smaller.squares / smaller.rows)),
             }
@@ -162,15 +169,6 @@ def essential(
 
 
 # -- criteria ---------------------------------------------------------------------------------------------------------
-
-
-def _goes(model: Submodel, place: int, criterion: Criterion) -> bool:
-    if criterion == "bic":
-        return _value(model.without(place), "bic") < _value(model, "bic")
-    if criterion == "f-test":
-        return _significance(model, place) > LEVEL
-    relative = model.relative
-    return bool(relative[place] > RATIO * relative.min())
 
 
 def _value(model: Submodel, criterion: Criterion) -> float:
@@ -229,7 +227,7 @@ def _estimate(
     n, kept = len(triangle.parameters), list(model.kept)
     values, root = np.zeros(n), np.zeros((n, len(kept)))
     values[kept], root[kept] = model.values, model.root
-    solution = Solution(observation, 1 / noise, triangle, values, root)
+    solution = WeightedSolution(observation, 1 / noise, triangle, values, root)
     method, covariance = (
         f"essential ({diagnostics['criterion']})",
         model.variance * solution.inverse,

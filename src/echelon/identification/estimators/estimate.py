@@ -18,8 +18,9 @@ from echelon.arrays import Floats, Integers
 from echelon.doors import public
 from echelon.errors import InputError
 from echelon.extras import extra
+from echelon.logs.finding import enumerated
 from echelon.observe.observation import Layout, Observation
-from echelon.observe.triangle import Triangle
+from echelon.observe.triangle import Triangle, safe_norms
 
 
 @public
@@ -89,13 +90,19 @@ class Estimate:
         return f"Estimate({self.method}: {len(self.values)} parameters from {sum(self.rows)} rows)"
 
 
-_SHOWN = 3
-_USED_UP = 1e-8
-_NEGLIGIBLE = 1e-6
+CLEAR = 5.0
+"""Standard deviations from which on something is more than noise: residuals that resemble their neighbours make
+standard deviations too small by up to a half, and chance among hundreds of parameters reaches three."""
+
+ROUNDING = float(np.sqrt(np.finfo(float).eps))
+"""Share below which a quantity is no more than rounding: half of the digits of a double; no sensor has as many."""
+
+NEGLIGIBLE = 1e-6
+"""Share of a direction below which a parameter does not take part in it: rounding of vectors that are orthogonal."""
 
 
 @dataclass(frozen=True, repr=False)
-class Solution:
+class WeightedSolution:
     """The minimum of Σ_i w_i² ‖W_i ζ − y_i‖² over outputs i."""
 
     observation: Observation
@@ -135,7 +142,7 @@ class Solution:
         """Standard deviation of each output's residual, shape (m,); nan where the rows are all used up."""
         counts = np.array(self.observation.counts, dtype=float)
         free = counts - self.leverages
-        known = free > _USED_UP * np.maximum(counts, 1.0)
+        known = free > ROUNDING * np.maximum(counts, 1.0)
         misfits = self.observation.misfits(self.values)
         return np.where(known, misfits / np.sqrt(np.where(known, free, 1.0)), np.nan)
 
@@ -144,7 +151,7 @@ def solved(
     observation: Observation,
     units: Sequence[str],
     weights: Sequence[float] | Floats | None = None,
-) -> Solution:
+) -> WeightedSolution:
     """Weighted least squares."""
     check(observation, units)
     triangle = observation.combined(weights)
@@ -155,7 +162,7 @@ def solved(
         if weights is None
         else np.asarray(weights, dtype=float)
     )
-    return Solution(
+    return WeightedSolution(
         observation, given, triangle, triangle.solve(), inverse_triangle(triangle.R)
     )
 
@@ -186,6 +193,17 @@ def inverse_triangle(R: Floats) -> Floats:
 
     scales = np.linalg.norm(R, axis=0)
     root: Floats = solve_triangular(R / scales, np.eye(len(R))) / scales[:, None]
+    return root
+
+
+def pseudo_root(R: Floats, rows: int) -> Floats:
+    """Q with Qᵀ RᵀR Q = 1 on the directions that the R-factor of some rows determines, shape (n, rank)."""
+    if not R.size:
+        return np.zeros((len(R), 0))
+    scales = safe_norms(R)
+    singular, right = np.linalg.svd(R / scales)[1:]
+    rank = int(np.sum(singular > np.finfo(float).eps * max(rows, len(R)) * singular[0]))
+    root: Floats = (right[:rank] / singular[:rank, None] / scales).T
     return root
 
 
@@ -221,7 +239,7 @@ def sparse_basis(vectors: Floats) -> tuple[Floats, Integers]:
 
     pivots = qr(vectors, mode="r", pivoting=True)[1][: len(vectors)].astype(np.intp)
     rows = np.asarray(np.linalg.solve(vectors[:, pivots], vectors), dtype=np.float64)
-    rows[np.abs(rows) < _NEGLIGIBLE] = 0.0
+    rows[np.abs(rows) < NEGLIGIBLE] = 0.0
     return rows, pivots
 
 
@@ -235,25 +253,23 @@ def direction_text(direction: Floats, parameters: Sequence[str]) -> str:
                 if value < 0
                 else ("" if not text else " + ")
             )
-            factor = "" if abs(abs(value) - 1) < _NEGLIGIBLE else f"{abs(value):.3g}·"
+            factor = "" if abs(abs(value) - 1) < NEGLIGIBLE else f"{abs(value):.3g}·"
             text += f"{sign}{factor}{label}"
     return text
 
 
 def undetermined(triangle: Triangle) -> str:
-    """What to say when the data do not determine all parameters."""
+    """Message for data that do not determine all parameters."""
     n = len(triangle.parameters)
     start = f"the data determine {triangle.rank} of {n} parameters"
     if triangle.rows < n:
         start += f" (there are only {triangle.rows} rows)"
-    directions = open_directions(triangle)
-    shown = "; ".join(
-        direction_text(some, triangle.parameters) for some in directions[:_SHOWN]
-    )
-    more = f"; and {len(directions) - _SHOWN} more" if len(directions) > _SHOWN else ""
+    texts = [
+        direction_text(some, triangle.parameters) for some in open_directions(triangle)
+    ]
     return (
-        f"{start}; nothing changes along {shown}{more}: excite these directions, fix parameters with known values, "
-        "or use ridge() towards a prior or minimum_norm()"
+        f"{start}; nothing changes along {enumerated(texts, '; ')}: excite these "
+        "directions, fix parameters with known values, or use ridge() towards a prior or minimum_norm()"
     )
 
 
@@ -261,7 +277,7 @@ def undetermined(triangle: Triangle) -> str:
 
 
 def estimate_of(
-    solution: Solution,
+    solution: WeightedSolution,
     method: str,
     units: Sequence[str],
     covariance: Floats,
@@ -274,7 +290,12 @@ def estimate_of(
         "condition": triangle.condition,
         "scaled_condition": triangle.scaled_condition,
     }
-    shared = {"weights": solution.weights.tolist(), **conditions}
+    shared = {
+        "weights": solution.weights.tolist(),
+        "iterations": 1,
+        "converged": True,
+        **conditions,
+    }
     return Estimate(
         method,
         layout.parameters,

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -17,6 +16,8 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
+from echelon.hints import nearest_of
+from echelon.identification.batches import TimeBatch
 from echelon.identification.estimators.covariance import (
     BATCHED,
     clustered,
@@ -33,17 +34,15 @@ from echelon.identification.estimators.least_squares import (
     wls,
 )
 from echelon.identification.estimators.ridge import ridge
-from echelon.identification.passes_over_data import Batch
-from echelon.identification.rows.rows import RowBlock, Rows
+from echelon.identification.rows.rows import RowBlock, RowStream
 from echelon.observe.observation import Layout, Observation, restricted
-from echelon.observe.triangle import upper_triangle
 
 if TYPE_CHECKING:
     from echelon.formats.schema.schema_log import IdentificationEntry
 
 
 @dataclass(frozen=True, repr=False)
-class Known:
+class KnownParameters:
     """Parameters of which some have known values; the others are the unknowns."""
 
     parameters: tuple[str, ...]
@@ -70,15 +69,8 @@ class Known:
 
     def observation(self, observation: Observation) -> Observation:
         """The observation of the unknowns; the known part has moved to the outputs."""
-        layout = self.layout(observation.layout)
-        moved = (
-            self.moved(R[:, :-1], R[:, -1], columns)
-            for R, columns in zip(
-                observation.factors, observation.layout.columns, strict=True
-            )
-        )
-        factors = tuple(upper_triangle(np.column_stack(pair)) for pair in moved)
-        return Observation(layout, factors, observation.counts)
+        self.layout(observation.layout)
+        return observation.moved(-np.nan_to_num(self.values)).select(self.unknowns)
 
     def moved(
         self, matrix: Floats, y: Floats, columns: Sequence[int]
@@ -112,10 +104,10 @@ class Known:
         )
 
 
-class RowsOfUnknowns(Rows):
+class RowsOfUnknowns(RowStream):
     """Rows of the unknowns, made from rows of all parameters as they pass."""
 
-    def __init__(self, original: Rows, known: Known) -> None:
+    def __init__(self, original: RowStream, known: KnownParameters) -> None:
         self._original, self._known = original, known
 
     @property
@@ -146,7 +138,7 @@ class RowsOfUnknowns(Rows):
 
 def known_values(
     parameters: Sequence[str], units: Sequence[str], values: Mapping[str, float]
-) -> Known:
+) -> KnownParameters:
     """Parameters with those that are known, SI units."""
     if len(units) != len(parameters):
         raise InputError(
@@ -159,34 +151,23 @@ def known_values(
                 f"the known value {value} is not a finite number",
                 element=f"parameter '{label}'",
             )
-        found[_place(parameters, label)] = value
+        if label not in parameters:
+            problem = f"there is no such parameter{nearest_of(label, parameters)}"
+            raise InputError(problem, element=f"parameter '{label}'")
+        found[parameters.index(label)] = value
     if not np.isnan(found).any():
         raise InputError("all parameters are known; nothing is left to estimate")
-    return Known(tuple(parameters), tuple(units), found)
-
-
-def _place(parameters: Sequence[str], label: str) -> int:
-    if label in parameters:
-        return list(parameters).index(label)
-    near = get_close_matches(label, parameters, 3, 0.5)
-    hint = (
-        f"did you mean {', '.join(near)}?"
-        if near
-        else f"expected one of {', '.join(parameters)}"
-    )
-    raise InputError(
-        f"there is no such parameter; {hint}", element=f"parameter '{label}'"
-    )
+    return KnownParameters(tuple(parameters), tuple(units), found)
 
 
 def fitted(
     settings: IdentificationEntry,
-    rows: Rows,
+    rows: RowStream,
     observation: Observation,
     *,
     prior: Floats | None = None,
-    instruments: Rows | None = None,
-    batches: Sequence[Batch] = (),
+    instruments: RowStream | None = None,
+    batches: Sequence[TimeBatch] = (),
 ) -> Estimate:
     """Estimate the base parameters as the settings say."""
     rest = (
@@ -221,10 +202,10 @@ def usable_noise(observation: Observation, estimate: Estimate) -> Floats:
 
 def _estimated(
     settings: IdentificationEntry,
-    rows: Rows,
+    rows: RowStream,
     observation: Observation,
     prior: Floats | None,
-    instruments: Rows | None,
+    instruments: RowStream | None,
 ) -> Estimate:
     units = rows.units
     match settings.estimator:

@@ -32,7 +32,7 @@ Sources: Huber, Annals of Statistics 1, 1973 (covariance with correction); Huber
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import erf, exp, pi, sqrt
 
@@ -41,17 +41,19 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import (
+    ROUNDING,
     Estimate,
-    Solution,
+    WeightedSolution,
     check,
     direction_text,
     estimate_of,
     open_directions,
+    pseudo_root,
     solved,
 )
-from echelon.identification.rows.rows import Rows
+from echelon.identification.rows.rows import RowStream
 from echelon.observe.observation import Observation
-from echelon.observe.triangle import safe_norms
+from echelon.observe.triangle import Triangle, safe_norms
 
 
 def ols(observation: Observation, units: Sequence[str]) -> Estimate:
@@ -63,24 +65,24 @@ def ols(observation: Observation, units: Sequence[str]) -> Estimate:
             "give more samples"
         )
     variance = solution.triangle.residual**2 / solution.degrees
-    diagnostics = {
-        "iterations": 1,
-        "converged": True,
-        "deviation": float(np.sqrt(variance)),
-    }
+    diagnostics = {"deviation": float(np.sqrt(variance))}
     return estimate_of(solution, "ols", units, variance * solution.inverse, diagnostics)
 
 
+def least_squares(triangle: Triangle) -> Floats:
+    """Parameters of a triangle that fit best, also where it does not determine all, shape (n,)."""
+    return np.asarray(
+        np.linalg.lstsq(triangle.scaled, triangle.qty, rcond=None)[0]
+        / triangle.safe_scales
+    )
+
+
 def used_up(rows: int) -> str:
-    """What to say of an output whose noise cannot be estimated."""
+    """Message for an output whose noise cannot be estimated."""
     return (
         f"its {rows} rows are all used up by parameters that only it shows, so its noise cannot be estimated: "
         "give more samples, leave it out, or give the noise to wls()"
     )
-
-
-_FLOOR = 1e-8
-"""Smallest noise relative to the output: no sensor is better, and weights stay within what double precision bears."""
 
 
 def wls(
@@ -94,13 +96,7 @@ def wls(
             "no row is left over to estimate the common factor of the noise from; give more samples"
         )
     factor = solution.triangle.residual**2 / degrees
-    return estimate_of(
-        solution,
-        "wls",
-        units,
-        factor * solution.inverse,
-        {"iterations": 1, "converged": True},
-    )
+    return estimate_of(solution, "wls", units, factor * solution.inverse, {})
 
 
 def irls(
@@ -112,21 +108,43 @@ def irls(
 ) -> Estimate:
     """Least squares with the noise of each output found from the residuals."""
     check(observation, units)
-    noise, change, iterations = noise_estimate(observation), np.inf, 0
-    while change > tolerance and iterations < limit:
-        iterations += 1
-        new, _ = _updated(solved(observation, units, 1.0 / noise))
-        with np.errstate(invalid="ignore"):
-            change = float(np.nanmax(np.abs(np.log(new / noise)), initial=0.0))
-        noise = new
+
+    def updated(noise: Floats) -> Floats:
+        return _updated(solved(observation, units, 1.0 / noise))[0]
+
+    noise, iterations, converged = fixed_noise(
+        updated, noise_estimate(observation), tolerance, limit
+    )
     solution = solved(observation, units, 1.0 / noise)
-    _, exact = _updated(solution)
     diagnostics = {
         "iterations": iterations,
-        "converged": bool(change <= tolerance),
-        "exact_outputs": exact,
+        "converged": converged,
+        "exact_outputs": _updated(solution)[1],
     }
     return estimate_of(solution, "irls", units, solution.inverse, diagnostics)
+
+
+def fixed_noise(
+    updated: Callable[[Floats], Floats],
+    noise: Floats,
+    tolerance: float = 1e-9,
+    limit: int = 100,
+) -> tuple[Floats, int, bool]:
+    """Noise that fits which are weighted by it find again: where its logarithms change by no more than a tolerance.
+
+    Beside it how many fits were made, and whether that sufficed.
+    """
+    for iteration in range(1, limit + 1):
+        before, noise = noise, updated(noise)
+        if log_change(before, noise) <= tolerance:
+            return noise, iteration, True
+    return noise, limit, False
+
+
+def log_change(before: Floats, after: Floats) -> float:
+    """Largest change of the logarithms of noise; outputs without rows have none."""
+    with np.errstate(invalid="ignore"):
+        return float(np.nanmax(np.abs(np.log(after / before)), initial=0.0))
 
 
 def noise_estimate(observation: Observation) -> Floats:
@@ -163,7 +181,7 @@ def noise_floor(observation: Observation) -> Floats:
                 "all its measured values are zero: leave it out",
                 element=f"output '{label}'",
             )
-        floors.append(_FLOOR * size if size else 1.0)
+        floors.append(ROUNDING * size if size else 1.0)
     return np.array(floors)
 
 
@@ -184,7 +202,7 @@ def checked_noise(observation: Observation, noise: Sequence[float] | Floats) -> 
     return given
 
 
-def _updated(solution: Solution) -> tuple[Floats, list[str]]:
+def _updated(solution: WeightedSolution) -> tuple[Floats, list[str]]:
     """Noise from the residuals, and the outputs that are fitted to rounding."""
     observation, floors = solution.observation, noise_floor(solution.observation)
     found, exact = solution.noise.copy(), []
@@ -210,23 +228,20 @@ def minimum_norm(observation: Observation, units: Sequence[str]) -> Estimate:
         raise InputError(
             "no row is left over to estimate the noise from; give more samples"
         )
-    left, singular, right = np.linalg.svd(triangle.scaled)
-    rank = triangle.rank
-    root = right[:rank].T / singular[:rank] / triangle.safe_scales[:, None]
-    beta = left.T @ triangle.qty
-    values = root @ beta[:rank]
-    rest = float(np.sum(beta[rank:] ** 2)) + triangle.residual**2
+    singular, rank = triangle.scaled_singular_values, triangle.rank
+    root = pseudo_root(triangle.R, triangle.rows)
+    values = root @ (triangle.R @ root).T @ triangle.qty
+    left_over = triangle.R @ values - triangle.qty
+    rest = float(left_over @ left_over) + triangle.residual**2
     directions = open_directions(triangle)
     covariance = rest / degrees * root @ root.T
     involved = np.flatnonzero(directions.any(axis=0))
     covariance[involved, involved] = np.inf
-    solution = Solution(
+    solution = WeightedSolution(
         observation, np.ones(len(observation.counts)), triangle, values, root
     )
     texts = [direction_text(some, triangle.parameters) for some in directions]
     diagnostics = {
-        "iterations": 1,
-        "converged": True,
         "rank": rank,
         "open": texts,
         "condition": None if texts else triangle.condition,
@@ -238,11 +253,12 @@ def minimum_norm(observation: Observation, units: Sequence[str]) -> Estimate:
     )
 
 
-_LEAST_SHARE, _USED_UP = 0.6, 1e-8
+LEAST_SHARE = 0.6
+"""Share of the rows within the clip, at least, that divides steps: above a half, so that they do not overshoot."""
 
 
 def huber(
-    rows: Rows, *, clip: float = 1.345, tolerance: float = 1e-3, limit: int = 100
+    rows: RowStream, *, clip: float = 1.345, tolerance: float = 1e-3, limit: int = 100
 ) -> Estimate:
     """Robust estimate with a scale for each output."""
     if not clip > 0:
@@ -261,16 +277,15 @@ def huber(
     while change > tolerance and iterations < limit:
         iterations += 1
         sweep = _swept(rows, values, noise, clip)
-        # more than half the curvature, so that steps cannot overshoot
-        share = np.maximum(sweep.share, _LEAST_SHARE)
+        share = np.maximum(sweep.share, LEAST_SHARE)
         bread = solved(observation, rows.units, np.sqrt(share) / noise)
         white = bread.root.T @ sweep.pull
         values = values + bread.root @ white
         new = _noise(sweep, solved(observation, rows.units, 1.0 / noise), noise, clip)
-        with np.errstate(invalid="ignore"):
-            scale = float(np.nanmax(np.abs(np.log(new / noise)), initial=0.0))
         change, noise = (
-            max(float(np.linalg.norm(white)) / sqrt(len(values)), scale),
+            max(
+                float(np.linalg.norm(white)) / sqrt(len(values)), log_change(noise, new)
+            ),
             new,
         )
     estimate = _finished(
@@ -281,15 +296,15 @@ def huber(
 
 
 @dataclass(frozen=True)
-class _Sweep:
-    """What one pass over the rows finds at given parameters and noise."""
+class _ClippedSums:
+    """Sums over all rows with clipped residuals, at given parameters and noise."""
 
     pull: Floats  # Σ Wᵀψ(r/σ)/σ, shape (n,)
     squares: Floats  # Σ ψ(r/σ)² of each output, shape (m,)
     share: Floats  # of each output's rows within the clip, shape (m,)
 
 
-def _swept(rows: Rows, values: Floats, noise: Floats, clip: float) -> _Sweep:
+def _swept(rows: RowStream, values: Floats, noise: Floats, clip: float) -> _ClippedSums:
     m = len(noise)
     pull, squares, inside, counts = (
         np.zeros(len(values)),
@@ -306,19 +321,21 @@ def _swept(rows: Rows, values: Floats, noise: Floats, clip: float) -> _Sweep:
             squares[i] += bounded @ bounded
             inside[i] += np.sum(np.abs(residual) <= clip)
             counts[i] += len(y)
-    return _Sweep(
+    return _ClippedSums(
         pull, squares, np.where(counts > 0, inside / np.maximum(counts, 1.0), 1.0)
     )
 
 
-def _noise(sweep: _Sweep, used: Solution, noise: Floats, clip: float) -> Floats:
+def _noise(
+    sweep: _ClippedSums, used: WeightedSolution, noise: Floats, clip: float
+) -> Floats:
     """Proposal 2: the noise at which the mean of ψ² is what it is for Gaussian noise, shape (m,)."""
     counts = np.array(used.observation.counts, dtype=float)
     free = np.where(counts > 0, counts - used.leverages, 1.0)
     for label, count, rest in zip(
         used.observation.layout.outputs, used.observation.counts, free, strict=True
     ):
-        if rest < _USED_UP * count:
+        if rest < ROUNDING * count:
             raise InputError(used_up(count), element=f"output '{label}'")
     some = np.isfinite(noise)
     found = np.where(some, noise, 1.0) * np.sqrt(
@@ -334,7 +351,7 @@ def gaussian_square(clip: float) -> float:
 
 
 def _finished(
-    sweep: _Sweep,
+    sweep: _ClippedSums,
     plain: Observation,
     units: Sequence[str],
     values: Floats,
@@ -361,7 +378,7 @@ def _finished(
     parts = [np.sqrt(spread[i]) * used.whitened(i) for i in range(len(noise))]
     # the rows of `parts` are whitened by `used`; R of `used` takes that back
     root = np.vstack(parts) @ used.triangle.R @ bread.inverse
-    found = Solution(plain, 1.0 / noise, used.triangle, values, used.root)
+    found = WeightedSolution(plain, 1.0 / noise, used.triangle, values, used.root)
     labels = plain.layout.outputs
     diagnostics = {
         "clip": clip,

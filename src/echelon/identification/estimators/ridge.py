@@ -23,17 +23,14 @@ from echelon.errors import InputError
 from echelon.extras import extra
 from echelon.identification.estimators.estimate import (
     Estimate,
-    Solution,
+    WeightedSolution,
     check,
     estimate_of,
 )
 from echelon.observe.observation import Observation
 
-_GRID = 401
-_RANGE = (
-    1e-16,
-    1e8,
-)  # ratios of variances that are searched, relative to the largest squared singular value
+# ratios of variances that are searched, relative to the largest squared singular value
+RANGE = (1e-16, 1e8)
 
 
 def ridge(
@@ -67,8 +64,6 @@ def ridge(
     effective = float(np.sum(spectrum.squares * shrink))
     determined = triangle.rank == len(mean)
     diagnostics = {
-        "iterations": 1,
-        "converged": True,
         "chosen_by": weight if isinstance(weight, str) else "given",
         "weight": float(ratio / variance),
         "weight_at_bound": at_bound,
@@ -83,7 +78,7 @@ def ridge(
         "condition": triangle.condition if determined else None,
         "scaled_condition": triangle.scaled_condition if determined else None,
     }
-    solution = Solution(
+    solution = WeightedSolution(
         observation,
         np.ones(len(observation.counts)),
         triangle,
@@ -124,9 +119,8 @@ class _Spectrum:
     def log_evidence(self, ratio: float, variance: float) -> float:
         """Logarithm of the probability density of the outputs."""
         squares = np.sum(self.beta**2 * ratio / (self.squares + ratio)) + self.rest
-        volume = np.sum(np.log1p(self.squares / ratio)) + self.rows * np.log(
-            2 * np.pi * variance
-        )
+        scale = np.log(2 * np.pi * variance)
+        volume = np.sum(np.log1p(self.squares / ratio)) + self.rows * scale
         return float(-(squares / variance + volume) / 2)
 
 
@@ -139,7 +133,7 @@ def _ratio(spectrum: _Spectrum, weight: float | str) -> tuple[float, bool]:
     if weight == "evidence":
         whole = float(spectrum.squares.max(initial=0.0)) or 1.0
         return _minimised(
-            lambda r: -spectrum.profile(r), whole * _RANGE[0], whole * _RANGE[1]
+            lambda r: -spectrum.profile(r), whole * RANGE[0], whole * RANGE[1]
         )
     if isinstance(weight, str) or not (np.isfinite(weight) and weight > 0):
         raise InputError(
@@ -157,18 +151,21 @@ def _ratio(spectrum: _Spectrum, weight: float | str) -> tuple[float, bool]:
 
 
 def _minimised(
-    score: Callable[[float], float], low: float, high: float
+    score: Callable[[float], float], low: float, high: float, count: int = 401
 ) -> tuple[float, bool]:
-    """Minimum over a range of orders of magnitude, and whether it is at an end of it."""
+    """Minimum over a range of orders of magnitude, and whether it is at an end of it.
+
+    It is looked for beside the least of many values, since evidence may have several maxima.
+    """
     with extra("identify"):
         from scipy.optimize import minimize_scalar
 
-    exponents = np.linspace(np.log(low), np.log(high), _GRID)
+    exponents = np.linspace(np.log(low), np.log(high), count)
     scores = np.array([score(float(np.exp(e))) for e in exponents])
     best = int(np.argmin(scores))
     ends = (
         float(exponents[max(best - 1, 0)]),
-        float(exponents[min(best + 1, _GRID - 1)]),
+        float(exponents[min(best + 1, count - 1)]),
     )
     found = minimize_scalar(
         lambda e: score(float(np.exp(e))),
@@ -176,4 +173,4 @@ def _minimised(
         method="bounded",
         options={"xatol": 1e-9},
     )
-    return float(np.exp(found.x)), best in (0, _GRID - 1)
+    return float(np.exp(found.x)), best in (0, count - 1)

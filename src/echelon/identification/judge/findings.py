@@ -19,10 +19,10 @@ _NAMES = {
     Kind.CHANGE: "changes",
     Kind.GRAVITY: "gravity",
     Kind.GAIN: "gains",
-    Kind.RATE: "culprit",
+    Kind.RATE: "setup error",
     Kind.JOINT: "joint",
-    Kind.READING: "culprit",
-    Kind.UNIT: "culprit",
+    Kind.READING: "setup error",
+    Kind.UNIT: "setup error",
 }
 
 

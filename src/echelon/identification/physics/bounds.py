@@ -34,9 +34,8 @@ class Bounds:
     """Bounds of a robot's standard parameters."""
 
     bodies: Mapping[str, BodyBoundsEntry] = field(default_factory=dict)  # by body name
-    parameters: Mapping[str, tuple[float, float]] = field(
-        default_factory=dict
-    )  # by parameter name, SI units
+    # by parameter name, SI units
+    parameters: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     total_mass: tuple[float, float] | None = None  # of all bodies, kg
 
     def check(self, mechanism: Mechanism) -> None:
@@ -81,18 +80,15 @@ _EQUAL = {"x": (3, 5), "y": (0, 5), "z": (0, 3)}
 
 @dataclass(frozen=True)
 class Roles:
-    """What every standard parameter of a mechanism must satisfy."""
+    """Constraints on every standard parameter of a mechanism."""
 
     mechanism: Mechanism
-    bodies: tuple[
-        tuple[str, int], ...
-    ]  # bodies with a pseudo-inertia: name and the column of XX
-    positive: tuple[
-        int, ...
-    ]  # columns of parameters that are not negative by themselves
-    free: tuple[
-        int, ...
-    ]  # columns of parameters of any sign outside the pseudo-inertias
+    # bodies with a pseudo-inertia: name and the column of XX
+    bodies: tuple[tuple[str, int], ...]
+    # columns of parameters that are not negative by themselves
+    positive: tuple[int, ...]
+    # columns of parameters of any sign outside the pseudo-inertias
+    free: tuple[int, ...]
 
     @cached_property
     def starts(self) -> tuple[int, ...]:
@@ -152,7 +148,7 @@ class LinearLimits:
 def linear_limits(role: Roles, bounds: Bounds) -> LinearLimits:
     """Signs and bounds as rows; pseudo-inertias are not among them."""
     bounds.check(role.mechanism)
-    rows = _Rows(role.size)
+    rows = _LimitRows(role.size)
     for column in role.positive:
         name = role.mechanism.parameters[column]
         if name not in bounds.parameters:
@@ -181,7 +177,11 @@ def linear_limits(role: Roles, bounds: Bounds) -> LinearLimits:
 
 
 def _body_rows(
-    rows: _Rows, name: str, body: BodyBoundsEntry, start: int, carried: tuple[int, ...]
+    rows: _LimitRows,
+    name: str,
+    body: BodyBoundsEntry,
+    start: int,
+    carried: tuple[int, ...],
 ) -> None:
     if body.mass is not None:
         rows.between({start + carried.index(9): 1.0}, body.mass, f"mass of {name}")
@@ -224,14 +224,13 @@ def _inside(
     for k, (centre, axis) in enumerate(zip(*extent, strict=True)):
         terms[start + 9] -= (centre / axis) ** 2
         terms[start + 6 + k] += 2 * centre / axis**2
-        for moment, place in enumerate(
-            (0, 3, 5)
-        ):  # ∫ x² dm = ½ (−XX + YY + ZZ), and so on
+        # ∫ x² dm = ½ (−XX + YY + ZZ), and so on
+        for moment, place in enumerate((0, 3, 5)):
             terms[start + place] -= (0.5 if moment != k else -0.5) / axis**2
     return terms
 
 
-class _Rows:
+class _LimitRows:
     """Rows of linear limits while they are gathered."""
 
     def __init__(self, size: int) -> None:

@@ -25,6 +25,7 @@ from echelon.errors import EchelonError, InputError
 from echelon.identification.physics.bounds import LinearLimits, roles
 from echelon.identification.physics.programme import (
     INFEASIBLE,
+    ROUNDING,
     SOLVED,
     SVEC,
     ConeProgram,
@@ -41,24 +42,23 @@ class Feasibility:
 
     feasible: bool | None  # None on the boundary of what robots can have
     evidence: str  # what was found, in a sentence
-    standard: Floats | None = (
-        None  # shape (p,); if feasible: standard parameters of a physical robot that has them
-    )
-    nearest: Floats | None = (
-        None  # shape (r,); if not: base parameters of the nearest physical robot
-    )
+    # shape (p,); if feasible: standard parameters of a physical robot that has them
+    standard: Floats | None = None
+    # shape (r,); if not: base parameters of the nearest physical robot
+    nearest: Floats | None = None
     distance: float = 0.0  # of the nearest ones, in standard deviations of the estimate (Mahalanobis); 0 if feasible
+
+    def is_beyond(self, deviations: float) -> bool:
+        """Whether no robot has them, and the nearest is further away than some standard deviations."""
+        return self.feasible is False and self.distance > deviations
 
     def __repr__(self) -> str:
         return f"Feasibility({self.feasible}: {self.evidence})"
 
 
-_WEIGHT = 1e-6  # of the divergence that makes the nearest robot unique, in squared standard deviations
-_UNITS = (
-    1.0,
-    10.0,
-    100.0,
-)  # standard deviations that count as one, because solvers fail where thousands are needed
+UNIQUE = 1e-6  # weight of the divergence that makes the nearest robot unique, in squared standard deviations
+# standard deviations that count as one, because solvers fail where thousands are needed
+_UNITS = (1.0, 10.0, 100.0)
 
 
 def physical_lift(base: BaseModel, values: npt.ArrayLike) -> Floats | None:
@@ -104,8 +104,8 @@ def nearest_physical(
 
 def _nearest(base: BaseModel, B: Floats, target: Floats, root: Floats) -> Floats:
     programme = Programme.of(base, root @ B, root @ target)
-    weights = np.full(len(programme.role.bodies), _WEIGHT)
-    standard, found = programme.fit(root @ B, root @ target, weights, _WEIGHT)
+    weights = np.full(len(programme.role.bodies), UNIQUE)
+    standard, found = programme.fit(root @ B, root @ target, weights, UNIQUE)
     if found.status != SOLVED:
         raise EchelonError(
             f"the solver found no nearest physical robot: {found.message}"
@@ -126,7 +126,7 @@ def checked_values(base: BaseModel, values: npt.ArrayLike) -> Floats:
 
 
 def on_pivots(base: BaseModel, B: Floats, target: Floats, standard: Floats) -> Floats:
-    """The same standard parameters but with the pivots that give the base parameters exactly."""
+    """Standard parameters with the pivots that give the base parameters exactly, the others as they are."""
     moved = standard.copy()
     for _ in range(2):  # the second time for what the first one rounded
         moved[list(base.matrix.pivots)] += target - B @ moved
@@ -175,7 +175,7 @@ def sizes_of(base: BaseModel, target: Floats) -> Floats:
     return np.array([others if p is None else mass * length**p for p in powers])
 
 
-_DISTINCT = 2e-3
+DISTINCT = 2e-3
 """Distance from which on values are not those of the nearest robot: solvers and margins account for less."""
 
 
@@ -197,7 +197,7 @@ def feasibility(
     standard, distance = nearest_physical(base, target, covariance)
     away = f"{distance:.2g} {'of their size' if covariance is None else 'standard deviations'}"
     nearest = base.B_float() @ standard
-    if distance > _DISTINCT:
+    if distance > DISTINCT:
         return Feasibility(
             False,
             f"the nearest robot is {away} away",
@@ -209,8 +209,7 @@ def feasibility(
 
 
 _STEPS = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
-_ROUNDING = 1e-12
-_INVISIBLE = (
+INVISIBLE = (
     1e-3  # a change by which data change this little of their noise cannot be seen
 )
 
@@ -264,7 +263,7 @@ def active(programme: Programme, standard: Floats, design: Floats) -> list[str]:
             np.abs(programme.limits.least[:, :-1]) / seen,
             np.inf,
         )
-    invisible = _INVISIBLE * changes.min(axis=1, initial=np.inf)
+    invisible = INVISIBLE * changes.min(axis=1, initial=np.inf)
     invisible[
         ~np.isfinite(invisible) | (changes.min(axis=1, initial=np.inf) > 1e200)
     ] = 0.0
@@ -307,11 +306,11 @@ def _signed(limits: LinearLimits, standard: Floats) -> Floats:
 def holds(programme: Programme, standard: Floats) -> bool:
     """Whether parameters satisfy all constraints, up to rounding."""
     slack, size = _slack(programme.limits, standard)
-    if (slack < -_ROUNDING * size).any():
+    if (slack < -ROUNDING * size).any():
         return False
     for cone in programme.limits.cones:
         value = cone @ standard
-        if np.linalg.norm(value[1:]) > value[0] * (1 + _ROUNDING):
+        if np.linalg.norm(value[1:]) > value[0] * (1 + ROUNDING):
             return False
     margins = programme.margins(standard)
     return bool((margins > 1e-13).all())

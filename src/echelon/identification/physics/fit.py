@@ -40,6 +40,9 @@ from echelon.arrays import Floats
 from echelon.base.matrix import Identifiability
 from echelon.base.model import BaseModel
 from echelon.errors import EchelonError, InputError
+from echelon.identification.estimators.estimate import CLEAR
+from echelon.identification.estimators.least_squares import least_squares
+from echelon.identification.judge.evidence import Gain
 from echelon.identification.physics.bounds import Bounds, roles
 from echelon.identification.physics.feasibility import (
     active,
@@ -48,26 +51,10 @@ from echelon.identification.physics.feasibility import (
 )
 from echelon.identification.physics.programme import SOLVED, ConeSolution, Programme
 from echelon.inertia import divergence, pseudo_inertia
-from echelon.logs.finding import Finding, warning
+from echelon.logs.finding import Finding, enumerated, warning
 from echelon.mechanism.mechanism import Mechanism
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import Triangle
-
-
-@dataclass(frozen=True)
-class Advantage:
-    """How much better stretches of the data are predicted from the others with physical values than by least squares.
-
-    In logarithms of residuals, the mean over stretches and outputs.
-    """
-
-    mean: float
-    error: float  # standard error, from stretches
-
-    @property
-    def is_loss(self) -> bool:
-        """Whether least squares predict better by more than the standard error."""
-        return self.mean < -self.error
 
 
 @dataclass(frozen=True, repr=False)
@@ -79,20 +66,17 @@ class PhysicalFit:
     standard: Floats  # shape (p,); they satisfy every constraint
     base: Floats  # shape (r,); their base parameters B ζ
     misfit: float  # Σ ((W ζ̄ − y)/σ)² of the fit
-    unconstrained_misfit: (
-        float  # the same of plain (weighted) least squares, which no fit undercuts
-    )
+    # the same of plain (weighted) least squares, which no fit undercuts
+    unconstrained_misfit: float
     # body → smallest eigenvalue of its pseudo-inertia relative to that of its prior or its scale
     margins: Mapping[str, float]
     prior: str  # what it was drawn to: name of the prior, or empty
     prior_weight: float
     status: str  # of the solver
-    advantage: Advantage | None = (
-        None  # over least squares; None where data are in one piece
-    )
-    diagnostics: Mapping[str, Any] = field(
-        default_factory=dict
-    )  # JSON-able: solver, iterations, active bounds, …
+    # over least squares; None where data are in one piece
+    advantage: Gain | None = None
+    # JSON-able: solver, iterations, active bounds, …
+    diagnostics: Mapping[str, Any] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         least = self.unconstrained_misfit
@@ -104,13 +88,10 @@ class PhysicalFit:
         return f"PhysicalFit({len(self.margins)} bodies, misfit {self.misfit - least:.4g} above {least:.4g}{drawn})"
 
 
-Solve = Callable[
-    [Floats, Floats, float], Floats
-]  # base parameters from R, Qᵀy and a weight
+# base parameters from R, Qᵀy and a weight
+Solve = Callable[[Floats, Floats, float], Floats]
 
 CANDIDATES = tuple(float(10.0**k) for k in range(-2, 7))
-_BISECTIONS = 6
-_CLEAR = 3.0  # standard deviations from which on a value is more than noise
 
 
 @dataclass(frozen=True)
@@ -175,62 +156,33 @@ def _advantage(
     weight: float,
     pieces: Sequence[Observation],
     weights: npt.ArrayLike | None,
-) -> Advantage | None:
-    """How much better stretches are predicted with physical values than by least squares; None for one piece."""
+) -> Gain | None:
+    """Gain of physical values over least squares, by stretches; None for data in one piece."""
     if len(pieces) < 2:
         return None
     factors = None if weights is None else np.asarray(weights, dtype=float)
-    ways = (_least_squares, partial(_with_weight, problem.base_values, weight))
+    ways = (least_squares, partial(_with_weight, problem.base_values, weight))
     plain, physical = _stretch_errors(ways, pieces, factors).T
     gains = plain - physical
-    return Advantage(
-        float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
-    )
+    return Gain(float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains))))
 
 
-def _least_squares(triangle: Triangle) -> Floats:
-    return np.asarray(
-        np.linalg.lstsq(triangle.scaled, triangle.qty, rcond=None)[0]
-        / triangle.safe_scales
-    )
-
-
-def by_discrepancy(solve: Solve, triangle: Triangle) -> WeightChoice:
-    """The largest weight that raises the misfit no more than the true parameters do on average."""
+def by_discrepancy(
+    misfit: Callable[[float], float], triangle: Triangle, tried: Sequence[float]
+) -> float:
+    """The largest of some weights, in ascending order, that raises the misfit no more than the true parameters do."""
     r = len(triangle.parameters)
-    freedom = max(triangle.rows - r, 1)
-    variance = triangle.residual**2 / freedom
-
-    def excess(weight: float) -> float:
-        return float(
-            np.sum(
-                (triangle.R @ solve(triangle.R, triangle.qty, weight) - triangle.qty)
-                ** 2
-            )
-        )
-
-    allowed = excess(CANDIDATES[0]) + r * variance
-    scores = []
-    low = CANDIDATES[0]
-    high = CANDIDATES[-1]
-    for weight in CANDIDATES:
-        scores.append((weight, excess(weight)))
-        if scores[-1][1] > allowed:
-            high = weight
-            break
-        low = weight
-    for _ in range(_BISECTIONS if high > low else 0):
-        middle = float(np.sqrt(low * high))
-        scores.append((middle, excess(middle)))
-        low, high = (middle, high) if scores[-1][1] <= allowed else (low, middle)
-    reason = f"the largest weight that raises the misfit by no more than {r} σ², as the true parameters do on average"
-    return WeightChoice(low, reason, tuple(scores))
+    variance = triangle.residual**2 / max(triangle.rows - r, 1)
+    allowed = misfit(tried[0]) + r * variance
+    return next(
+        (weight for weight in reversed(tried[1:]) if misfit(weight) <= allowed),
+        tried[0],
+    )
 
 
-PLAIN_WEIGHTS = (1.0, 0.1, 0.01, 1e-3)
-"""Weights of the drawing towards a plain shape, the largest first.  The last raises the misfit by less than a hundredth
-of what noise does; the first moves a parameter that data tell to a share s of that body's own by s standard deviations
-at most."""
+PLAIN_WEIGHTS = (1e-3, 0.01, 0.1, 1.0)
+"""Weights of the drawing towards a plain shape.  The first raises the misfit by less than a hundredth of what noise
+does; the last moves a parameter that data tell to a share s of that body's own by s standard deviations at most."""
 
 
 def physical_fit(
@@ -270,7 +222,7 @@ def physical_fit(
         standard=standard,
         base=values,
         misfit=_misfit(triangle, values),
-        unconstrained_misfit=_unconstrained_misfit(triangle),
+        unconstrained_misfit=_misfit(triangle, least_squares(triangle)),
         margins=dict(zip(names, map(float, reached), strict=True)),
         prior="" if prior is None else prior_name,
         prior_weight=choice.weight if prior is not None else 0.0,
@@ -293,7 +245,7 @@ def physical_fit(
 class _Problem:
     B: Floats
     programme: Programme
-    plain: float = PLAIN_WEIGHTS[-1]  # weight of the drawing towards a plain shape
+    plain: float = PLAIN_WEIGHTS[0]  # weight of the drawing towards a plain shape
 
     @staticmethod
     def of(
@@ -323,11 +275,10 @@ class _Problem:
         self, design: Floats, target: Floats, weight: float
     ) -> tuple[Floats, ConeSolution]:
         informed = self.programme.reference.informed
-        weights = np.where(informed, max(weight, PLAIN_WEIGHTS[-1]), self.plain)
+        weights = np.where(informed, max(weight, PLAIN_WEIGHTS[0]), self.plain)
         standard, found = self.programme.fit(design, target, weights, weight)
-        if (
-            found.status != SOLVED
-        ):  # that bounds do not contradict each other was seen before
+        # that bounds do not contradict each other was seen before
+        if found.status != SOLVED:
             raise EchelonError(
                 f"the solver found no physically consistent fit: {found.message}"
             )
@@ -341,8 +292,8 @@ class _Problem:
 def _plain_weight(problem: _Problem, triangle: Triangle) -> float:
     """The largest weight of the plain shape that raises the misfit no more than the true parameters do on average."""
     if problem.programme.reference.informed.all():
-        return PLAIN_WEIGHTS[-1]
-    r, design = len(triangle.parameters), problem.matrix(triangle.R)
+        return PLAIN_WEIGHTS[0]
+    design = problem.matrix(triangle.R)
 
     def misfit(plain: float) -> float:
         return _misfit(
@@ -351,13 +302,7 @@ def _plain_weight(problem: _Problem, triangle: Triangle) -> float:
             @ replace(problem, plain=plain).solve(design, triangle.qty, 0.0)[0],
         )
 
-    allowed = misfit(PLAIN_WEIGHTS[-1]) + r * triangle.residual**2 / max(
-        triangle.rows - r, 1
-    )
-    return next(
-        (plain for plain in PLAIN_WEIGHTS[:-1] if misfit(plain) <= allowed),
-        PLAIN_WEIGHTS[-1],
-    )
+    return by_discrepancy(misfit, triangle, PLAIN_WEIGHTS)
 
 
 def _weight(
@@ -382,7 +327,16 @@ def _weight(
             pieces,
             None if weights is None else np.asarray(weights, dtype=float),
         )
-    return by_discrepancy(problem.base_values, triangle)
+
+    def misfit(weight: float) -> float:
+        return _misfit(triangle, problem.base_values(triangle.R, triangle.qty, weight))
+
+    reason = f"the largest weight that raises the misfit by no more than {len(triangle.parameters)} σ², as the true "
+    return WeightChoice(
+        by_discrepancy(misfit, triangle, CANDIDATES),
+        f"{reason}parameters do on average",
+        (),
+    )
 
 
 def _told(base: BaseModel, triangle: Triangle) -> dict[int, float]:
@@ -396,7 +350,7 @@ def _told(base: BaseModel, triangle: Triangle) -> dict[int, float]:
         / np.sqrt(max(triangle.rows, 1))
     )
     alone = [base.classification[name] is Identifiability.ALONE for name in base.pivots]
-    clear = np.flatnonzero(alone & (np.abs(values) > _CLEAR * noise))
+    clear = np.flatnonzero(alone & (np.abs(values) > CLEAR * noise))
     return {base.matrix.pivots[k]: float(abs(values[k])) for k in clear}
 
 
@@ -414,16 +368,10 @@ def _misfit(triangle: Triangle, values: Floats) -> float:
     )
 
 
-def _unconstrained_misfit(triangle: Triangle) -> float:
-    best = np.linalg.lstsq(triangle.scaled, triangle.qty, rcond=None)[0]
-    return float(
-        np.sum((triangle.scaled @ best - triangle.qty) ** 2) + triangle.residual**2
-    )
-
-
 KIND = "far from the prior"
-_FAR = 5.0
-_SHOWN = 6
+FAR = 5.0
+"""Ratio of masses or inertias from which on a body is far from its prior: files are rarely wrong by more, and motions
+that show little of a body move it further."""
 
 
 def departures(
@@ -439,10 +387,9 @@ def departures(
     ]
     if not found:
         return []
-    more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
     body = found[0].split("'")[1]
     text = (
-        f"identified bodies are more than {_FAR:g} times off their prior: {'; '.join(found[:_SHOWN])}{more}. Data may "
+        f"identified bodies are more than {FAR:g} times off their prior: {enumerated(found, '; ')}. Data may "
         "hardly see them alone: state what you know under 'identification', as total_mass: [least, most] or "
         f"bodies: {{{body}: {{mass: [least, most]}}}}, or a prior: {{weight: …}} above {weight:.3g}"
     )
@@ -460,7 +407,7 @@ def _changes(name: str, before: Floats, after: Floats) -> Iterator[str]:
 
 
 def _is_far(before: float, after: float) -> bool:
-    return not 1 / _FAR <= after / before <= _FAR
+    return not 1 / FAR <= after / before <= FAR
 
 
 def _spread(values: Floats) -> float:

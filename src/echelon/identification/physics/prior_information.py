@@ -39,10 +39,16 @@ from echelon.mechanism.stated import (
     symbol_values,
 )
 
-LEAST = 1e-4  # least eigenvalue of a repaired pseudo-inertia relative to that of a body of its mass and size
-_SHARE = 1e-2
-_RADIUS = 0.25  # radius of gyration along each axis of a plain body relative to the size of the mechanism
-_WIDEST = 1.25
+LEAST = 1e-4
+"""Least eigenvalue of a repaired pseudo-inertia relative to that of a body of its mass and size: a plate of a hundredth
+of its width, which is thinner than links are."""
+
+LEAST_MASS = 1e-2
+"""Share of the outputs that the weight of plain bodies explains at least: less is a mass of the wrong order."""
+
+RADIUS = 0.25  # radius of gyration along each axis of a plain body relative to the size of the mechanism, as of a rod
+
+WIDEST = 1.25
 """Radius of gyration along an axis, relative to the size of the mechanism, beyond which inertia is a placeholder."""
 
 
@@ -51,9 +57,8 @@ class Reference:
     """A body for every pseudo-inertia, and values for the other parameters."""
 
     bodies: Floats  # shape (b, 10); each one can exist
-    informed: npt.NDArray[
-        np.bool_
-    ]  # shape (b,); whether it is the prior's, not a plain shape
+    # shape (b,); whether it is the prior's, not a plain shape
+    informed: npt.NDArray[np.bool_]
     values: Floats  # shape (p,); for parameters outside the pseudo-inertias, nan where nothing is known
     findings: tuple[Finding, ...]  # which bodies of the prior had to be repaired
 
@@ -91,7 +96,7 @@ def reference(role: Roles, prior: npt.ArrayLike | None, mass: float = 1.0) -> Re
 
 def plain_body(mass: float, size: float) -> Floats:
     """A body of a plain shape: mass in a cloud about the origin, equal along all axes; shape (10,)."""
-    second = mass * (_RADIUS * size) ** 2
+    second = mass * (RADIUS * size) ** 2
     return np.array([2 * second, 0, 0, 2 * second, 0, 2 * second, 0, 0, 0, mass])
 
 
@@ -118,12 +123,12 @@ def without_placeholder(
     Arguments and results are those of :func:`repaired`.
     """
     width = _widest(body)
-    if width <= _WIDEST * size:
+    if width <= WIDEST * size:
         return body, None
     text = f"the prior's inertia needs a radius of gyration of {width:.2g} m, with links of {size:.2g} m at most; its "
     text += "mass and centre are kept, its extent is taken to be that of a plain body"
     finding = warning("implausible prior", f"body '{name}'", text)
-    return _shrunk(body, _RADIUS * size / width), finding
+    return _shrunk(body, RADIUS * size / width), finding
 
 
 def _widest(body: Floats) -> float:
@@ -167,23 +172,22 @@ def common_mass(role: Roles, design: Floats, target: Floats) -> float:
     scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     found = float(np.linalg.lstsq(columns / scale, target, rcond=None)[0][0] / scale[0])
     # where no positive mass explains the data, one that makes them as large is still of the right size
-    least = _SHARE * float(np.linalg.norm(target)) / scale[0]
+    least = LEAST_MASS * float(np.linalg.norm(target)) / scale[0]
     return max(found, least) if least > 0 else 1.0
 
 
-_TOLERANCE = 1e-3  # how far apart joint axes may be, m and rad; files round both
-_ACROSS = 0.1  # sine of the least angle between axes that show where the base stands
+APART = 1e-3  # distance of joint axes that are the same, m and rad at most: files round both
+ACROSS = 0.1  # sine of the least angle between axes that show where the base stands: errors grow tenfold at most
 
 
 @dataclass(frozen=True, repr=False)
 class Prior:
-    """What another description says of the standard parameters."""
+    """Standard parameters as another description states them."""
 
     name: str  # of the description
     values: Floats  # shape (p,); standard parameters in the set-up's frames, SI units; nan where it says nothing
-    findings: tuple[
-        Finding, ...
-    ]  # what is missing, was repaired, or was taken as fixed
+    # what is missing, was repaired, or was taken as fixed
+    findings: tuple[Finding, ...]
 
     def base_values(
         self, base: BaseModel, symbols: Mapping[str, float] | None = None
@@ -205,7 +209,7 @@ class Prior:
 
 
 def known_before(base: BaseModel, other: Mechanism | None) -> Prior | None:
-    """What is known of the standard parameters: from another description, or else the values of the robot's own."""
+    """Prior values of the standard parameters: from another description, or else those of the robot's own."""
     if other is not None:
         return prior_from(base, other)
     stated = np.array(
@@ -227,7 +231,7 @@ def prior_from(base: BaseModel, other: Mechanism) -> Prior:
     """
     mechanism = base.mechanism
     pairs = _matched(mechanism, other)
-    ours, theirs = _Posed.of(mechanism), _Posed.of(other)
+    ours, theirs = _ZeroPose.of(mechanism), _ZeroPose.of(other)
     theirs = theirs.shifted(_offset(ours, theirs, pairs))
     for mine, yours in pairs.items():
         _compare(ours, theirs, mine, yours)
@@ -285,7 +289,7 @@ def _mended(
 
 
 @dataclass(frozen=True)
-class _Axis:
+class _JointAxis:
     """An elementary motion at the zero pose: its frame, and what it is."""
 
     frame: Floats
@@ -306,15 +310,15 @@ class _Axis:
 
 
 @dataclass(frozen=True)
-class _Posed:
+class _ZeroPose:
     """A mechanism at its zero pose: body frames in the base, and the axes of every body's joint."""
 
     mechanism: Mechanism
     frames: tuple[Floats, ...]
-    axes: tuple[tuple[_Axis, ...], ...]
+    axes: tuple[tuple[_JointAxis, ...], ...]
 
     @staticmethod
-    def of(mechanism: Mechanism) -> _Posed:
+    def of(mechanism: Mechanism) -> _ZeroPose:
         symbols = symbol_values(mechanism, sorted(_used(mechanism)))
         frames: list[Floats] = []
         axes = []
@@ -325,12 +329,12 @@ class _Posed:
                 if isinstance(step, Placement):
                     frame = frame @ placement_matrix(step, symbols)
                 else:
-                    found.append(_Axis(frame, step))
+                    found.append(_JointAxis(frame, step))
             frames.append(frame)
             axes.append(tuple(found))
-        return _Posed(mechanism, tuple(frames), tuple(axes))
+        return _ZeroPose(mechanism, tuple(frames), tuple(axes))
 
-    def shifted(self, offset: Floats) -> _Posed:
+    def shifted(self, offset: Floats) -> _ZeroPose:
         """The pose with its base moved."""
         shift = np.eye(4)
         shift[:3, 3] = offset
@@ -338,7 +342,7 @@ class _Posed:
             tuple(replace(axis, frame=shift @ axis.frame) for axis in some)
             for some in self.axes
         )
-        return _Posed(
+        return _ZeroPose(
             self.mechanism, tuple(shift @ frame for frame in self.frames), axes
         )
 
@@ -375,21 +379,21 @@ def _moving(mechanism: Mechanism) -> list[int]:
     ]
 
 
-def _offset(ours: _Posed, theirs: _Posed, pairs: Mapping[int, int]) -> Floats:
-    """How far the other base stands off, as axes show it one after another, so that the first wrong one is named."""
+def _offset(ours: _ZeroPose, theirs: _ZeroPose, pairs: Mapping[int, int]) -> Floats:
+    """Offset of the other base, as axes show it one after another, so that the first wrong one is named."""
     offset, unknown = np.zeros(3), np.eye(3)
     for mine, yours in pairs.items():
         for a, b in zip(ours.axes[mine], theirs.axes[yours], strict=False):
             gap = a.fixed @ (a.frame[:3, 3] - b.frame[:3, 3] - offset)
             _, sizes, directions = np.linalg.svd(a.fixed @ unknown)
-            seen = directions[sizes > _ACROSS]
+            seen = directions[sizes > ACROSS]
             step, *_ = np.linalg.lstsq(a.fixed @ seen.T, gap, rcond=None)
             offset = offset + seen.T @ step
             unknown = unknown - seen.T @ seen
     return offset
 
 
-def _compare(ours: _Posed, theirs: _Posed, mine: int, yours: int) -> None:
+def _compare(ours: _ZeroPose, theirs: _ZeroPose, mine: int, yours: int) -> None:
     names = [
         posed.mechanism.bodies[k].joint.name
         for posed, k in ((ours, mine), (theirs, yours))
@@ -405,7 +409,7 @@ def _compare(ours: _Posed, theirs: _Posed, mine: int, yours: int) -> None:
             apart = float(np.linalg.norm(a.frame[:3, :3] - b.frame[:3, :3]))
         else:
             apart = float(np.linalg.norm(a.direction - b.direction))
-        if apart > _TOLERANCE:
+        if apart > APART:
             angle = np.degrees(2 * np.arcsin(min(1.0, apart / 2)))
             problem = f"their axes are {angle:.4g}° apart at the zero pose; the descriptions must have the same zero "
             raise InputError(
@@ -413,13 +417,13 @@ def _compare(ours: _Posed, theirs: _Posed, mine: int, yours: int) -> None:
                 element=where,
             )
         distance = float(np.linalg.norm(a.fixed @ (a.frame[:3, 3] - b.frame[:3, 3])))
-        if distance > _TOLERANCE:
+        if distance > APART:
             raise InputError(
                 f"their axes are {distance:.4g} m apart at the zero pose", element=where
             )
 
 
-def _lumped(other: Mechanism, posed: _Posed, hosts: set[int]) -> dict[int, Floats]:
+def _lumped(other: Mechanism, posed: _ZeroPose, hosts: set[int]) -> dict[int, Floats]:
     """For every host the parameters of itself and all that is taken as fixed to it, in the base frame."""
     totals: dict[int, Floats] = {}
     warn_of_impossible(

@@ -65,15 +65,8 @@ SVEC = np.stack([svec(pseudo_inertia(unit)) for unit in np.eye(PER_BODY)], axis=
 
 _KINDS = ("zero", "nonnegative", "second_order", "semidefinite", "exponential")
 
-_UNITS = (
-    1.0,
-    1e-2,
-    1e-4,
-    1e-6,
-    1e2,
-    3.0,
-    0.3,
-)  # units of the objective that are tried one after another
+# units of the objective that are tried one after another
+_UNITS = (1.0, 1e-2, 1e-4, 1e-6, 1e2, 3.0, 0.3)
 _ALMOST = "Almost"
 
 SOLVED, INFEASIBLE, UNBOUNDED, FAILED = "solved", "infeasible", "unbounded", "failed"
@@ -86,7 +79,7 @@ _STATUSES = {
 
 @dataclass(frozen=True)
 class ConeSolution:
-    """What a solver found."""
+    """Answer of a solver of cone programmes."""
 
     x: Floats  # shape (n,)
     status: str  # "solved", "infeasible", "unbounded" or "failed"
@@ -170,9 +163,11 @@ def solve_in_units(
 
 
 _LOGS = SIZE
-_SMALL = 0.1
+SMALL_FORCE = 0.1
 """Size that is expected of an offset or a spring, by what it could explain alone, where bodies could as well."""
-_RIDGE = 1e-12  # relative weight that keeps parameters at rest on which neither data nor a prior say anything
+ROUNDING = 1e-12
+"""Relative error of sums of some dozen doubles; as a weight it keeps parameters at rest on which neither data nor a
+prior say anything."""
 
 
 @dataclass(frozen=True)
@@ -182,12 +177,10 @@ class Programme:
     role: Roles
     limits: LinearLimits
     reference: Reference
-    told: Mapping[int, float] = field(
-        default_factory=dict
-    )  # magnitudes that data alone give to columns
-    shared: frozenset[int] = (
-        frozenset()
-    )  # columns that data do not tell from others, such as bodies
+    # magnitudes that data alone give to columns
+    told: Mapping[int, float] = field(default_factory=dict)
+    # columns that data do not tell from others, such as bodies
+    shared: frozenset[int] = frozenset()
 
     @staticmethod
     def of(
@@ -264,9 +257,8 @@ class Programme:
         self._add_bodies(program, size, p, logs)
         diagonal, linear = np.zeros(size), np.zeros(size)
         for body, weight in enumerate(weights):
-            linear[[PER_BODY * body + i for i in (0, 3, 5)]] = (
-                weight / 2
-            )  # tr K = ½ (XX + YY + ZZ) + M
+            # tr K = ½ (XX + YY + ZZ) + M
+            linear[[PER_BODY * body + i for i in (0, 3, 5)]] = weight / 2
             linear[PER_BODY * body + 9] = weight
             linear[logs + _LOGS * body : logs + _LOGS * (body + 1)] = -weight
         if exact:
@@ -341,10 +333,10 @@ class Programme:
         first = PER_BODY * len(self.role.bodies)
         for number, column in enumerate(self.others, first):
             square = float(matrix[:, number] @ matrix[:, number])
-            diagonal[number] = 2 * max(_RIDGE * square, _RIDGE)
-            alone = abs(float(matrix[:, number] @ target)) / max(square, _RIDGE)
+            diagonal[number] = 2 * max(ROUNDING * square, ROUNDING)
+            alone = abs(float(matrix[:, number] @ target)) / max(square, ROUNDING)
             if column in self.shared and column in self.role.free and alone > 0:
-                diagonal[number] += 2 * drawing / (_SMALL * alone) ** 2
+                diagonal[number] += 2 * drawing / (SMALL_FORCE * alone) ** 2
             prior = self.reference.values[column]
             if np.isfinite(prior) and prior != 0:
                 # a damping that a file states for a simulation may be a thousandth of what the data show

@@ -58,6 +58,10 @@ def part_of(samples: Samples, begin: int, end: int) -> Samples:
     )
 
 
+LOOKED_AT = 8_000
+"""Samples, on a clock that is no faster than a band needs, that preparation is chosen from: enough rows for any arm's
+parameters."""
+
 SAMPLED = 12.0  # rate at which a band is looked at, by its edge: filters of states pass a quarter of it unchanged
 
 
@@ -129,13 +133,12 @@ def _any_of(flags: Flags, factor: int) -> Flags:
     )
 
 
-Part = Literal[
-    "all", "first", "last"
-]  # which part of a log: all of it, what is fitted, or what is held out
+# which part of a log: all of it, what is fitted, or what is held out
+Part = Literal["all", "first", "last"]
 
 
 @dataclass(frozen=True)
-class Plan:
+class LogPlan:
     """How logs become rows."""
 
     base: BaseModel
@@ -154,9 +157,8 @@ class Plan:
         """Prepared samples of a log, stretch by stretch; what is too short is left out, unless it is all there is."""
         mechanism, short, any_left = self.base.mechanism, None, False
         rate = self.preparation.rate
-        reading = partial(
-            read_log, rate=rate, outputs=outputs, named=False
-        )  # the survey does it
+        # the survey does it
+        reading = partial(read_log, rate=rate, outputs=outputs, named=False)
         for piece in reading(path, mechanism, self.columns):
             for segment in piece.segments:
                 if PreparationPlan(self.preparation, mechanism, segment.rate).is_short(
@@ -204,7 +206,7 @@ class Plan:
         return {**self.__dict__, "base": replace(self.base)}
 
     def parts(self, samples: Samples, part: Part) -> Iterator[Samples]:
-        """What is wanted of prepared samples; nothing if they have no such part."""
+        """Parts of prepared samples that are asked for; nothing if they have no such part."""
         if part == "all" or self.holdout == 0:
             if part != "last":
                 yield samples

@@ -33,7 +33,7 @@ _END: Any = object()
 
 
 def prefetched(items: Iterable[Item]) -> Iterator[Item]:
-    """The same items in the same order, each made on another thread while the one before is worked on."""
+    """Items in their order, each made on another thread while the one before is worked on."""
     if isinstance(items, Sequence):
         yield from items
         return
@@ -53,9 +53,8 @@ class RowBlock:
     source: str  # log they come from
     segment: int  # counts uninterrupted stretches, so that neighbouring rows can be told from those across a gap
     times: tuple[Floats, ...]  # shape (k_i,); for each output, the times of its rows, s
-    matrices: tuple[
-        Floats, ...
-    ]  # shape (k_i, n_i); for each output, the columns layout.columns[i] of the regressor
+    # shape (k_i, n_i); for each output, the columns layout.columns[i] of the regressor
+    matrices: tuple[Floats, ...]
     y: tuple[Floats, ...]  # shape (k_i,); for each output, the measured values
 
     def taken(self, some: Sequence[Flags | slice]) -> RowBlock:
@@ -68,7 +67,7 @@ class RowBlock:
 
 
 @runtime_checkable
-class Rows(Protocol):
+class RowStream(Protocol):
     """Rows that can be gone through as often as a method needs; every pass gives the same blocks."""
 
     @property
@@ -102,12 +101,11 @@ _REACHES = 8  # windows are at least so many times longer than what the filter r
 
 @dataclass(frozen=True, repr=False)
 class ModelRows:
-    """Rows of [W y] of a base model at prepared samples; see :class:`echelon.identification.rows.rows.Rows`."""
+    """Rows of [W y] of a base model at prepared samples; see :class:`echelon.identification.rows.rows.RowStream`."""
 
     base: BaseModel
-    source: Callable[
-        [], Iterable[Samples]
-    ]  # returns the samples, the same ones every time it is called
+    # returns the samples, the same ones every time it is called
+    source: Callable[[], Iterable[Samples]]
 
     @staticmethod
     def of(base: BaseModel, samples: Sequence[Samples]) -> ModelRows:
@@ -139,9 +137,8 @@ class ModelRows:
     def blocks_of(self, samples: Samples, segment: int) -> Iterator[RowBlock]:
         """The rows of some samples, in the order of time."""
         _check_outputs(samples, self.layout)
-        room = np.empty(
-            (0, self.base.sparsity.shape[1])
-        )  # new memory for every window would take as long as its use
+        # new memory for every window would take as long as its use
+        room = np.empty((0, self.base.sparsity.shape[1]))
         for window in self._windows(samples):
             low, high = self._around(samples, window)
             room = (

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from math import sqrt
 from pathlib import Path
 from typing import Any
 
@@ -29,14 +30,10 @@ from echelon.base.model import BaseModel
 from echelon.doors import public
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
+from echelon.identification.scores import GOOD, UNEXPLAINED, USABLE
+from echelon.identification.servos.output_error import OutputErrorProblem, ServoSolution
 from echelon.identification.servos.servo_limits import Limits
-from echelon.identification.servos.servo_motion import (
-    OutputErrorProblem,
-    ServoMotion,
-    Solution,
-    Windows,
-    smooth,
-)
+from echelon.identification.servos.servo_motion import ServoMotion, Windows, smooth
 from echelon.identification.servos.servo_start import (
     inertial,
     positive_parameters,
@@ -54,17 +51,24 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.logs import with_logs
 from echelon.setup.setup import Setup
 
-_WINDOW, _RUN_IN = 1.0, 1.0  # s
-_STILL = 0.005
-_VAGUE = 5.0  # per cent
-_WELL = 0.98  # R² of positions
-_LAG = 0.9  # share of the lag behind the commands that a servo with gain and friction explains at least
-_SEEN = 0.005  # of the samples, that have to be beyond a limit
-_CLEARLY = (
-    2.0  # as much as an encoder's steps leave, from which on something is missing
-)
-_WORTH = 0.1  # by which more limits reduce the logarithms of what is left
-_STEPS = 1.0  # of the encoder, up to which an rms is that of its steps
+WINDOW = 1.0
+"""Length of a window, and of the run-in before it, s: long against a servo's bandwidth, so that servos take away errors
+of the first state, and short against drifts of a simulation."""
+
+STILL = 0.005
+"""Speed, by the usual one, within which simulated friction turns: small enough not to be seen, large enough to be
+simulated."""
+
+VAGUE = 5.0  # per cent of a gain, its standard deviation, from which on the scale of its joint is mostly the file's
+SEEN = 0.005  # share of the samples that has to be beyond a limit, for it to be believed: a swing or two of a log
+
+WORTH = 0.1
+"""Sum of the logarithms of what joints have left, by which more limits have to reduce it: a tenth of one joint's."""
+
+
+def is_unexplained(rms: float, step: float) -> bool:
+    """Whether residuals of a joint's positions exceed those by steps of its encoder; 0 is an encoder without steps."""
+    return rms > UNEXPLAINED * step / sqrt(12)
 
 
 @dataclass(frozen=True)
@@ -81,8 +85,8 @@ class ServoScore:
 
     @property
     def lags(self) -> bool:
-        """Whether more of the lag is left than steps of the encoder, and than a servo that the model knows leaves."""
-        return self.lag_r2 < _LAG and self.rms > _STEPS * self.step
+        """Whether a servo with gain and friction explains too little of the lag behind the commands."""
+        return self.lag_r2 < USABLE and is_unexplained(self.rms, self.step)
 
 
 @dataclass(frozen=True)
@@ -149,13 +153,13 @@ class ServoFit:
         found = [
             f"joint '{s.joint}' is not where the model says (R² {s.r2:.3f})"
             for s in scores
-            if not s.r2 >= _WELL
+            if not s.r2 >= GOOD
         ]
         found += [
             f"of what joint '{s.joint}' lags behind its commands the model explains {max(s.lag_r2, 0):.0%} only: "
             "is there backlash, or does its controller do more than pull with a gain up to a limit?"
             for s in scores
-            if s.r2 >= _WELL and s.lags
+            if s.r2 >= GOOD and s.lags
         ]
         return (
             *found,
@@ -211,54 +215,18 @@ def fit_servos(
     with one_thread():
         step("deriving the base parameters")
         base = base_parameters(mechanism, seed=setup.seed)
-        groups = scale_groups(mechanism)
 
         step("reading the logs")
         segments, findings = _segments(setup, paths)
         windows, unseen = _windows(segments, setup.settings.holdout)
 
         step("finding starting values")
-        q, qd, qdd = smooth_states(segments)
-        X = base.regressor(
-            q, qd, qdd, inputs={name: np.zeros(len(q)) for name in names}
-        )
-        speed = float(max(np.sqrt(np.mean(qd**2)), 1e-3))  # rad/s or m/s
-        moving = replace(base, mechanism=smooth(mechanism, _STILL * speed))
-        motion = ServoMotion(
-            moving,
-            names,
-            tuple(base.pivots.index(servo_joints(mechanism)[n]) for n in names),
-        )
-        stated = stated_values(setup, base)
-        start, delay, limits = start_values(
-            base, names, segments, X, stated, setup.settings.known
-        )
-        fixed, hidden = _scales(base, groups, X, start, setup.settings.known)
+        problem, hidden = _problem(setup, base, names, segments, windows)
 
         step("simulating")
-        problem = OutputErrorProblem(
-            motion,
-            windows,
-            start,
-            delay,
-            limits,
-            positive_parameters(base),
-            prior_rows(setup, base),
-            fixed,
-        )
-        solution = _shown(problem, problem.solve(step), step)
-        more = _more_limits(motion, windows, solution)
-        if more.active != solution.limits.active:
-            other = _shown(
-                problem,
-                replace(problem, delay=solution.delay, limits=more).solve(step),
-                step,
-            )
-            worth = (
-                np.sum(np.log(other.noise)) < np.sum(np.log(solution.noise)) - _WORTH
-            )
-            solution = other if worth else solution
+        solution, motion = _solved(problem, step), problem.motion
         found = _limits(motion, windows, solution)
+
         step("validating")
         scores = _scores(motion, windows, solution)
         others = () if unseen is None else _scores(motion, unseen, solution)
@@ -278,7 +246,7 @@ def fit_servos(
         names,
         noise,
         (rows,) * len(names),
-        float(rows * len(names) - len(covariance) + len(fixed)),
+        float(rows * len(names) - len(covariance) + len(problem.fixed)),
         {"converged": converged},
     )
     return ServoFit(
@@ -298,6 +266,46 @@ def fit_servos(
         converged,
         found,
     )
+
+
+def _problem(
+    setup: Setup,
+    base: BaseModel,
+    names: tuple[str, ...],
+    segments: Sequence[Segment],
+    windows: Windows,
+) -> tuple[OutputErrorProblem, tuple[str, ...]]:
+    """The fit with its starting values, and what positions and commands cannot tell."""
+    q, qd, qdd = smooth_states(segments)
+    X = base.regressor(q, qd, qdd, inputs={name: np.zeros(len(q)) for name in names})
+    speed = float(max(np.sqrt(np.mean(qd**2)), 1e-3))  # rad/s or m/s
+    servos = servo_joints(setup.mechanism)
+    moving = replace(base, mechanism=smooth(setup.mechanism, STILL * speed))
+    motion = ServoMotion(
+        moving, names, tuple(base.pivots.index(servos[name]) for name in names)
+    )
+    known = setup.settings.known
+    start, delay, limits = start_values(
+        base, names, segments, X, stated_values(setup, base), known
+    )
+    fixed, hidden = _scales(base, scale_groups(setup.mechanism), X, start, known)
+    prior = prior_rows(setup, base)
+    return OutputErrorProblem(
+        motion, windows, start, delay, limits, positive_parameters(base), prior, fixed
+    ), hidden
+
+
+def _solved(problem: OutputErrorProblem, step: Callable[[str], None]) -> ServoSolution:
+    """The motion nearest to the measured one, with those limits of servos that the data show."""
+    solution = _shown(problem, problem.solve(step), step)
+    more = _more_limits(problem.motion, problem.windows, solution)
+    if more.active == solution.limits.active:
+        return solution
+    other = _shown(
+        problem, replace(problem, delay=solution.delay, limits=more).solve(step), step
+    )
+    gain = np.sum(np.log(solution.noise)) - np.sum(np.log(other.noise))
+    return other if gain > WORTH else solution
 
 
 # -- what the robot allows ------------------------------------------------------------------------------------------
@@ -426,7 +434,7 @@ def _unclear(estimate: Estimate, servos: Mapping[str, str]) -> Sequence[str]:
         f"the forces of {joint} are known to ±{2 * relative[gain]:.0f} % only: it moves too little mass for the other "
         "joints to feel, so that its scale is mostly the file's"
         for joint, gain in servos.items()
-        if relative[gain] > _VAGUE
+        if relative[gain] > VAGUE
     ]
 
 
@@ -455,7 +463,10 @@ def _segments(
                 if any(name not in s.inputs for s in piece.segments)
             ]
             if lacking:
-                problem = f"the log has no commands of {', '.join(lacking)}: map them as input, {{{lacking[0]}: column}}"
+                problem = (
+                    f"the log has no commands of {', '.join(lacking)}: map them as "
+                    f"input, {{{lacking[0]}: column}}"
+                )
                 raise InputError(problem, source=str(path))
     return tuple(segments), tuple(dict.fromkeys(findings))
 
@@ -465,7 +476,7 @@ def _windows(
 ) -> tuple[Windows, Windows | None]:
     """Windows of the first parts of all segments, and of the last ones."""
     rate = segments[0].rate
-    run_in, length = round(_RUN_IN * rate), round(_WINDOW * rate)
+    run_in = length = round(WINDOW * rate)
     first: list[tuple[int, int]] = []
     last: list[tuple[int, int]] = []
     for k, segment in enumerate(segments):
@@ -487,7 +498,7 @@ def _windows(
         )
     if not first:
         raise InputError(
-            f"no stretch is as long as {_RUN_IN + _WINDOW:g} s within the part that is fitted"
+            f"no stretch is as long as {2 * WINDOW:g} s within the part that is fitted"
         )
 
     def made(some: list[tuple[int, int]]) -> Windows:
@@ -499,7 +510,7 @@ def _windows(
 
 
 def _scores(
-    motion: ServoMotion, windows: Windows, solution: Solution
+    motion: ServoMotion, windows: Windows, solution: ServoSolution
 ) -> tuple[ServoScore, ...]:
     found = motion.positions(windows, solution.values, solution.delay, solution.limits)
     measured, commands = (
@@ -541,7 +552,7 @@ def _commanded(
 
 
 def _limits(
-    motion: ServoMotion, windows: Windows, solution: Solution
+    motion: ServoMotion, windows: Windows, solution: ServoSolution
 ) -> tuple[ServoLimit, ...]:
     """The limits of a solution, with their deviations and the share of samples that show them."""
     limits, count = solution.limits, len(solution.values) + 1
@@ -569,14 +580,14 @@ def _limits(
 
 
 def _shown(
-    problem: OutputErrorProblem, solution: Solution, step: Callable[[str], None]
-) -> Solution:
+    problem: OutputErrorProblem, solution: ServoSolution, step: Callable[[str], None]
+) -> ServoSolution:
     """A solution with those limits only that the data show."""
     motion, found = problem.motion, _limits(problem.motion, problem.windows, solution)
     doubtful = [
         (some.kind, motion.names.index(some.joint))
         for some in found
-        if some.share < _SEEN
+        if some.share < SEEN
     ]
     if not doubtful:
         return solution
@@ -585,7 +596,9 @@ def _shown(
     ).solve(step)
 
 
-def _more_limits(motion: ServoMotion, windows: Windows, solution: Solution) -> Limits:
+def _more_limits(
+    motion: ServoMotion, windows: Windows, solution: ServoSolution
+) -> Limits:
     """The limits with a dead band and a limit of torque at joints whose encoders show that something is missing."""
     limits = solution.limits
     error = np.abs(
@@ -593,7 +606,7 @@ def _more_limits(motion: ServoMotion, windows: Windows, solution: Solution) -> L
     )
     for joint, noise in enumerate(solution.noise):
         step = resolution(windows.measured[..., joint].ravel()) or 0.0
-        if noise > _CLEARLY * step / np.sqrt(12):
+        if is_unexplained(float(noise), step):
             low, high = np.quantile(error[..., joint], (0.1, 0.98))
             limits = (
                 limits

@@ -1,4 +1,4 @@
-"""What the electronics of a servo do to its pull Kp (u − q): limits of torque and of speed, and a dead band.
+"""Limits that the electronics of a servo set to its pull Kp (u − q): of torque and of speed, and a dead band.
 
 The error e = u − q counts less a dead band d, and up to where the torque is largest: p(e) = clip(e − clip(e, ±d), ±L).
 The command u follows what was asked for at a speed of V at most.  Since the pull is continuous, motions have
@@ -40,7 +40,7 @@ class Limits:
 
     @staticmethod
     def none(count: int) -> Limits:
-        """Of servos that have no limits."""
+        """Limits of servos that have none."""
         return Limits(np.full(count, np.inf), np.zeros(count), np.full(count, np.inf))
 
     @property
@@ -65,32 +65,32 @@ class Limits:
         return np.array([getattr(self, kind)[joint] for kind, joint in self.active])
 
     def having(self, kind: str, joint: int, value: float) -> Limits:
-        """The same with one limit at another value."""
+        """These limits with one of them at another value."""
         values = getattr(self, kind).copy()
         values[joint] = value
         return replace(self, **{kind: values})
 
     def without(self, some: Sequence[tuple[str, int]]) -> Limits:
-        """The same without some of the limits."""
+        """These limits without some of them."""
         found, none = self, Limits.none(len(self.dead))
         for kind, joint in some:
             found = found.having(kind, joint, float(getattr(none, kind)[joint]))
         return found
 
     def moved(self, values: Floats) -> Limits:
-        """The same limits at other values."""
+        """These limits at other values."""
         found = self
         for (kind, joint), value in zip(self.active, values, strict=True):
             found = found.having(kind, joint, float(value))
         return found
 
     def held(self, error: Floats) -> Floats:
-        """What servos pull with, over their gains, shape (…, n)."""
+        """Pulls of servos over their gains, by their errors, shape (…, n)."""
         inner = error - _clipped(error, self._dead, self.corner)
         return np.where(self._free, inner, _clipped(inner, self._torque, self.corner))
 
     def pull(self, error: Floats) -> Pull:
-        """The same with its derivatives."""
+        """Pulls of servos over their gains, with their derivatives."""
         by_error, by_dead = _slopes(error, self._dead, self.corner)
         inner, slope = error - _clipped(error, self._dead, self.corner), 1 - by_error
         by_inner, by_torque = _slopes(inner, self._torque, self.corner)
@@ -121,9 +121,8 @@ class Limits:
             late = np.abs(way) > speed * part
             edges = now + np.where(late, np.sign(way) * speed * part, way)
             by_speed = np.where(late, slope + np.sign(way) * part, 0.0)
-            ramp = late[1:] | (
-                late[:-1] & (part[:-1] > 0)
-            )  # else the goal is there at once
+            # else the goal is there at once
+            ramp = late[1:] | (late[:-1] & (part[:-1] > 0))
             for means, values in ((found, edges), (slopes, by_speed)):
                 means.append(
                     np.where(ramp, 0.5 * (values[:-1] + values[1:]), values[1:])

@@ -1,4 +1,4 @@
-"""The motion of a robot whose joints are servos, with its derivatives by all parameters, fitted to measured positions.
+"""The motion of a robot whose joints are servos, with its derivatives by all parameters.
 
 A hobby servo is commanded to a position u and pulls with Kp (u − q); with friction and the bodies' inertia the robot's
 equation is y(q, q̇, q̈; u) = 0, where y = X̄ ζ̄ holds the gains among its parameters.  The implicit midpoint rule, of
@@ -8,26 +8,22 @@ the step.  Newton's matrix is M + h/2 ∂y/∂q̇ + h²/4 ∂y/∂q, and the sam
 parameters: they are those of the computed motion, not of an idealised one.
 
 Many windows of a log are simulated side by side, each a little before it counts: what its first state has wrong the
-servos take away in that time.  A servo that pulls as hard as it can takes nothing away.  So first positions are as
-uncertain as any measured one, first velocities may be anything, and what they explain of a window counts for nothing
-else.  The fit takes Gauss–Newton steps with Levenberg's damping.
+servos take away in that time.  A servo that pulls as hard as it can takes nothing away, so that the motion has
+derivatives by first states as well.
 """
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.linalg import norm
 
-from echelon.arrays import Flags, Floats, Integers
+from echelon.arrays import Floats, Integers
 from echelon.base.model import BaseModel
-from echelon.errors import InputError
 from echelon.identification.servos.servo_limits import Limits
-from echelon.identification.validation import CorrelationSums
 from echelon.logs.recording import Segment
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.term import read_term
@@ -35,10 +31,8 @@ from echelon.mechanism.term import read_term
 Slopes = tuple[Floats, Floats, Floats]
 """Newton's matrix, and derivatives of the forces by positions and velocities, shapes (W, n, n)."""
 
-_STEP = 5e-3
+LONGEST_STEP = 5e-3
 """Longest step, s: a servo's bandwidth is some 10 Hz."""
-_NEWTON, _KEPT = 60, 6
-_CONVERGED = 1e-6
 
 
 def smooth(mechanism: Mechanism, speed: float) -> Mechanism:
@@ -77,7 +71,7 @@ class Windows:
     @cached_property
     def substeps(self) -> int:
         """Steps of a sample."""
-        return max(1, int(np.ceil(1 / (self.rate * _STEP) - 1e-9)))
+        return max(1, int(np.ceil(1 / (self.rate * LONGEST_STEP) - 1e-9)))
 
     @property
     def step(self) -> float:
@@ -123,9 +117,8 @@ class Windows:
         values, shares, slopes = [], [], []
         for k, first in self.begins:
             held, by_speed = followed[k]
-            late = (
-                first / self.rate + edges - delay
-            ) * rate  # in samples; before the first its value is taken
+            # in samples; before the first its value is taken
+            late = (first / self.rate + edges - delay) * rate
             place = np.clip(np.floor(late + 1e-9).astype(np.intp), 0, len(held) - 1)
             after = np.clip((late - place)[1:] / (rate * self.step), 0.0, 1.0)
             values.append([held[place[:-1]], held[place[1:]]])
@@ -144,9 +137,8 @@ class Commands:
     """Commands before and after they change, which they do once in a step at most."""
 
     values: Floats  # shape (steps, 2, W, n)
-    by_speed: (
-        Floats  # derivatives by the speed that limits them, shape (steps, 2, W, n)
-    )
+    # derivatives by the speed that limits them, shape (steps, 2, W, n)
+    by_speed: Floats
     shares: Floats  # of the step, shape (steps, 2, W, 1)
 
     @property
@@ -163,6 +155,9 @@ class ServoMotion:
     base: BaseModel  # with servos at all joints, and smooth friction
     names: tuple[str, ...]  # joints
     gains: tuple[int, ...]  # places of the servos' gains among the base parameters
+    most_steps: int = 60  # of Newton's method, for the acceleration of a step
+    kept: int = 6  # steps for which slopes are kept; after twice as many they are made anew, then steps are halved
+    converged: float = 1e-6  # relative change of accelerations that is none: far below what positions show
 
     def positions(
         self,
@@ -187,7 +182,10 @@ class ServoMotion:
         delay: float,
         limits: Limits | None = None,
     ) -> tuple[Floats, Floats]:
-        """The same and derivatives by parameters, delay, limits, first states, shape (W, length, n, r + 1 + l + 2n)."""
+        """Simulated positions, and their derivatives by parameters, delay, limits and first states.
+
+        Shapes (W, length, n) and (W, length, n, r + 1 + l + 2n).
+        """
         return self._run(
             windows,
             values,
@@ -255,11 +253,11 @@ class ServoMotion:
         newton: Slopes | None,
     ) -> tuple[Floats, Floats, Floats, Slopes] | None:
         """Accelerations of a step, its middle state, and the slopes that were used last; None if there are none."""
-        for count in range(1, _NEWTON + 1):
+        for count in range(1, self.most_steps + 1):
             speed = v + h / 2 * a
             middle = q + h / 2 * speed
             # slopes change little from step to step, and cost the most, but for friction that turns its sign
-            if newton is None or count % _KEPT == 0 or count > 2 * _KEPT:
+            if newton is None or count % self.kept == 0 or count > 2 * self.kept:
                 newton = self._newton(middle, speed, a, values, servos, h)
             rest = self.base.predict(
                 middle, speed, a, values, inputs=servos.inputs(middle)
@@ -267,8 +265,8 @@ class ServoMotion:
             if newton is None or not np.isfinite(rest).all():
                 return None
             change = np.linalg.solve(newton[0], rest[..., None])[..., 0]
-            a = a - change * (1.0 if count <= 3 * _KEPT else 0.5)
-            if np.abs(change).max() <= _CONVERGED * (1 + np.abs(a).max()):
+            a = a - change * (1.0 if count <= 3 * self.kept else 0.5)
+            if np.abs(change).max() <= self.converged * (1 + np.abs(a).max()):
                 return a, middle, speed, newton
         return None
 
@@ -361,212 +359,3 @@ class _Servos:
         for place, (kind, j) in enumerate(active, 1):
             found[:, j, place] = self.gains[j] * self._mean(by[kind])[:, j]
         return found
-
-
-_STEPS = 60
-_STUCK = 1e8  # damping from which on no step helps
-_SETTLED = 1e-2  # standard deviations by which a last step moves
-_FIRST = 10.0  # noise of positions, from one sample to the next, that first velocities may be off
-_ROUNDED = 0.05  # of limits, within which corners are rounded at first
-
-
-@dataclass(frozen=True)
-class Solution:
-    """What an output-error fit finds."""
-
-    values: Floats  # shape (r,)
-    delay: float  # s
-    limits: Limits
-    covariance: Floats  # of values, delay and limits, shape (r + 1 + l, r + 1 + l)
-    noise: Floats  # of the joints, shape (n,)
-    converged: bool  # whether steps became small
-
-
-@dataclass(frozen=True)
-class OutputErrorProblem:
-    """Weighted squares of the differences between measured and simulated positions, and of those from the file."""
-
-    motion: ServoMotion
-    windows: Windows
-    start: Floats
-    delay: float  # at the start, s
-    limits: Limits  # at the start; those that there are change
-    positive: Flags  # shape (r,)
-    prior: Floats  # see prior_rows
-    fixed: Floats  # shape (c, r): directions along which nothing changes
-
-    def solve(self, step: Callable[[str], None]) -> Solution:
-        """The values from which the motion is nearest to the measured one."""
-        values = np.concatenate([self.start, [self.delay], self.limits.values])
-        for corner in (_ROUNDED, 0.0) if self.limits.active else (0.0,):
-            values, solution = replace(
-                self, limits=replace(self.limits, corner=corner)
-            )._descended(values, step)
-        return solution
-
-    def _descended(
-        self, values: Floats, step: Callable[[str], None]
-    ) -> tuple[Floats, Solution]:
-        """The same from some values on, corners of limits being as rounded as they are."""
-        free = self._free()
-        rest, slopes = self._linearised(values)
-        if not np.isfinite(rest).all():
-            raise InputError(
-                "the robot with its starting values cannot be simulated: are signs, units or the order of the commands "
-                "wrong, or is the mass matrix of the file not positive?"
-            )
-        noise, damping, converged, count = _noise(rest), 1e-3, False, 0
-        while not converged and count < _STEPS and damping < _STUCK:
-            count += 1
-            step(f"simulating (step {count} of at most {_STEPS})")
-            hessian, gradient = self._normal(rest, slopes, noise, values, free)
-            change = -np.linalg.solve(
-                hessian + damping * np.diag(_sizes(hessian)), gradient
-            )
-            tried = self._moved(values, free @ change)
-            new, new_slopes = self._linearised(tried, noise)
-            worse = self._cost(new, noise, tried) - self._cost(rest, noise, values)
-            if worse <= _SETTLED * len(
-                change
-            ):  # what first states explain changes a little from step to step
-                converged = bool(
-                    self._distance(tried - values, slopes, noise)
-                    < _SETTLED * np.sqrt(len(change))
-                )
-                values, rest, slopes, noise, damping = (
-                    tried,
-                    new,
-                    new_slopes,
-                    _noise(new),
-                    max(damping / 5, 1e-9),
-                )
-            else:
-                damping *= 8
-        inflated = noise * np.sqrt(_inflation(rest))
-        hessian, _ = self._normal(rest, slopes, inflated, values, free)
-        scale = 1 / np.sqrt(_sizes(hessian))
-        inverse = (
-            scale[:, None]
-            * np.linalg.pinv(hessian * np.outer(scale, scale), hermitian=True)
-            * scale
-        )
-        r = len(self.start)
-        limits = self.limits.moved(values[r + 1 :])
-        return values, Solution(
-            values[:r],
-            float(values[r]),
-            limits,
-            free @ inverse @ free.T,
-            noise,
-            converged,
-        )
-
-    def _free(self) -> Floats:
-        """Basis of the changes that are allowed, of parameters, delay and limits, shape (r + 1 + l, d)."""
-        count, more = len(self.start), self.limits.values
-        held = np.hstack([self.fixed, np.zeros((len(self.fixed), 1 + len(more)))])
-        sizes = np.abs(self.start)
-        scale = np.concatenate([np.where(sizes > 0, sizes, 1.0), [1e-2], more])
-        _, singular, right = np.linalg.svd(held * scale, full_matrices=True)
-        rank = int(np.sum(singular > 1e-12 * singular.max(initial=1e-300)))
-        basis: Floats = scale[:, None] * right[rank:].T
-        return basis.reshape(count + 1 + len(more), -1)
-
-    def _moved(self, values: Floats, change: Floats) -> Floats:
-        """Values after a step that leaves positive ones positive: their logarithms change, by no more than 1."""
-        tried = values + change
-        some = np.flatnonzero(
-            np.concatenate(
-                [self.positive, [False], np.ones(len(self.limits.values), dtype=bool)]
-            )
-        )
-        tried[some] = values[some] * np.exp(
-            np.clip(change[some] / values[some], -1.0, 1.0)
-        )
-        return tried
-
-    def _linearised(
-        self, values: Floats, noise: Floats | None = None
-    ) -> tuple[Floats, Floats]:
-        """What is left of positions, and its derivatives, apart from what first states explain."""
-        r, n = len(self.start), len(self.motion.names)
-        limits = self.limits.moved(values[r + 1 :])
-        found, slopes = self.motion.derivatives(
-            self.windows, values[:r], float(values[r]), limits
-        )
-        rest = found - self.windows.measured
-        if not np.isfinite(rest).all():
-            return rest, slopes[..., : -2 * n]
-        noise = _noise(rest) if noise is None else noise
-        states = np.concatenate([noise, _FIRST * self.windows.rate * noise])
-        both = np.concatenate([rest[..., None], slopes[..., : -2 * n]], axis=3)
-        both = (
-            _apart(
-                both / noise[:, None], slopes[..., -2 * n :] * states / noise[:, None]
-            )
-            * noise[:, None]
-        )
-        return both[..., 0], both[..., 1:]
-
-    def _cost(self, rest: Floats, noise: Floats, values: Floats) -> float:
-        return float(
-            np.sum((rest / noise) ** 2)
-            + np.sum((self.prior @ (values[: len(self.start)] - self.start)) ** 2)
-        )
-
-    def _distance(self, change: Floats, slopes: Floats, noise: Floats) -> float:
-        """Standard deviations by which values move."""
-        return float(
-            np.hypot(
-                norm(slopes @ change / noise),
-                norm(self.prior @ change[: len(self.start)]),
-            )
-        )
-
-    def _normal(
-        self, rest: Floats, slopes: Floats, noise: Floats, values: Floats, free: Floats
-    ) -> tuple[Floats, Floats]:
-        along = (slopes / noise[:, None]).reshape(-1, slopes.shape[-1]) @ free
-        weighted = (rest / noise).reshape(-1)
-        r = len(self.start)
-        prior = self.prior @ free[:r]
-        hessian = along.T @ along + prior.T @ prior
-        gradient = along.T @ weighted + prior.T @ (
-            self.prior @ (values[:r] - self.start)
-        )
-        return hessian, gradient
-
-
-def _apart(values: Floats, states: Floats) -> Floats:
-    """Values (W, length, n, …) in units of noise that is white again where first states add theirs, (…, 2n) each."""
-    table, by = (
-        some.reshape(len(some), -1, some.shape[3]) for some in (values, states)
-    )
-    left, singular, _ = np.linalg.svd(by, full_matrices=False)
-    kept = 1 / np.sqrt(1 + singular**2)
-    found = table + left @ ((kept - 1)[:, :, None] * (left.swapaxes(1, 2) @ table))
-    return np.asarray(found.reshape(values.shape))
-
-
-def _sizes(hessian: Floats) -> Floats:
-    """Its diagonal, which is positive where a limit that the data do not reach leaves none."""
-    diagonal = np.diagonal(hessian)
-    found: Floats = np.maximum(diagonal, 1e-12 * diagonal.max())
-    return found
-
-
-def _noise(rest: Floats) -> Floats:
-    """Standard deviations of joints, shape (n,)."""
-    found: Floats = np.maximum(np.sqrt(np.mean(rest**2, axis=(0, 1))), 1e-9)
-    return found
-
-
-def _inflation(rest: Floats) -> Floats:
-    """Samples that say as much as one, because differences resemble their neighbours, shape (n,)."""
-    found = []
-    for joint in range(rest.shape[2]):
-        sums = CorrelationSums(rest.shape[1])
-        for window, values in enumerate(rest[:, :, joint]):
-            sums.add(np.arange(float(len(values))), values, window)
-        found.append(max(1.0, sums.result().time))
-    return np.array(found)

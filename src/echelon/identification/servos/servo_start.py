@@ -1,4 +1,4 @@
-"""What a fit of servos starts from: the file's values, least squares of differentiated positions, and a prior."""
+"""Start of a fit of servos: the file's values, least squares of differentiated positions, and a prior."""
 
 from __future__ import annotations
 
@@ -11,21 +11,26 @@ from echelon.arrays import Flags, Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.extras import extra
+from echelon.identification.estimators.estimate import CLEAR
 from echelon.identification.servos.servo_limits import LIMITS, Limits
 from echelon.logs.recording import Segment
 from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.setup import Setup
 from echelon.signals.filters import derivatives, lowpass
 
-_PRIOR = 1.0  # standard deviation of inertial parameters, in sizes of their bodies
-_ANYTHING = 1e3  # standard deviation of effects, in the largest parameters of bodies
+ANYTHING = 1e3  # standard deviation of effects, in the largest parameters of bodies: data alone tell them
+CERTAIN = (
+    2 * CLEAR
+)  # standard errors of a gain that is a good start: it is right to a tenth
+SLIGHT = 1e-3  # of a gain, that friction has at least at the start: logarithms need something to begin with
+
+FAR_LESS = 0.7
+"""Share of a row's squares that a limit leaves at most: smaller ones are found by the fit itself."""
+
 _DELAYS = tuple(k / 100 for k in range(16))  # s
-_SLIGHT = 1e-3  # of a gain, that friction has at least at the start
 # shares of samples that are below a limit that is tried
 _SATURATED = (0.995, 0.98, 0.95, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2, 0.1)
 _IDLE = (0.1, 0.2, 0.35, 0.5)  # and within a dead band
-_FAR_LESS = 0.7  # of a row's squares that a limit leaves
-_CERTAIN = 10.0  # standard errors of a gain that is a good start
 
 
 def servo_joints(mechanism: Mechanism) -> dict[str, str]:
@@ -105,7 +110,7 @@ def start_values(
         free = [int(place) for place in places if place != gain]
         held = np.where(bodies | given, start, 0.0)
         held[gain] = 0.0
-        rows.append(_Row(free, X[:, k, free], X[:, k] @ held, positive[free]))
+        rows.append(_JointEquation(free, X[:, k, free], X[:, k] @ held, positive[free]))
     found, delay, limits = _limited(rows, segments, names)
     told = [1 / weight for _, weight, certain, _ in found if certain]
     if not told and not given[gains].any():
@@ -119,15 +124,15 @@ def start_values(
                 1 / weight if certain else np.median(told or start[gains][given[gains]])
             )
         start[row.free] = (
-            np.where(row.positive, np.maximum(shares, _SLIGHT), shares) * start[gain]
+            np.where(row.positive, np.maximum(shares, SLIGHT), shares) * start[gain]
         )
     return start, delay, limits
 
 
 def _limited(
-    rows: Sequence[_Row], segments: Sequence[Segment], names: Sequence[str]
+    rows: Sequence[_JointEquation], segments: Sequence[Segment], names: Sequence[str]
 ) -> tuple[list[tuple[Floats, float, bool, float]], float, Limits]:
-    """What each joint's row gives with the delay and the limits of servos that leave least."""
+    """Solutions of all joints' rows, with the delay and the limits of servos that leave least."""
 
     def solved(
         delay: float, limits: Limits
@@ -154,7 +159,7 @@ def _limited(
         "dead": np.quantile(errors, _IDLE, axis=0),
     }
     for _ in candidates:  # a servo may have one of each
-        best, of = left * _FAR_LESS, limits
+        best, of = left * FAR_LESS, limits
         for kind, levels in candidates.items():
             for level in levels:
                 tried = replace(limits, **{kind: level})
@@ -201,7 +206,7 @@ def _pulls(
 
 
 @dataclass(frozen=True)
-class _Row:
+class _JointEquation:
     """A joint's equation: effects with unknown parameters, and forces that are known but for their scale."""
 
     free: list[int]
@@ -226,7 +231,7 @@ class _Row:
         return (
             found[:-1] / scales[:-1],
             float(found[-1] / scales[-1]),
-            bool(found[-1] > _CERTAIN * error),
+            bool(found[-1] > CERTAIN * error),
             squares,
         )
 
@@ -253,14 +258,14 @@ def prior_rows(setup: Setup, base: BaseModel) -> Floats:
     value = np.array(
         [given.get(c.name) or 0.0 if c.body is not None else 0.0 for c in columns]
     )
-    anything = _ANYTHING * (np.abs(value).max() or 1.0)
+    anything = ANYTHING * (np.abs(value).max() or 1.0)
     covariance = np.diag([0.0 if c.body is not None else anything**2 for c in columns])
     for body in {c.body for c in columns if c.body is not None}:
         own = np.array([c.body == body for c in columns])
         for unit in {c.unit for c in columns if c.body == body}:
             some = own & np.array([c.unit == unit for c in columns])
-            covariance[some, some] = _PRIOR**2 * np.sum(value[some] ** 2)
-        covariance += _PRIOR**2 * np.outer(value * own, value * own)
+            covariance[some, some] = np.sum(value[some] ** 2)
+        covariance += np.outer(value * own, value * own)
     B, bodies = base.B_float(), np.flatnonzero(inertial(base))
     spread = (B @ covariance @ B.T)[np.ix_(bodies, bodies)]
     scale = np.sqrt(np.maximum(np.diagonal(spread), 1e-300))

@@ -1,0 +1,137 @@
+"""Findings about a fit: its scores, its conditioning, and physics; and facts that contradict it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from echelon.identification.conditioning import DataConditioning
+from echelon.identification.estimators.estimate import CLEAR, Estimate
+from echelon.identification.physics.feasibility import Feasibility
+from echelon.identification.physics.fit import PhysicalFit
+from echelon.identification.scores import HALF, OVERFIT, Validation
+from echelon.logs.finding import Finding, Severity, note, warning
+
+IMPOSSIBLE = 30.0
+"""Standard deviations to the nearest robot from which on the model contradicts physics: filters and unmodelled effects
+do less."""
+
+
+def contradictions(
+    feasible: Feasibility | None,
+    findings: Sequence[Finding],
+    measured: Sequence[str] | None = (),
+) -> list[str]:
+    """Facts that contradict a model however well it predicts; rates do where they are taken as ``measured``."""
+    facts = []
+    if feasible is not None and feasible.is_beyond(IMPOSSIBLE):
+        away = f"{feasible.distance:.2g} standard deviations away"
+        facts.append(f"no robot can have its parameters, the nearest is {away}")
+    told = ("contradiction", "rates") if measured else ("contradiction",)
+    facts += [str(finding) for finding in findings if finding.kind in told]
+    return facts
+
+
+def fit_findings(
+    estimate: Estimate,
+    seen: DataConditioning,
+    feasible: Feasibility | None,
+    physical: PhysicalFit | None,
+    validations: Sequence[Validation],
+) -> list[Finding]:
+    """Findings about a fit: its scores, its conditioning, and physics."""
+    return [
+        *_of_scores(validations),
+        *_of_estimate(estimate, seen),
+        *_of_physics(feasible, physical, estimate),
+    ]
+
+
+def limited(findings: Iterable[Finding], most: int = 12) -> tuple[Finding, ...]:
+    """Findings with warnings first, each once, and of one kind the first ones and how many more there are."""
+    unique = list(dict.fromkeys(findings))
+    unique.sort(key=lambda finding: finding.severity is not Severity.WARNING)
+    shown: list[Finding] = []
+    kinds = list(dict.fromkeys((f.severity, f.kind) for f in unique))
+    for severity, kind in kinds:
+        same = [
+            finding
+            for finding in unique
+            if (finding.severity, finding.kind) == (severity, kind)
+        ]
+        shown += same[:most]
+        if len(same) > most:
+            shown.append(
+                Finding(
+                    severity,
+                    kind,
+                    "",
+                    f"{len(same) - most} more findings of this kind ({kind})",
+                )
+            )
+    return tuple(shown)
+
+
+def _of_scores(validations: Sequence[Validation]) -> Iterable[Finding]:
+    for validation in validations:
+        scores = [score.r2 for score in validation.scores if np.isfinite(score.r2)]
+        if validation.role == "identification" and scores and max(scores) < HALF:
+            text = (
+                f"the model explains less than half of every output (R² at most {max(scores):.2f}): is this log of "
+                "another robot, or are columns exchanged, or their signs or units wrong?"
+            )
+            yield warning("stranger", validation.source, text)
+    told = [
+        score
+        for validation in validations
+        for score in validation.scores
+        if score.raw.deviation > 0
+    ]
+    if told and all(score.is_computed for score in told):
+        noise = max(score.noise / score.raw.deviation for score in told)
+        text = (
+            f"all outputs are predicted without a filter, and their noise is {noise:.1g} of their deviation: they look "
+            "computed from a model or commanded, not measured, so the fit repeats that model"
+        )
+        yield warning("computed", "", text)
+
+
+def _of_estimate(estimate: Estimate, seen: DataConditioning) -> Iterable[Finding]:
+    for output, rows in zip(estimate.outputs, estimate.rows, strict=True):
+        if not rows:
+            text = "no row of it is left: it never moves faster than 'still', so nothing was fitted to it"
+            yield warning("silent", f"output '{output}'", text)
+    n, course = len(estimate.values), estimate.diagnostics
+    if seen.rank < n:
+        text = f"the data determine {seen.rank} of {n} base parameters, though the sensors could see all of them"
+        yield warning("conditioning", "", text)
+    for direction in seen.weak:
+        yield warning("conditioning", "", direction.advice)
+    if course.get("converged") is False:
+        text = f"the estimator {estimate.method} did not converge in {course.get('iterations')} iterations"
+        yield warning("convergence", "", text)
+
+
+def _of_physics(
+    feasible: Feasibility | None, physical: PhysicalFit | None, estimate: Estimate
+) -> Iterable[Finding]:
+    if feasible is not None and feasible.feasible is False:
+        away = f"{feasible.distance:.2g} standard deviations away"
+        text = f"no physical robot has the estimated base parameters; the nearest one is {away}"
+        if feasible.distance <= CLEAR:
+            yield note("feasibility", "", f"{text}, as noise does")
+        else:
+            wrong = "columns are exchanged, or their signs or units wrong, or " * (
+                feasible.distance > IMPOSSIBLE
+            )
+            yield warning(
+                "feasibility", "", f"{text}: {wrong}the model lacks something"
+            )
+    rows = max(sum(estimate.rows), 1)
+    if physical is not None and physical.misfit > OVERFIT * max(
+        physical.unconstrained_misfit, rows
+    ):
+        more = (physical.misfit - physical.unconstrained_misfit) / rows
+        text = f"physical consistency raises the squares by {more:.2g} noise variances per row: is the model complete?"
+        yield warning("physics", "", text)

@@ -1,0 +1,163 @@
+"""Questions to the judge: what may be wrong or lacking in a fit, in a log that was not fitted, or with a clock."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from echelon.arrays import Floats
+from echelon.base.derive import base_parameters
+from echelon.identification.judge.evidence import States
+from echelon.identification.judge.hypothesis import Kind
+from echelon.identification.judge.judge import Judge, Judged
+from echelon.identification.judge.mounting import free_gravity
+from echelon.identification.judge.readings import Readings
+from echelon.identification.judge.units import common_unit
+from echelon.identification.passes_over_data import PassesOverData
+from echelon.identification.physics.prior_information import Prior
+from echelon.identification.rows.plan import LogPlan
+from echelon.identification.scores import (
+    EXPLAINED,
+    UNEXPLAINED,
+    USABLE,
+    Grade,
+    Validation,
+    grade,
+)
+from echelon.identification.survey import survey
+from echelon.identification.verdict import by_role
+from echelon.logs.columns.magnitudes import fitting_units
+from echelon.logs.columns.column_map import ColumnMap
+from echelon.logs.finding import Finding, warning
+from echelon.logs.recording import Samples
+from echelon.setup.setup import Setup
+
+SETUP_ERROR = "setup error"
+"""Kind of findings that name what a set-up has wrong."""
+
+USUAL_RATES = (1.0, 1.2, 1.25, 1.5, 2.0, 2.4, 2.5, 3.0, 4.0, 5.0, 6.0, 7.5, 8.0, 10.0)
+"""Rates at which robots are logged, in powers of ten."""
+
+RATE_ERROR = 0.02  # relative error up to which the judge finds a rate
+
+
+def _judge(
+    plan: LogPlan,
+    samples: Iterable[Samples],
+    values: Floats,
+    *,
+    seed: int | None = None,
+) -> Judge:
+    """A judge of prepared samples and base parameters; with a seed it may turn gravity."""
+    base, preparation = plan.base, plan.preparation
+    free, gravity = (base, None) if seed is None else free_gravity(base, seed)
+    states = States.of(samples, preparation.band or np.inf, base, values, gravity)
+    columns = plan.columns[0] if plan.columns else ColumnMap()
+    readings = Readings(free, states, columns, "qd" in (preparation.measured or ()))
+    return Judge(free, states, readings)
+
+
+def judged_fit(
+    data: PassesOverData,
+    values: Floats,
+    validations: Sequence[Validation],
+    prior: Prior | None,
+    *,
+    seed: int,
+    is_contradicted: bool,
+    gravity_is_open: bool,
+) -> tuple[list[Judged], list[Judged]]:
+    """Hypotheses that explain what a fit with some base parameters leaves, and those that are told.
+
+    A fit that leaves nothing is not judged, unless physics contradict it.
+    """
+    base = data.plan.base
+    guess = None if prior is None else prior.base_values(base)
+    unit = None if guess is None else common_unit(base, data.observation, guess)
+    is_doubtful = is_contradicted or _is_poor(validations)
+    taken: list[Judged] = []
+    told: list[Judged] = []
+    if unit is not None or is_doubtful or _is_unexplained(by_role(validations)):
+        judge = _judge(data.plan, data.fitted(), values, seed=seed)
+        judge = replace(judge, doubtful=is_doubtful, gravity_is_open=gravity_is_open)
+        if prior is not None:
+            judge.prior = prior.base_values(judge.base, judge.states.symbols)
+        taken = judge.run() if judge.is_told else []
+        told = judge.told
+    if unit is not None and not any(some.kind is Kind.READING for some in taken):
+        taken, told = [unit, *taken], [unit, *told]
+    return taken, told
+
+
+def _is_poor(validations: Sequence[Validation]) -> bool:
+    """Whether some output of some log is not predicted well."""
+    grades = [grade(score) for validation in validations for score in validation.scores]
+    return any(found is not None and found < Grade.GOOD for found in grades)
+
+
+def _is_unexplained(validations: Sequence[Validation]) -> bool:
+    """Whether some output has more left than noise of its sensor, or than friction, which no model has exactly."""
+    fitted, judged = validations[0], validations[-1]
+    above = any(score.by_noise > UNEXPLAINED for score in fitted.scores)
+    return above or any(score.r2 < 1 - EXPLAINED for score in judged.scores)
+
+
+def misread_elsewhere(
+    data: PassesOverData,
+    values: Floats,
+    validations: Sequence[Validation],
+    unseen_logs: Sequence[Path],
+) -> list[Finding]:
+    """Mistakes in logs that are predicted poorly, where the fitted ones are not."""
+    fitted = by_role(validations)[0].scores
+    found = []
+    for log, validation in zip(
+        unseen_logs, [v for v in validations if v.role == "validation"], strict=False
+    ):
+        grades = [
+            (grade(seen), grade(unseen))
+            for seen, unseen in zip(fitted, validation.scores, strict=True)
+        ]
+        told = [
+            (seen, unseen)
+            for seen, unseen in grades
+            if seen is not None and unseen is not None
+        ]
+        if any(seen >= Grade.USABLE > unseen for seen, unseen in told):
+            judge = _judge(data.plan, data.samples(log, "all"), values)
+            judge.values = values
+            mistake = judge.other_reading()
+            words = judge.other_load() if mistake is None else mistake[0].words
+            if words is not None:
+                kind = "changes" if mistake is None else SETUP_ERROR
+                text = f"in this log, other than in those that were fitted, {words}"
+                found.append(warning(kind, str(log), text))
+    return found
+
+
+def explained_rate(setup: Setup, logs: Sequence[Path]) -> float | None:
+    """The samples per second of a log without a clock with which a robot that can exist explains its outputs.
+
+    The set-up states another rate.  Gravity has no time in it and inertia its square, so that they tell the rate where
+    they share parameters; None if nothing does, or if it is none at which robots are logged.
+    """
+    columns, base = setup.columns[0], base_parameters(setup.mechanism, seed=setup.seed)
+    plan = LogPlan(base, setup.columns, survey(setup, base, logs).preparation)
+    found = _judge(plan, plan.samples(logs[0]), np.zeros(base.rank)).other_reading(
+        only_clock=True
+    )
+    if found is None or columns.rate is None or found[0].after[0] > 1 - USABLE:
+        return None
+    rate = columns.rate * found[0].size
+    ten = 10 ** np.floor(np.log10(rate))
+    near = min(
+        (ten * nice for nice in USUAL_RATES),
+        key=lambda usual: abs(np.log(usual / rate)),
+    )
+    is_usual = abs(near / rate - 1) < RATE_ERROR and fitting_units(1 / near)[:1] == [
+        "s"
+    ]
+    return float(near) if is_usual else None
