@@ -69,7 +69,7 @@ Solved = TypeVar("Solved")
 _PIECES = 5  # stretches of the data that are predicted from one another to weigh the prior
 _CLEARLY = 5.0  # times a sensor's noise in the band, or an estimate's standard deviation, that is more than noise
 _ROTOR = "a rotor inertia was taken in at {}: it weighs nothing, which else a constant force would have to explain"
-_COMPLETIONS = 3  # of a set-up with what a fit says: gravity, rotors, and what a rotor explains
+_COMPLETIONS = 4  # of a set-up with what a fit says: gravity, delays, rotors, and what a rotor explains
 _ASSUMED_GRAVITY = "the direction of gravity was left open: -z of the base was taken"
 _EXPLAINED = 1e-3  # share of an output's spread that is left at most where nothing is lacking
 
@@ -154,13 +154,19 @@ def _completed(
 ) -> tuple[Setup, list[Finding]]:
     """The set-up with what nobody has stated and the logs say, and what is said of it.
 
-    That is the inertia of rotors, and the direction of gravity if the robot is not ``mounted``.
+    That is the inertia of rotors, delays of outputs if nothing else is wrong with the readings, and the direction of
+    gravity if the robot is not ``mounted``.
     """
     lists, mechanism = setup.states_effects, setup.mechanism
     for some in judged:
         if not mounted and some.gravity is not None and any(some.gravity):
             turned = with_gravity(mechanism, np.array(some.gravity))
             return replace(setup, mechanism=turned), [finding(some, lists_effects=lists, taken=True)]
+    readings = [some for some in judged if some.kind not in (Kind.EFFECT, Kind.ROTOR)]
+    if readings and setup.preparation.delays is None and all(some.delays for some in readings):
+        preparation = setup.preparation.model_copy(update={"delays": readings[0].delays})
+        late = [finding(some, lists_effects=lists, taken=True) for some in readings]
+        return replace(setup, preparation=preparation), late
     rotors = [some for some in judged if some.kind is Kind.ROTOR]
     drives = {place for some in rotors for place in some.places}
     lifted = _lifted(result) - drives
@@ -421,7 +427,8 @@ def _judge(plan: Plan, samples: Iterable[Samples], values: Floats, setup: Setup,
     free, gravity = free_gravity(base, setup.seed)
     states = States.of(samples, preparation.band or np.inf, base, values, gravity)
     columns = setup.columns[0] if setup.columns else ColumnMap()
-    readings = Readings(free, states, columns, "qd" in (preparation.measured or ()))
+    measured = "qd" in (preparation.measured or ())
+    readings = Readings(free, states, columns, measured, preparation.delays or {})
     return Judge(free, states, readings, prior=None if prior is None else prior.base_values(free, states.symbols))
 
 

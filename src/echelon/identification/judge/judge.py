@@ -22,12 +22,22 @@ from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.errors import EchelonError
 from echelon.identification.judge.changes import payloads, warming, whole_loads
+from echelon.identification.judge.delays import scanned_delays
 from echelon.identification.judge.effects import effects
-from echelon.identification.judge.evidence import Evidence, Gain, Products, States, WeightedFit, fitted, ridged_solution
+from echelon.identification.judge.evidence import (
+    Evidence,
+    Gain,
+    OutputRows,
+    Products,
+    States,
+    WeightedFit,
+    fitted,
+    ridged_solution,
+)
 from echelon.identification.judge.gains import own_gains
 from echelon.identification.judge.held_out import Beside, HeldOut
 from echelon.identification.judge.hypothesis import CONTINUOUS, Kind, Reading, Term, Usual
-from echelon.identification.judge.knobs import gain, load_of, slopes, turned
+from echelon.identification.judge.knobs import delays, gain, load_of, slopes, turned
 from echelon.identification.judge.readings import Readings
 from echelon.identification.judge.settled import Turned, jackknifed, read_with, settled, settled_with_loads
 from echelon.identification.physics.feasibility import nearest_physical
@@ -69,6 +79,7 @@ class Judged:
     after: tuple[float, ...] = ()
     size: float = 1.0  # of a continuous change: times a rate, or the first of some gains
     gravity: tuple[float, ...] | None = None  # that it finds, m/s² in the base frame
+    delays: Mapping[str, float] = field(default_factory=dict)  # by output, s: all of them, where it finds some
     taken: bool = True
 
     @property
@@ -148,7 +159,7 @@ class Judge:
         if small.judged.gain.mean >= large.gain.mean:
             return True
         before, after = self._physical(self.states), None
-        if small.judged.kind is Kind.GAIN:  # whose slope says little of a gain that is far from one
+        if small.terms[0].knob is not None:  # whose slope says little of what is far from none
             after = self._physical(self._settled(small)[1])
         return before is not None and after is not None and _between(before, after).mean > large.gain.mean - _READ_ALIKE
 
@@ -162,7 +173,7 @@ class Judge:
             *effects(self.base.mechanism, self.states, self.states.predicted(self.base, values)),
             *payloads(self.base, self.states),
             *warming(self.base, self.states),
-            *turned(self.base, self.states, values, self.readings.velocities),
+            *turned(self.readings, self.states, values),
         ]
         tried = [term for term in tried if term.words not in self.turned]
         held, rows = HeldOut(model, first.noise), list(self.evidence.rows(self.states, self._signals))
@@ -172,7 +183,9 @@ class Judge:
             candidate = trial.candidate(trial.columns)
             if candidate is not None:
                 found.append(candidate)
-        found += [c for c in self._foreign_gains(model, first, held) if c.terms[0].words not in self.turned]
+        far = self._far(model, first, held, rows)
+        words = {some.terms[0].words for some in far}
+        found = [*(some for some in found if some.terms[0].words not in words), *far]
         sure = [c for c in found if c.judged.gain.ratio > _SURE]
         if not sure:
             return None, []
@@ -211,26 +224,37 @@ class Judge:
         stated = not (self.gravity_is_open and some.judged.kind is Kind.GRAVITY)
         return stated, some.judged.usual, sum(term.width for term in some.terms), -some.judged.gain.mean
 
-    def _foreign_gains(self, model: Products, fit: WeightedFit, held: HeldOut) -> list[_Candidate]:
-        """Outputs in other units, such as currents, whose gains are too far from one for derivatives."""
+    def _far(self, model: Products, fit: WeightedFit, held: HeldOut, rows: Sequence[OutputRows]) -> list[_Candidate]:
+        """Gains and delays that are too far from none for derivatives."""
+        values, found = fit.values[: self.base.rank], []
         gains = own_gains(self.base, model)
-        if not gains:
-            return []
-        other = model
-        for output, factor in gains.items():
-            other = other.scaled(output, factor)
-        before, after = held.squares, HeldOut(other, fitted(other).noise).squares
-        names = tuple(self.readings.outputs[output] for output in gains)
-        signs = [float(np.sign(factor)) for factor in gains.values()]
-        knob = gain(list(gains), names, signs)
-        load = np.zeros_like(self.states.y)
-        signals = slopes(self.base, self.states, fit.values[: self.base.rank], knob, np.zeros(len(gains)), load)
-        term = Term(Kind.GAIN, "the gains of outputs", ", ".join(names), "", Usual.OFTEN, signals, knob)
-        found, spread = Gain.of(before, after, _floor(model)), np.maximum(model.spread, _TINY)
-        old, new = (tuple(1 - squares.sum(axis=0)[k] / spread[k] for k in gains) for squares in (before, after))
-        entries = ("",) * len(names)
-        judged = Judged(Kind.GAIN, term.words, "", term.usual, found, names, entries, old, new)
-        return [_Candidate(judged, (term,), after, np.log(np.abs(list(gains.values()))))]
+        if gains:  # as of outputs in other units, such as currents
+            names = [self.readings.outputs[output] for output in gains]
+            knob = gain(list(gains), names, [float(np.sign(factor)) for factor in gains.values()])
+            start = np.log(np.abs(list(gains.values())))
+            signals = slopes(self.base, self.states, values, knob, np.zeros(len(gains)), np.zeros_like(self.states.y))
+            term = Term(Kind.GAIN, "the gains of outputs", ", ".join(names), "", Usual.OFTEN, signals, knob)
+            found.append(self._started(term, start, held, list(gains)))
+        if not self.knobs:  # a long delay hides all else, and is the first to be found
+            terms = delays(self.readings, self.states, values)
+            for term, delay in zip(terms, scanned_delays(rows, self.states), strict=False):
+                if delay:
+                    found.append(self._started(term, np.array([delay]), held))
+        return [some for some in found if some.terms[0].words not in self.turned]
+
+    def _started(self, term: Term, start: Floats, held: HeldOut, outputs: Sequence[int] = ()) -> _Candidate:
+        """A continuous change at a size to start from; ``outputs`` are its places, if it has several."""
+        assert term.knob is not None
+        model, fit = self._fit(term.knob.moved(self.states, start, np.zeros_like(self.states.y)))
+        rows = held.products.counts / np.maximum(model.counts, 1)
+        before, after = held.squares, rows * HeldOut(model, fit.noise).squares
+        spread = np.maximum(held.products.spread, _TINY)
+        shown = outputs or [max(term.signals, key=lambda k: float((before - after)[:, k].sum() / spread[k]))]
+        old, new = (tuple(float(1 - e[:, k].sum() / spread[k]) for k in shown) for e in (before, after))
+        names = tuple(self.readings.outputs[k] for k in outputs) or (term.place,)
+        gained = Gain.of(before, after, _floor(held.products))
+        judged = Judged(term.kind, term.words, "", term.usual, gained, names, ("",) * len(names), old, new)
+        return _Candidate(judged, (term,), after, start)
 
     def _takes(self, chosen: _Candidate) -> bool:
         """Takes a hypothesis into the model, unless it gains nothing where it is not a derivative any more."""
@@ -239,7 +263,9 @@ class Judge:
             return True
         self.turned.append(chosen.terms[0].words)
         knobs, states = self._settled(chosen)
-        if not (np.abs(knobs[-1].sizes) > _SURE * knobs[-1].errors).any():  # an output of pure noise has no gain
+        last = knobs[-1]
+        told = np.abs(last.sizes) > np.maximum(_SURE * last.errors, last.knob.least)
+        if not told.any():  # an output of pure noise has no gain
             return False
         (before, old), (after, new) = self._fit(self.states), self._fit(states)
         gain = _between(_marks(before, old.values), _marks(after, new.values))
@@ -281,12 +307,15 @@ class Judge:
 
     def _sized(self, judged: Judged, turned: Turned) -> Judged:
         words, write = turned.words
-        gravity = None
+        gravity, delays = None, {}
+        if judged.kind is Kind.DELAY:
+            delays = self.readings.all_delays(np.asarray(self.states.late))
+            write = f"delays: {{{', '.join(f'{name}: {delay:.4g}' for name, delay in delays.items())}}}"
         if judged.kind is Kind.GRAVITY and self.states.gravity is not None:
             gravity = tuple(self.states.gravity.tolist())
         scaled = judged.kind in (Kind.GAIN, Kind.RATE)
         size = turned.knob.sign * float(np.exp(turned.sizes[0])) if scaled else 1.0
-        return replace(judged, words=words, write=write, size=size, gravity=gravity)
+        return replace(judged, words=words, write=write, size=size, gravity=gravity, delays=delays)
 
     def _settled(self, chosen: _Candidate) -> tuple[tuple[Turned, ...], States]:
         """All knobs that were taken and another one, with the sizes that leave least, and the states read with them."""
