@@ -6,7 +6,7 @@ the outputs' own least-squares fits are smallest: W stays, y is shifted, and one
 all fits.  Outputs that come over one bus are late together, and a single one with many parameters could explain almost
 anything by a delay of its own; so one delay is sought for all, by the mean of the logarithms of their residuals, and
 taken only where it removes more than noise would.  An output has one of its own only where that differs by more than
-half a period and removes twice as much of what is left.
+half a period and removes twice as much of what is left.  Longer ones are hypotheses of the judge.
 
 ``first_look`` says what logs can show of a robot, and what is missing, before anything is fitted; ``explained_rate`` at
 which rate a log without a clock was taken.
@@ -68,6 +68,9 @@ def with_delays(preparation: Preparation, segments: Sequence[Segment], base: Bas
     squares = _residuals(preparation.model_copy(update={"delays": {}}), segments, base, tried)
     tried, squares = _between(tried, squares)
     delay, gain = _best(tried, squares)
+    if abs(delay) == longest and gain >= _GAIN:  # what is longer, or something else that is wrong, no output's own delay explains
+        text = f"none: no common delay up to {1e3 * longest:.2g} ms would remove most"
+        return preparation.model_copy(update={"delays": {}, "reasons": {**preparation.reasons, "delays": text}})
     delay = delay if gain >= _GAIN else 0.0
     found = {output.name: delay for output in base.mechanism.outputs if delay}
     text = f"outputs are {1e3 * delay:.2g} ms behind positions: undoing it removes {gain:.0%} of the residuals' squares"
@@ -75,7 +78,7 @@ def with_delays(preparation: Preparation, segments: Sequence[Segment], base: Bas
         text = f"none: no common delay would remove {_GAIN:.0%} of the residuals' squares"
     for k, output in enumerate(base.mechanism.outputs):
         own, share = _best(tried, squares[:, [k]], np.interp(delay, tried, squares[:, k]))
-        if share >= 2 * _GAIN and abs(own - delay) > 0.5 / rate:
+        if share >= 2 * _GAIN and abs(own - delay) > 0.5 / rate and abs(own) < longest:
             found[output.name] = own
             text += f"; {output.name} {1e3 * own:.2g} ms, which removes {share:.0%} of what is left of it"
     return preparation.model_copy(update={"delays": found, "reasons": {**preparation.reasons, "delays": text}})
@@ -155,8 +158,6 @@ def _best(delays: Floats, squares: Floats, before: float | None = None) -> tuple
         return 0.0, 0.0
     errors = np.log(told).mean(axis=1)
     least = int(np.argmin(errors))
-    if least in (0, len(delays) - 1):
-        return 0.0, 0.0  # no minimum within reach: something else is wrong
     reference = errors[len(delays) // 2] if before is None else np.log(before)
     return float(delays[least]), float(1 - np.exp(errors[least] - reference))
 

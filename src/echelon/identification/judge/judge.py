@@ -80,6 +80,7 @@ class Judged:
     size: float = 1.0  # of a continuous change: times a rate, or the first of some gains
     gravity: tuple[float, ...] | None = None  # that it finds, m/s² in the base frame
     delays: Mapping[str, float] = field(default_factory=dict)  # by output, s: all of them, where it finds some
+    alternatives: tuple[str, ...] = ()  # words of others that data do not tell from it
     taken: bool = True
 
     @property
@@ -159,7 +160,7 @@ class Judge:
         if small.judged.gain.mean >= large.gain.mean:
             return True
         before, after = self._physical(self.states), None
-        if small.terms[0].knob is not None:  # whose slope says little of what is far from none
+        if small.judged.kind in (Kind.GAIN, Kind.DELAY):  # whose slopes say little of what is far from none
             after = self._physical(self._settled(small)[1])
         return before is not None and after is not None and _between(before, after).mean > large.gain.mean - _READ_ALIKE
 
@@ -195,6 +196,8 @@ class Judge:
         if chosen.judged.kind is Kind.GAIN and self.prior is not None:  # of two outputs either may be wrong
             gains = [c for c in alike if c.judged.kind is Kind.GAIN]
             chosen = min(gains, key=lambda c: self._unlike_prior(c, model)) if len(gains) > 1 else chosen
+        else:
+            chosen = _with_alternatives(chosen, alike)
         return _of_position(_pruned(chosen), alike), sure
 
     def _unlike_prior(self, some: _Candidate, model: Products) -> float:
@@ -307,6 +310,8 @@ class Judge:
 
     def _sized(self, judged: Judged, turned: Turned) -> Judged:
         words, write = turned.words
+        if judged.alternatives:
+            words += f", which these data do not tell from {' or '.join(judged.alternatives)}"
         gravity, delays = None, {}
         if judged.kind is Kind.DELAY:
             delays = self.readings.all_delays(np.asarray(self.states.late))
@@ -537,6 +542,17 @@ def _shown(term: Term, squares: Floats) -> Iterable[int]:
     if term.kind is Kind.GAIN:
         return range(squares.shape[1])
     return term.signals
+
+
+def _with_alternatives(chosen: _Candidate, alike: Sequence[_Candidate]) -> _Candidate:
+    """A mistake in what is read with others that are as usual and predict alike, the likeliest ones."""
+    kinds = set(CONTINUOUS) - {Kind.JOINT}
+    others = [c for c in alike if c.judged.kind in kinds and c.terms[0].words != chosen.terms[0].words]
+    if chosen.judged.kind not in kinds or not others:
+        return chosen
+    others.sort(key=lambda c: -c.judged.gain.mean)
+    words = tuple(c.judged.words for c in others[: _ALTERNATIVES - 1])
+    return replace(chosen, judged=replace(chosen.judged, alternatives=words))
 
 
 def _of_position(chosen: _Candidate, alike: Sequence[_Candidate]) -> _Candidate:

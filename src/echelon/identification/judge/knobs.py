@@ -15,6 +15,9 @@ from echelon.identification.judge.evidence import States, of_bodies
 from echelon.identification.judge.hypothesis import Kind, Knob, Term, Usual
 from echelon.identification.judge.readings import Readings
 
+_SHORT = 0.01
+"""Delay up to which none is told here, s: those were looked for on the clock of the log, which knows when friction turns
+while the slower one of the rows does not."""
 _RATIO = "what it should be beside the others, for data tell ratios of outputs only"
 
 
@@ -52,7 +55,7 @@ def delays(readings: Readings, states: States, values: Floats) -> Iterator[Term]
         subject = "the outputs are" if together else f"the output of '{name}' is"
         words = "the delay of the outputs" if together else f"the delay of the output of '{name}'"
         signals = {k: changes[:, [k]] for k in outputs}
-        yield Term(Kind.DELAY, words, name, "", Usual.OFTEN, signals, _delay(states, outputs, subject))
+        yield Term(Kind.DELAY, words, name, "", Usual.OFTEN, signals, _delay(outputs, subject))
 
 
 def slopes(
@@ -146,12 +149,8 @@ def _rate(velocities: bool) -> Knob:
     return Knob(1e-3, 1, moved, says)
 
 
-def _delay(states: States, outputs: Sequence[int], subject: str) -> Knob:
-    """Outputs that are measured some seconds after the positions.
-
-    When friction turns is known to half a sample, so that shorter delays are not told.
-    """
-    half = float(0.5 / states.rate.min())
+def _delay(outputs: Sequence[int], subject: str) -> Knob:
+    """Outputs that are measured some seconds after the positions."""
 
     def moved(states: States, sizes: Floats, _: Floats) -> States:
         return states.earlier(outputs, float(sizes[0]))
@@ -160,7 +159,7 @@ def _delay(states: States, outputs: Sequence[int], subject: str) -> Knob:
         order = "late" if sizes[0] > 0 else "early"
         return f"{subject} {abs(sizes[0]):.3g} ± {errors[0]:.1g} s {order}", ""
 
-    return Knob(1e-3, 1, moved, says, least=half)
+    return Knob(1e-3, 1, moved, says, least=_SHORT)
 
 
 def _zero(readings: Readings, k: int) -> Knob:
