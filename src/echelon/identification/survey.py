@@ -68,7 +68,7 @@ def with_delays(preparation: Preparation, segments: Sequence[Segment], base: Bas
     squares = _residuals(preparation.model_copy(update={"delays": {}}), segments, base, tried)
     tried, squares = _between(tried, squares)
     delay, gain = _best(tried, squares)
-    if abs(delay) == longest and gain >= _GAIN:  # what is longer, or something else that is wrong, no output's own delay explains
+    if abs(delay) == longest and gain >= _GAIN:  # it is longer, or something else is wrong
         text = f"none: no common delay up to {1e3 * longest:.2g} ms would remove most"
         return preparation.model_copy(update={"delays": {}, "reasons": {**preparation.reasons, "delays": text}})
     delay = delay if gain >= _GAIN else 0.0

@@ -26,7 +26,9 @@ def scanned_delays(rows: Sequence[OutputRows], states: States) -> Floats:
     """
     shortest = min(len(piece) / piece.rate for piece in states.pieces)
     longest = min(LONGEST, shortest / 4)
-    step = max(1 / (_PER_PERIOD * states.band), float(1 / states.rate.min()), longest / _MOST)
+    step = max(
+        1 / (_PER_PERIOD * states.band), float(1 / states.rate.min()), longest / _MOST
+    )
     tried = step * np.arange(-int(longest / step), int(longest / step) + 1)
     inner = replace(states, late=longest).fitted
     outputs = range(len(rows))

@@ -51,7 +51,7 @@ of the squares where that adds a thousandth to R², half of them where it adds a
 _READ = 0.3  # gain of another reading of the logs from which on it is taken: it leaves three quarters of residuals
 _READ_ELSEWHERE = 0.7  # the same of a log that was not fitted, which may be of another day
 _READ_ALIKE = 0.07  # differences of marks of readings up to which they do alike: 7 % of what is left
-_RIVAL = 0.5  # of the best gain, from which on joints that are not stiff are compared in earnest
+_RIVAL = 0.5  # of the best gain, from which on continuous changes are compared in earnest
 _RARER = 3.0  # times _WORTH, for hypotheses that are rarely true
 _NEW = 1e-4  # least share of a column that the model cannot say already
 _PROGRAMMES = 16  # physical programmes that are solved at most
@@ -139,7 +139,7 @@ class Judge:
                 return [large[0]]  # what is left then is judged when the set-up is mended
             if small is None:
                 break
-            if small.judged.kind is Kind.JOINT:
+            if small.judged.kind in CONTINUOUS:
                 small = self._rival(small, sure)
                 beside = _beside(small, sure)
             if self._takes(small):
@@ -196,8 +196,6 @@ class Judge:
         if chosen.judged.kind is Kind.GAIN and self.prior is not None:  # of two outputs either may be wrong
             gains = [c for c in alike if c.judged.kind is Kind.GAIN]
             chosen = min(gains, key=lambda c: self._unlike_prior(c, model)) if len(gains) > 1 else chosen
-        else:
-            chosen = _with_alternatives(chosen, alike)
         return _of_position(_pruned(chosen), alike), sure
 
     def _unlike_prior(self, some: _Candidate, model: Products) -> float:
@@ -217,10 +215,27 @@ class Judge:
         return float(told.std()) if len(told) else inf
 
     def _rival(self, chosen: _Candidate, sure: Sequence[_Candidate]) -> _Candidate:
-        """The joint that leaves least if it gives way or has play in earnest: derivatives do not tell these apart."""
-        joints = [c for c in sure if c.judged.kind is Kind.JOINT]
-        rivals = [c for c in joints if c.judged.gain.mean > _RIVAL * chosen.judged.gain.mean]
-        return min(rivals, key=lambda c: self._left(self._settled(c)[1], ())[0])
+        """The continuous change that leaves least in earnest, with those that leave as little: derivatives mislead."""
+        least = _RIVAL * chosen.judged.gain.mean
+        rivals = [c for c in sure if c.judged.kind in CONTINUOUS and c.judged.gain.mean > least]
+        others = [c for c in rivals if c.terms[0].words != chosen.terms[0].words]
+        if not others:
+            return chosen
+        settled_ones = [(some, self._marks_of(self._settled(some)[1])) for some in (chosen, *others)]
+        _, best = min(settled_ones, key=lambda entry: float(entry[1].mean()))
+        alike = [some for some, marks in settled_ones if _between(marks, best).is_none]
+        by_prior = chosen.judged.kind is Kind.GAIN and self.prior is not None
+        first = chosen if by_prior else min(alike, key=self._simple)
+        places = set(first.judged.places)
+        rest = [c for c in alike if c.judged.kind is not first.judged.kind or not places & set(c.judged.places)]
+        rest.sort(key=lambda c: -c.judged.gain.mean)
+        words = tuple(c.judged.words for c in rest[: _ALTERNATIVES - 1])
+        return replace(first, judged=replace(first.judged, alternatives=words))
+
+    def _marks_of(self, states: States) -> Floats:
+        """Marks of the model with the columns that were taken, in some states."""
+        products, fit = self._fit(states)
+        return _marks(products, fit.values)
 
     def _simple(self, some: _Candidate) -> tuple[bool, Usual, int, float]:
         """Order of hypotheses that predict alike, the simplest one first."""
@@ -542,17 +557,6 @@ def _shown(term: Term, squares: Floats) -> Iterable[int]:
     if term.kind is Kind.GAIN:
         return range(squares.shape[1])
     return term.signals
-
-
-def _with_alternatives(chosen: _Candidate, alike: Sequence[_Candidate]) -> _Candidate:
-    """A mistake in what is read with others that are as usual and predict alike, the likeliest ones."""
-    kinds = set(CONTINUOUS) - {Kind.JOINT}
-    others = [c for c in alike if c.judged.kind in kinds and c.terms[0].words != chosen.terms[0].words]
-    if chosen.judged.kind not in kinds or not others:
-        return chosen
-    others.sort(key=lambda c: -c.judged.gain.mean)
-    words = tuple(c.judged.words for c in others[: _ALTERNATIVES - 1])
-    return replace(chosen, judged=replace(chosen.judged, alternatives=words))
 
 
 def _of_position(chosen: _Candidate, alike: Sequence[_Candidate]) -> _Candidate:

@@ -16,8 +16,8 @@ from echelon.identification.judge.hypothesis import Kind, Knob, Term, Usual
 from echelon.identification.judge.readings import Readings
 
 _SHORT = 0.01
-"""Delay up to which none is told here, s: those were looked for on the clock of the log, which knows when friction turns
-while the slower one of the rows does not."""
+"""Delay up to which none is told here, s: those were looked for on the clock of the log, which knows when friction
+turns while the slower one of the rows does not."""
 _RATIO = "what it should be beside the others, for data tell ratios of outputs only"
 
 
@@ -217,4 +217,4 @@ def _ahead(
 def _side(states: States, load: Floats) -> Floats:
     """Signs of a load, with steps that are a straight line from one sample to the next; shape (samples,)."""
     change = np.abs(states.derivative(load)) / states.rate
-    return np.clip(load / np.maximum(change, np.finfo(float).tiny), -1.0, 1.0)
+    return np.asarray(load / np.maximum(np.maximum(change, np.abs(load)), np.finfo(float).tiny))
