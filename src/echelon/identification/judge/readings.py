@@ -218,7 +218,7 @@ class Readings:
 
     @property
     def offsets(self) -> Floats:
-        """What is added to the columns of positions, SI units, shape (n,)."""
+        """Stated offsets of the columns of positions, SI units, shape (n,)."""
         stated = self.columns.positions
         return np.array([stated[key].offset if key in stated else 0.0 for key in self._keys])
 
