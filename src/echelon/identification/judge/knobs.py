@@ -25,15 +25,23 @@ def turned(readings: Readings, states: States, values: Floats) -> Iterator[Term]
     """Terms of all knobs: derivatives of the prediction with some base parameters."""
     base, names = readings.base, readings.outputs
 
-    def term(kind: Kind, words: str, place: str, knob: Knob, usual: Usual = Usual.OFTEN) -> Term:
+    def term(
+        kind: Kind, words: str, place: str, knob: Knob, usual: Usual = Usual.OFTEN
+    ) -> Term:
         load = load_of(base, states, values, knob)
         signals = slopes(base, states, values, knob, np.zeros(knob.count), load)
-        return Term(kind, words, place, "", usual, signals, knob, positive=kind is Kind.JOINT)
+        return Term(
+            kind, words, place, "", usual, signals, knob, positive=kind is Kind.JOINT
+        )
 
     if states.gravity is not None:
-        yield term(Kind.GRAVITY, "gravity in another direction", "", _tilt(states.gravity))
+        yield term(
+            Kind.GRAVITY, "gravity in another direction", "", _tilt(states.gravity)
+        )
     for k, name in enumerate(names):
-        some = term(Kind.GAIN, f"the gain of the output of '{name}'", name, gain([k], [name]))
+        some = term(
+            Kind.GAIN, f"the gain of the output of '{name}'", name, gain([k], [name])
+        )
         yield replace(some, signals={k: some.signals[k]})
     yield from delays(readings, states, values)
     yield term(Kind.RATE, "the rate", "", _rate(readings.velocities))
@@ -53,13 +61,24 @@ def delays(readings: Readings, states: States, values: Floats) -> Iterator[Term]
         together = len(outputs) == len(names)
         name = "" if together else names[outputs[0]]
         subject = "the outputs are" if together else f"the output of '{name}' is"
-        words = "the delay of the outputs" if together else f"the delay of the output of '{name}'"
+        words = (
+            "the delay of the outputs"
+            if together
+            else f"the delay of the output of '{name}'"
+        )
         signals = {k: changes[:, [k]] for k in outputs}
-        yield Term(Kind.DELAY, words, name, "", Usual.OFTEN, signals, _delay(outputs, subject))
+        yield Term(
+            Kind.DELAY, words, name, "", Usual.OFTEN, signals, _delay(outputs, subject)
+        )
 
 
 def slopes(
-    base: BaseModel, start: States, values: Floats, knob: Knob, sizes: Floats, load: Floats
+    base: BaseModel,
+    start: States,
+    values: Floats,
+    knob: Knob,
+    sizes: Floats,
+    load: Floats,
 ) -> dict[int, Floats]:
     """Derivatives of the prediction, less the measured outputs, by the sizes of a knob; by output, shape (samples, k).
 
@@ -68,7 +87,11 @@ def slopes(
     columns = []
     for step in knob.step * np.eye(knob.count):
         ahead, back = (knob.moved(start, sizes + sign * step, load) for sign in (1, -1))
-        change = ahead.predicted(base, values) - back.predicted(base, values) - (ahead.y - back.y)
+        change = (
+            ahead.predicted(base, values)
+            - back.predicted(base, values)
+            - (ahead.y - back.y)
+        )
         columns.append(change / (2 * knob.step))
     whole = np.stack(columns, axis=2)
     return {k: whole[:, k] for k in range(whole.shape[1])}
@@ -108,12 +131,17 @@ def _tilt(gravity: Floats) -> Knob:
         angle = np.degrees(np.arccos(np.clip(found @ gravity / size**2, -1, 1)))
         line = ", ".join(f"{g:.4g}" for g in found)
         error = np.degrees(float(np.linalg.norm(errors)))
-        return f"the base is tilted by {angle:.2g}° ± {error:.1g}°: gravity is along [{line}]", f"gravity: [{line}]"
+        return (
+            f"the base is tilted by {angle:.2g}° ± {error:.1g}°: gravity is along [{line}]",
+            f"gravity: [{line}]",
+        )
 
     return Knob(1e-3, 2, moved, says)
 
 
-def gain(outputs: Sequence[int], names: Sequence[str], signs: Sequence[float] = ()) -> Knob:
+def gain(
+    outputs: Sequence[int], names: Sequence[str], signs: Sequence[float] = ()
+) -> Knob:
     """Outputs that are some times what they should be, with signs, 1 if omitted; sizes are logarithms."""
     sign = np.array(signs or [1.0] * len(outputs))
 
@@ -125,11 +153,23 @@ def gain(outputs: Sequence[int], names: Sequence[str], signs: Sequence[float] = 
     def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
         factors = sign * np.exp(sizes)
         several = zip(names, factors, np.abs(factors) * errors, strict=True)
-        each = [f"that of '{name}' is {factor:.3g} ± {error:.1g} times" for name, factor, error in several]
-        line = ", ".join(f"{name}: {1 / factor:.4g}" for name, factor in zip(names, factors, strict=True))
+        each = [
+            f"that of '{name}' is {factor:.3g} ± {error:.1g} times"
+            for name, factor, error in several
+        ]
+        line = ", ".join(
+            f"{name}: {1 / factor:.4g}"
+            for name, factor in zip(names, factors, strict=True)
+        )
         if len(each) > 1:
-            return f"outputs are in units of their own: {', '.join(each)} {_RATIO}", f"scales of {line}"
-        return f"the output{each[0].removeprefix('that')} {_RATIO}", f"scale: {1 / factors[0]:.4g}"
+            return (
+                f"outputs are in units of their own: {', '.join(each)} {_RATIO}",
+                f"scales of {line}",
+            )
+        return (
+            f"the output{each[0].removeprefix('that')} {_RATIO}",
+            f"scale: {1 / factors[0]:.4g}",
+        )
 
     return Knob(1e-2, len(outputs), moved, says, float(sign[0]))
 
@@ -141,10 +181,15 @@ def _rate(velocities: bool) -> Knob:
         drives = states.drives
         if drives is not None:
             drives = drives[0], first * drives[1], first * faster * drives[2]
-        return replace(states, qd=first * states.qd, qdd=first * faster * states.qdd, drives=drives)
+        return replace(
+            states, qd=first * states.qd, qdd=first * faster * states.qdd, drives=drives
+        )
 
     def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
-        return f"the clock is wrong: the rate is about {np.exp(sizes[0]):.4g} ± {errors[0]:.1g} times that", ""
+        return (
+            f"the clock is wrong: the rate is about {np.exp(sizes[0]):.4g} ± {errors[0]:.1g} times that",
+            "",
+        )
 
     return Knob(1e-3, 1, moved, says)
 
@@ -164,7 +209,11 @@ def _delay(outputs: Sequence[int], subject: str) -> Knob:
 
 def _zero(readings: Readings, k: int) -> Knob:
     """A column of positions whose zero is not that of the robot."""
-    label, unit, offset = readings.position_labels[k], readings.position_units[k], readings.offsets[k]
+    label, unit, offset = (
+        readings.position_labels[k],
+        readings.position_units[k],
+        readings.offsets[k],
+    )
 
     def moved(states: States, sizes: Floats, _: Floats) -> States:
         return readings.with_zero(states, k, float(sizes[0]))
@@ -180,7 +229,10 @@ def _elastic(place: Place, sliding: bool) -> Knob:
     def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
         about, error = 1 / sizes[0], errors[0] / sizes[0] ** 2
         unit = "N/m" if sliding else "N·m/rad"
-        return f"'{place.name}' gives way: its stiffness is about {about:.3g} ± {error:.1g} {unit}", ""
+        return (
+            f"'{place.name}' gives way: its stiffness is about {about:.3g} ± {error:.1g} {unit}",
+            "",
+        )
 
     return Knob(1e-6, 1, _ahead(place, lambda _, load: load), says)
 
@@ -190,7 +242,10 @@ def _play(place: Place, sliding: bool) -> Knob:
 
     def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
         unit = "m" if sliding else "rad"
-        return f"the gear of '{place.name}' has a play of {2 * sizes[0]:.2g} ± {2 * errors[0]:.1g} {unit}", ""
+        return (
+            f"the gear of '{place.name}' has a play of {2 * sizes[0]:.2g} ± {2 * errors[0]:.1g} {unit}",
+            "",
+        )
 
     return Knob(1e-4, 1, _ahead(place, _side), says, by_measured_load=True)
 
@@ -202,14 +257,22 @@ def _ahead(
     ((q, v, ratio),) = place.ratios
 
     def moved(states: States, sizes: Floats, load: Floats) -> States:
-        ahead = states.smoothed(signal(states, load[:, place.output])) * sizes[0] / ratio
+        ahead = (
+            states.smoothed(signal(states, load[:, place.output])) * sizes[0] / ratio
+        )
         rate = states.derivative(ahead)
-        positions, velocities, accelerations = states.q.copy(), states.qd.copy(), states.qdd.copy()
+        positions, velocities, accelerations = (
+            states.q.copy(),
+            states.qd.copy(),
+            states.qdd.copy(),
+        )
         positions[:, q] -= ahead
         velocities[:, v] -= rate
         accelerations[:, v] -= states.derivative(rate)
         drives = states.drives or (states.q, states.qd, states.qdd)
-        return replace(states, q=positions, qd=velocities, qdd=accelerations, drives=drives)
+        return replace(
+            states, q=positions, qd=velocities, qdd=accelerations, drives=drives
+        )
 
     return moved
 
@@ -217,4 +280,6 @@ def _ahead(
 def _side(states: States, load: Floats) -> Floats:
     """Signs of a load, with steps that are a straight line from one sample to the next; shape (samples,)."""
     change = np.abs(states.derivative(load)) / states.rate
-    return np.asarray(load / np.maximum(np.maximum(change, np.abs(load)), np.finfo(float).tiny))
+    return np.asarray(
+        load / np.maximum(np.maximum(change, np.abs(load)), np.finfo(float).tiny)
+    )
