@@ -14,7 +14,7 @@ from support.trap_logs import arm as trap_arm
 
 NAMED = (
     *("tilt", "payload_mid", "gravcomp", "temp", "gain", "sign", "exchanged", "stribeck"),
-    *("sea", "backlash", "coupled", "saturate", "negative"),
+    *("sea", "backlash", "coupled", "saturate", "negative", "zero", "zero20", "delay", "delay1"),
 )
 UNHARMED = ("clean", "tool", "quant")
 ARMS = ("ur10", "xarm7")
