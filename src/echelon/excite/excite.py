@@ -38,15 +38,21 @@ class Conditioning:
     scaled_condition: float  # the same with columns of norm 1
     log_det: float  # of the information matrix
     std: tuple[float, ...]  # standard deviation of each base parameter, SI units
-    over_time: tuple[tuple[float, float], ...]  # time, s, and the scaled condition number of all samples up to it
+    over_time: tuple[
+        tuple[float, float], ...
+    ]  # time, s, and the scaled condition number of all samples up to it
 
 
-def conditioning_of(task: Task, trajectory: Trajectory, prior: Floats | None = None) -> Conditioning:
+def conditioning_of(
+    task: Task, trajectory: Trajectory, prior: Floats | None = None
+) -> Conditioning:
     """Conditioning along a trajectory, with friction that is not smoothed; ``prior`` is information of shape (r, r)."""
     base = task.base
     regressor = state_regressor(base.mechanism, base.matrix.pivots)
     times = sample_times(trajectory.duration, task.entry.rate)
-    entries = regressor.entries(dict(zip(("q", "qd", "qdd"), trajectory.states(times), strict=True)))
+    entries = regressor.entries(
+        dict(zip(("q", "qd", "qdd"), trajectory.states(times), strict=True))
+    )
     F = np.zeros((base.rank, base.rank)) if prior is None else prior.copy()
     moments = []
     cuts = np.unique(np.linspace(0, len(times), _MOMENTS + 1).astype(int)[1:])
@@ -56,7 +62,13 @@ def conditioning_of(task: Task, trajectory: Trajectory, prior: Floats | None = N
             F[np.ix_(rows.columns, rows.columns)] += weight * (block.T @ block)
         moments.append((float(times[end - 1]), _scaled_condition(F)))
     std = _deviations(F)
-    return Conditioning(condition_number(F), _scaled_condition(F), log_det(F), tuple(std.tolist()), tuple(moments))
+    return Conditioning(
+        condition_number(F),
+        _scaled_condition(F),
+        log_det(F),
+        tuple(std.tolist()),
+        tuple(moments),
+    )
 
 
 def _deviations(F: Floats) -> Floats:
@@ -186,13 +198,20 @@ def exciting_trajectory(
     found = solutions(design.problem, task.entry, jobs or processors(), step)
     step("checking all limits")
     x, margins = safe(design, found)
-    starts = [Start(k, s.status, s.value, s.iterations, s.history) for k, s in enumerate(found)]
-    centre = dict(zip(task.mechanism.independent_velocities, design.centre.tolist(), strict=True))
+    starts = [
+        Start(k, s.status, s.value, s.iterations, s.history)
+        for k, s in enumerate(found)
+    ]
+    centre = dict(
+        zip(task.mechanism.independent_velocities, design.centre.tolist(), strict=True)
+    )
     return _result(task, design.trajectory(x), margins, prior, starts, centre=centre)
 
 
 @public
-def judged_trajectory(setup: Setup | Readable, trajectory: Trajectory, **changes: Any) -> ExcitingTrajectory:
+def judged_trajectory(
+    setup: Setup | Readable, trajectory: Trajectory, **changes: Any
+) -> ExcitingTrajectory:
     """Judge a trajectory made elsewhere by the limits and the criterion of a set-up.
 
     Parameters
@@ -217,8 +236,14 @@ def judged_trajectory(setup: Setup | Readable, trajectory: Trajectory, **changes
     setup = setup_of(setup)
     task = task_of(setup, changed(setup.excitation, changes, setup.source))
     if trajectory.coordinates != task.mechanism.independent_velocities:
-        moves, should = ", ".join(trajectory.coordinates), ", ".join(task.mechanism.independent_velocities)
-        raise InputError(f"the trajectory moves {moves}; the set-up lets {should} move", source=setup.source)
+        moves, should = (
+            ", ".join(trajectory.coordinates),
+            ", ".join(task.mechanism.independent_velocities),
+        )
+        raise InputError(
+            f"the trajectory moves {moves}; the set-up lets {should} move",
+            source=setup.source,
+        )
     return _result(task, trajectory, margins_of(trajectory, task))
 
 
@@ -227,7 +252,9 @@ def _checked(information: npt.ArrayLike | None) -> Floats | None:
         return None
     F = np.asarray(information, dtype=float)
     if F.ndim != 2 or F.shape[0] != F.shape[1] or not np.isfinite(F).all():
-        raise InputError(f"prior_information has shape {F.shape}; expected a square matrix of finite numbers")
+        raise InputError(
+            f"prior_information has shape {F.shape}; expected a square matrix of finite numbers"
+        )
     return F
 
 
@@ -260,12 +287,18 @@ def _result(
     )
 
 
-def _warnings(task: Task, conditioning: Conditioning, starts: Sequence[Start]) -> list[Finding]:
+def _warnings(
+    task: Task, conditioning: Conditioning, starts: Sequence[Start]
+) -> list[Finding]:
     """Reasons why a trajectory is of little use."""
     texts = []
     if not isfinite(conditioning.scaled_condition):
-        texts.append("this motion does not determine all base parameters: give it more time, or wider limits")
+        texts.append(
+            "this motion does not determine all base parameters: give it more time, or wider limits"
+        )
     if starts and all(start.status != "converged" for start in starts):
         ended = ", ".join(sorted({start.status for start in starts}))
-        texts.append(f"no start of the solver converged ({ended}): better motions may exist")
+        texts.append(
+            f"no start of the solver converged ({ended}): better motions may exist"
+        )
     return [warning("design", task.setup.source, text) for text in texts]

@@ -43,7 +43,9 @@ class Problem:
     limits: tuple[MotionLimit, ...]
     constraints: tuple[StateConstraint, ...]
     centre: Floats  # shape (n,); a pose that keeps all limits
-    ranges: tuple[Interval, ...] = ()  # bounds of each constraint's functions, tighter than its own; its own if omitted
+    ranges: tuple[
+        Interval, ...
+    ] = ()  # bounds of each constraint's functions, tighter than its own; its own if omitted
     # shape (grid, m); for each constraint, at which samples which of its functions are enforced; all of them if
     # omitted
     enforced: tuple[Flags, ...] | None = None
@@ -97,11 +99,18 @@ class Problem:
         with extra("excite"):
             from scipy import sparse
 
-        blocks = [sparse.kron(self.phi[limit.order], limit.weights[None, :]) for limit in self.limits]
+        blocks = [
+            sparse.kron(self.phi[limit.order], limit.weights[None, :])
+            for limit in self.limits
+        ]
         rows = len(self.grid)
         low = np.repeat([limit.low for limit in self.limits], rows)
         high = np.repeat([limit.high for limit in self.limits], rows)
-        matrix = sparse.csr_array(sparse.vstack(blocks)) if blocks else sparse.csr_array((0, self.size))
+        matrix = (
+            sparse.csr_array(sparse.vstack(blocks))
+            if blocks
+            else sparse.csr_array((0, self.size))
+        )
         matrix.eliminate_zeros()
         return matrix, low, high
 
@@ -116,7 +125,10 @@ class Problem:
     def _rows(self) -> list[tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]]:
         """For each constraint, samples and functions that are enforced."""
         if self.enforced is None:
-            masks = [np.ones((len(self.grid), len(c.labels)), dtype=bool) for c in self.constraints]
+            masks = [
+                np.ones((len(self.grid), len(c.labels)), dtype=bool)
+                for c in self.constraints
+            ]
         else:
             masks = list(self.enforced)
         return [(rows, columns) for rows, columns in map(np.nonzero, masks)]
@@ -124,29 +136,46 @@ class Problem:
     def constrained(self, x: Floats) -> Floats:
         """Values of all constraints that are enforced, one after another."""
         state, parts = self.state(x), [np.zeros(0)]
-        for constraint, (rows, columns) in zip(self.constraints, self._rows, strict=True):
+        for constraint, (rows, columns) in zip(
+            self.constraints, self._rows, strict=True
+        ):
             samples, back = np.unique(rows, return_inverse=True)
-            parts.append(constraint.values(*(part[samples] for part in state))[back, columns])
+            parts.append(
+                constraint.values(*(part[samples] for part in state))[back, columns]
+            )
         return np.concatenate(parts)
 
     def slopes(self, x: Floats) -> Floats:
         """Derivatives of :meth:`constrained` by the coefficients, shape (values, unknowns)."""
         state = self.state(x)
         found = [np.zeros((0, self.size))]
-        for constraint, (rows, columns) in zip(self.constraints, self._rows, strict=True):
+        for constraint, (rows, columns) in zip(
+            self.constraints, self._rows, strict=True
+        ):
             samples, back = np.unique(rows, return_inverse=True)
             total = np.zeros((len(rows), *self.shape))
-            for order, part in enumerate(constraint.slopes(*(part[samples] for part in state))):
+            for order, part in enumerate(
+                constraint.slopes(*(part[samples] for part in state))
+            ):
                 if part is not None:
-                    total += self.phi[order][rows][:, :, None] * part[back, columns][:, None, :]
+                    total += (
+                        self.phi[order][rows][:, :, None]
+                        * part[back, columns][:, None, :]
+                    )
             found.append(total.reshape(-1, self.size))
         return np.concatenate(found)
 
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
         """Least and largest values of the constraints that are enforced."""
-        low = [low[columns] for (low, _), (_, columns) in zip(self._ranges, self._rows, strict=True)]
-        high = [high[columns] for (_, high), (_, columns) in zip(self._ranges, self._rows, strict=True)]
+        low = [
+            low[columns]
+            for (low, _), (_, columns) in zip(self._ranges, self._rows, strict=True)
+        ]
+        high = [
+            high[columns]
+            for (_, high), (_, columns) in zip(self._ranges, self._rows, strict=True)
+        ]
         return np.concatenate([np.zeros(0), *low]), np.concatenate([np.zeros(0), *high])
 
     @property
@@ -155,7 +184,10 @@ class Problem:
 
     def tightened(self, below: Sequence[Floats], above: Sequence[Floats]) -> Problem:
         """The problem whose constraints' least values rise, and largest ones fall, by some amounts."""
-        tight = [(low + b, high - a) for (low, high), b, a in zip(self._ranges, below, above, strict=True)]
+        tight = [
+            (low + b, high - a)
+            for (low, high), b, a in zip(self._ranges, below, above, strict=True)
+        ]
         return replace(self, ranges=tuple(tight))
 
     # -- starting points -------------------------------------------------------------------------------------------
@@ -179,7 +211,11 @@ class Problem:
         A, low, high = self.linear
         at, step = A @ rest, A @ (x - rest)
         with np.errstate(divide="ignore", invalid="ignore"):
-            room = np.where(step > 0, (high - at) / step, np.where(step < 0, (low - at) / step, np.inf))
+            room = np.where(
+                step > 0,
+                (high - at) / step,
+                np.where(step < 0, (low - at) / step, np.inf),
+            )
         largest = min(1.0, float(np.min(room, initial=np.inf)))
         return rest + share * max(largest, 0.0) * (x - rest)
 
@@ -200,22 +236,36 @@ class Problem:
     def _beyond_limits(self, x: Floats) -> Floats:
         """The largest violation of each limit of the motion."""
         A, low, high = self.linear
-        rows = beyond(A @ x, low, high).reshape(len(self.limits), -1) if self.limits else np.zeros((0, 0))
+        rows = (
+            beyond(A @ x, low, high).reshape(len(self.limits), -1)
+            if self.limits
+            else np.zeros((0, 0))
+        )
         found: Floats = rows.max(axis=1, initial=-np.inf)
         return found
 
     def violations(self, x: Floats) -> list[Floats]:
         """For every constraint, the relative violation of each function at each sample, shape (grid, m)."""
         state = self.state(x)
-        return [beyond(c.values(*state), *ends) for c, ends in zip(self.constraints, self._ranges, strict=True)]
+        return [
+            beyond(c.values(*state), *ends)
+            for c, ends in zip(self.constraints, self._ranges, strict=True)
+        ]
 
     # -- parts of the problem ----------------------------------------------------------------------------------------
 
     def relaxed(self) -> Problem:
         """The problem with limits of positions and velocities, which bind in every good motion, and closed loops."""
         rows = len(self.grid)
-        few = tuple(np.tile(np.arange(len(c.labels)) < c.leading, (rows, 1)) for c in self.constraints)
-        return replace(self, limits=tuple(limit for limit in self.limits if limit.order < 2), enforced=few)
+        few = tuple(
+            np.tile(np.arange(len(c.labels)) < c.leading, (rows, 1))
+            for c in self.constraints
+        )
+        return replace(
+            self,
+            limits=tuple(limit for limit in self.limits if limit.order < 2),
+            enforced=few,
+        )
 
     def enforcing(self, x: Floats) -> Problem:
         """The problem with limits of positions and velocities, and all that a motion breaks or nearly breaks."""
@@ -223,7 +273,11 @@ class Problem:
         limits = tuple(limit for limit, v in over if v > -_NEAR or limit.order < 2)
         near = [(v > -_NEAR).any(axis=0) for v in self.violations(x)]
         rows = len(self.grid)
-        return replace(self, limits=limits, enforced=tuple(np.tile(functions, (rows, 1)) for functions in near))
+        return replace(
+            self,
+            limits=limits,
+            enforced=tuple(np.tile(functions, (rows, 1)) for functions in near),
+        )
 
     def extended(self, part: Problem, x: Floats) -> Problem | None:
         """A part of this problem with what a motion breaks, or nearly breaks, added; None if it breaks nothing."""
@@ -233,12 +287,20 @@ class Problem:
         assert part.enforced is not None
         violations = self.violations(x)
         broken = [v > BROKEN for v in violations]
-        new = any(np.any(b & ~old) for b, old in zip(broken, part.enforced, strict=True))
+        new = any(
+            np.any(b & ~old) for b, old in zip(broken, part.enforced, strict=True)
+        )
         if not new and len(limits) == len(part.limits):
             return None
         again = (old.any(axis=0) for old in part.enforced)
-        near = (v > -np.where(a, _NEAR_AGAIN, _NEAR) for v, a in zip(violations, again, strict=True))
-        enforced = (old | (n & b.any(axis=0)) for n, b, old in zip(near, broken, part.enforced, strict=True))
+        near = (
+            v > -np.where(a, _NEAR_AGAIN, _NEAR)
+            for v, a in zip(violations, again, strict=True)
+        )
+        enforced = (
+            old | (n & b.any(axis=0))
+            for n, b, old in zip(near, broken, part.enforced, strict=True)
+        )
         return replace(self, limits=limits, enforced=tuple(enforced))
 
 
@@ -251,5 +313,9 @@ BROKEN = 1e-6
 
 def beyond(values: Floats, low: Floats, high: Floats) -> Floats:
     """How far values are beyond their limits, relative to the limits' range; negative if there is room."""
-    span = np.where(np.isfinite(high - low), high - low, np.maximum(np.minimum(np.abs(low), np.abs(high)), 1.0))
+    span = np.where(
+        np.isfinite(high - low),
+        high - low,
+        np.maximum(np.minimum(np.abs(low), np.abs(high)), 1.0),
+    )
     return np.maximum(low - values, values - high) / np.maximum(span, 1e-300)

@@ -70,7 +70,9 @@ class Best:
     problem: Problem  # whose limits it keeps, all of them, whatever the solver knows of
     x: Floats | None = None
     value: float = np.inf
-    history: list[float] = field(default_factory=list)  # values, each time a better one was found
+    history: list[float] = field(
+        default_factory=list
+    )  # values, each time a better one was found
 
     def offer(self, x: Floats, value: float) -> None:
         """Take a motion if it is better and keeps all limits at the samples."""
@@ -91,7 +93,9 @@ class _LastEvaluation:
         return self._found
 
 
-def solve(problem: Problem, start: Floats, iterations: int, best: Best) -> tuple[Floats, str, int]:
+def solve(
+    problem: Problem, start: Floats, iterations: int, best: Best
+) -> tuple[Floats, str, int]:
     """Minimise from one starting point: the last iterate, which keeps the limits of the problem if it converged.
 
     Beside it stand ``"converged"``, ``"iterations"``, ``"infeasible"`` or the solver's own word, and the iterations.
@@ -103,10 +107,14 @@ def solve(problem: Problem, start: Floats, iterations: int, best: Best) -> tuple
     x = casadi.MX.sym("x", problem.size)
     objective = _callback(casadi, "criterion", problem.size, 1, evaluate)
     columns = A.tocsc()
-    pattern = casadi.Sparsity(*columns.shape, columns.indptr.tolist(), columns.indices.tolist())
+    pattern = casadi.Sparsity(
+        *columns.shape, columns.indptr.tolist(), columns.indices.tolist()
+    )
     parts = [casadi.mtimes(casadi.DM(pattern, columns.data), x)]
     if least.size:
-        both = _LastEvaluation(lambda v: (problem.constrained(v), lambda: problem.slopes(v)))
+        both = _LastEvaluation(
+            lambda v: (problem.constrained(v), lambda: problem.slopes(v))
+        )
         constraints = _callback(casadi, "constraints", problem.size, least.size, both)
         parts.append(constraints(x))
     ends = np.concatenate([low, least]), np.concatenate([high, most])
@@ -122,12 +130,16 @@ def solve(problem: Problem, start: Floats, iterations: int, best: Best) -> tuple
         "iteration_callback": watch,
     }
     limited = casadi.densify(casadi.vertcat(*parts))  # some may be constantly zero
-    solver = casadi.nlpsol("excite", "ipopt", {"x": x, "f": objective(x), "g": limited}, settings)
+    solver = casadi.nlpsol(
+        "excite", "ipopt", {"x": x, "f": objective(x), "g": limited}, settings
+    )
     result = solver(x0=start, lbg=ends[0], ubg=ends[1])
     found = np.asarray(result["x"]).ravel()
     best.offer(found, evaluate(found)[0])
     stats = solver.stats()
-    status = _STATUS.get(stats["return_status"], stats["return_status"].replace("_", " ").lower())
+    status = _STATUS.get(
+        stats["return_status"], stats["return_status"].replace("_", " ").lower()
+    )
     return found, status, int(stats["iter_count"])
 
 
@@ -137,7 +149,9 @@ def _casadi() -> Any:
     return casadi
 
 
-def _callback(casadi: Any, name: str, unknowns: int, size: int, evaluate: Callable[[Floats], Any]) -> Any:
+def _callback(
+    casadi: Any, name: str, unknowns: int, size: int, evaluate: Callable[[Floats], Any]
+) -> Any:
     """A function of ours with its Jacobian, for CasADi."""
 
     class Jacobian(casadi.Callback):  # type: ignore[misc]
@@ -155,7 +169,11 @@ def _callback(casadi: Any, name: str, unknowns: int, size: int, evaluate: Callab
             return casadi.Sparsity.dense(size, unknowns)
 
         def eval(self, given: Any) -> Any:
-            return [np.reshape(evaluate(np.asarray(given[0]).ravel())[1](), (size, unknowns))]
+            return [
+                np.reshape(
+                    evaluate(np.asarray(given[0]).ravel())[1](), (size, unknowns)
+                )
+            ]
 
     class Value(casadi.Callback):  # type: ignore[misc]
         def __init__(self) -> None:
@@ -184,7 +202,14 @@ def _callback(casadi: Any, name: str, unknowns: int, size: int, evaluate: Callab
 def _watch(casadi: Any, unknowns: int, ends: tuple[Floats, Floats], best: Best) -> Any:
     """A callback that follows the iterations and remembers the best."""
     rows = len(ends[0])
-    sizes = {"x": unknowns, "f": 1, "g": rows, "lam_x": unknowns, "lam_g": rows, "lam_p": 0}
+    sizes = {
+        "x": unknowns,
+        "f": 1,
+        "g": rows,
+        "lam_x": unknowns,
+        "lam_g": rows,
+        "lam_p": 0,
+    }
 
     class Watch(casadi.Callback):  # type: ignore[misc]
         def __init__(self) -> None:
@@ -205,7 +230,10 @@ def _watch(casadi: Any, unknowns: int, ends: tuple[Floats, Floats], best: Best) 
 
         def eval(self, given: Any) -> Any:
             # a motion that breaks limits the solver knows of need not be asked about all others
-            if beyond(np.asarray(given[2]).ravel(), *ends).max(initial=-np.inf) <= BROKEN:
+            if (
+                beyond(np.asarray(given[2]).ravel(), *ends).max(initial=-np.inf)
+                <= BROKEN
+            ):
                 best.offer(np.asarray(given[0]).ravel(), float(given[1]))
             return [0]  # go on
 
@@ -221,24 +249,36 @@ _SHARES = (0.99, 0.97, 0.94, 0.9, 0.8, 0.65, 0.5)
 class Solution:
     """The result of one start."""
 
-    x: Floats | None  # the best coefficients that kept all limits at the samples; None if none did
+    x: (
+        Floats | None
+    )  # the best coefficients that kept all limits at the samples; None if none did
     value: float  # their criterion
     status: str  # see :func:`solve`
     iterations: int
-    history: tuple[float, ...]  # the criterion of the best motion so far, each time it became better: descending
+    history: tuple[
+        float, ...
+    ]  # the criterion of the best motion so far, each time it became better: descending
 
 
-def constraint_generation(problem: Problem, start: Floats, most: int, near: Floats | None = None) -> Solution:
+def constraint_generation(
+    problem: Problem, start: Floats, most: int, near: Floats | None = None
+) -> Solution:
     """Minimise from one starting point; limits that a motion ``near`` the goal comes near to are enforced at once."""
     # linear algebra runs in one thread: matrices are small, threads that wait for each other cost more than they bring,
     # and the order of additions is the same wherever it runs
     with one_thread():
         best = Best(problem)
-        start = problem.inside(start)  # the centre keeps all limits, so that there is something to fall back on
+        start = problem.inside(
+            start
+        )  # the centre keeps all limits, so that there is something to fall back on
         best.offer(start, problem.value(start))
         if near is not None:
             _offer_smaller(problem, near, best)
-        part, iterations, status = problem.relaxed() if near is None else problem.enforcing(near), 0, ""
+        part, iterations, status = (
+            problem.relaxed() if near is None else problem.enforcing(near),
+            0,
+            "",
+        )
         for _ in range(_ROUNDS):
             x, status, steps = solve(part, start, max(most - iterations, 1), best)
             iterations += steps
@@ -266,13 +306,18 @@ def _offer_smaller(problem: Problem, x: Floats, best: Best) -> None:
 
 
 def solutions(
-    problem: Problem, entry: ExcitationEntry, jobs: int, step: Callable[[str], None] = lambda _: None
+    problem: Problem,
+    entry: ExcitationEntry,
+    jobs: int,
+    step: Callable[[str], None] = lambda _: None,
 ) -> list[Solution]:
     """Solutions from random starts: the same for the same seed, whatever the number of processes."""
     count, seed, iterations = entry.starts, entry.seed, entry.iterations
 
     def tell(k: int, solution: Solution) -> Solution:
-        step(f"start {k + 1} of {count}: {solution.status}, criterion {solution.value:.5g}")
+        step(
+            f"start {k + 1} of {count}: {solution.status}, criterion {solution.value:.5g}"
+        )
         return solution
 
     if count == 1:
@@ -292,7 +337,9 @@ def solutions(
 
 def started(problem: Problem, seed: int, iterations: int, k: int) -> Solution:
     """One start."""
-    return constraint_generation(problem, problem.start(np.random.default_rng([seed, k])), iterations)
+    return constraint_generation(
+        problem, problem.start(np.random.default_rng([seed, k])), iterations
+    )
 
 
 class _Processes:
@@ -306,18 +353,28 @@ class _Processes:
     def solution(self, document: bytes, k: int) -> Solution:
         """Solution from start ``k``."""
         # the packages that this process found, wherever it found them
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+        environment = {
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
+        }
         command = [sys.executable, "-m", "echelon.excite.solve.solver", str(k)]
         with TemporaryFile() as errors:
             with self._lock:
                 if self._ended:
                     raise EchelonError("the starts of the solver were ended")
                 process = subprocess.Popen(
-                    command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, env=environment
+                    command,
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    stderr=errors,
+                    env=environment,
                 )
                 self._running.add(process)
             answer = b""
-            with suppress(BrokenPipeError), process:  # it ended early, which its exit code says
+            with (
+                suppress(BrokenPipeError),
+                process,
+            ):  # it ended early, which its exit code says
                 answer = _answer(process, document)
             with self._lock:
                 self._running.discard(process)
@@ -352,14 +409,18 @@ def _answer(process: subprocess.Popen[bytes], document: bytes) -> bytes:
 
 def _work() -> None:
     """Solve what comes in, and write the solution, or what was wrong with it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # what a terminal sends to all is for the first process to answer
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # what a terminal sends to all is for the first process to answer
     problem, seed, iterations = pickle.load(sys.stdin.buffer)
     Thread(target=_end_with_parent, daemon=True).start()
     # libraries that print, in Python or not, must not spoil the answer
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     try:
-        found: Solution | EchelonError = started(problem, seed, iterations, int(sys.argv[1]))
+        found: Solution | EchelonError = started(
+            problem, seed, iterations, int(sys.argv[1])
+        )
     except EchelonError as error:
         found = error
     out.write(pickle.dumps(found))
@@ -368,7 +429,9 @@ def _work() -> None:
 
 def _end_with_parent() -> None:
     """Wait for the end of the input, which comes when the process that started this one ends, however it does."""
-    while os.read(0, 1):  # not through sys.stdin, which would be locked when the interpreter ends
+    while os.read(
+        0, 1
+    ):  # not through sys.stdin, which would be locked when the interpreter ends
         pass
     os._exit(1)
 
