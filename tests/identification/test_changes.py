@@ -88,6 +88,18 @@ def test_log_in_which_the_payload_is_is_named(tmp_path: Path) -> None:
     )
 
 
+def test_log_between_others_in_which_the_payload_is_is_named(tmp_path: Path) -> None:
+    logs = [tmp_path / f"{name}.csv" for name in ("before", "loaded", "after")]
+    for seed, log in enumerate(logs):
+        write_run(
+            log, 1 + 2 * seed, 0.0, slice(None) if log.stem == "loaded" else slice(0, 0)
+        )
+    first, *others = changes(logs)
+    assert not others
+    assert re.search(r"3' carries another load in '.*loaded\.csv' alone", first)
+    assert re.search(r"identify '.*loaded\.csv' and the other logs separately", first)
+
+
 def test_log_in_which_the_payload_is_attached_is_named(tmp_path: Path) -> None:
     bare, attached = tmp_path / "bare.csv", tmp_path / "attached.csv"
     write_run(bare, 1, 0.0, slice(0, 0))

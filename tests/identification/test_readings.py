@@ -273,7 +273,9 @@ def test_stiffness_and_play_of_slides_are_in_metres() -> None:
     base, samples, prior = simple(GANTRY)
     states = States.of([samples], np.inf, base, prior)
     said: dict[str, list[str]] = {}
-    for term in turned(base, states, prior, velocities=False):
+    for term in turned(
+        Readings(base, states, ColumnMap(), velocities=False), states, prior
+    ):
         if term.kind is Kind.JOINT and term.knob is not None:
             words, _ = term.knob.says(np.array([1e-4]), np.array([1e-5]))
             said.setdefault(term.place, []).append(words)

@@ -23,7 +23,17 @@ NAMED = (
         "exchanged",
         "stribeck",
     ),
-    *("sea", "backlash", "coupled", "saturate", "negative"),
+    *(
+        "sea",
+        "backlash",
+        "coupled",
+        "saturate",
+        "negative",
+        "zero",
+        "zero20",
+        "delay",
+        "delay1",
+    ),
 )
 UNHARMED = ("clean", "tool", "quant")
 ARMS = ("ur10", "xarm7")

@@ -506,6 +506,48 @@ def _backlash(arm: Arm) -> TrapLog:
     )
 
 
+def _zero(arm: Arm, size: float = 0.05) -> TrapLog:
+    """An encoder whose zero is not that of the robot; gravity tells the second strongest joint's."""
+    joint, q = arm.strong[1], arm.q.copy()
+    q[:, joint] -= size
+    words = _of("the zero of the position of '{0}' .* rad off", [arm.names[joint]])
+    return _log(arm, arm.forces(arm.q, arm.qd, arm.qdd), words, q=q)
+
+
+def _zero20(arm: Arm) -> TrapLog:
+    return _zero(arm, 0.02)
+
+
+def _late(arm: Arm, outputs: list[int], samples: int, words: str) -> TrapLog:
+    """Outputs that are measured some samples after the positions."""
+    log = usual_log(arm, words)
+    columns = {name: values[samples:] for name, values in log.columns.items()}
+    for name in (f"tau_{arm.names[k]}" for k in outputs):
+        columns[name] = log.columns[name][:-samples]
+    return replace(log, columns=columns)
+
+
+def _delay(arm: Arm) -> TrapLog:
+    return _late(
+        arm,
+        list(range(arm.count)),
+        20,
+        r"the outputs are 0\.(1|100\d|09[89]\d) ± \S+ s late",
+    )
+
+
+def _delay1(arm: Arm) -> TrapLog:
+    joint = arm.strong[1]
+    return _late(
+        arm,
+        [joint],
+        10,
+        _of(
+            r"the output of '{0}' is 0\.0(5|50\d|49\d) ± \S+ s late", [arm.names[joint]]
+        ),
+    )
+
+
 def _scaled(arm: Arm, factors: Floats, names: str) -> TrapLog:
     def forces(q: Floats, qd: Floats, qdd: Floats) -> Floats:
         return arm.forces(q, qd, qdd) * factors
@@ -630,6 +672,10 @@ TRAPS: dict[str, Callable[[Arm], TrapLog]] = {
     "coupled2": _coupled2,
     "sea": _sea,
     "backlash": _backlash,
+    "zero": _zero,
+    "zero20": _zero20,
+    "delay": _delay,
+    "delay1": _delay1,
     "gain": _gain,
     "gain50": _gain50,
     "gain2": _gain2,

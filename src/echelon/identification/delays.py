@@ -5,7 +5,8 @@ explain, so d is where the residuals of the outputs' own least-squares fits are 
 R-factor of W gives the residuals of all fits.  Outputs that come over one bus are late together, and a single one with
 many parameters could explain almost anything by a delay of its own; so one delay is sought for all, by the mean of the
 logarithms of their residuals, and taken only where it removes more than noise would.  An output has one of its own only
-where that differs by more than half a period and removes twice as much of what is left.
+where that differs by more than half a period and removes twice as much of what is left.  Longer delays are hypotheses
+of the judge.
 """
 
 from __future__ import annotations
@@ -54,6 +55,12 @@ def with_delays(
     )
     tried, squares = _between(tried, squares)
     delay, gain = _best(tried, squares)
+    # it is longer, or something else is wrong
+    if abs(delay) == longest and gain >= REMOVED:
+        text = f"none: no common delay up to {1e3 * longest:.2g} ms would remove most"
+        return preparation.model_copy(
+            update={"delays": {}, "reasons": {**preparation.reasons, "delays": text}}
+        )
     delay = delay if gain >= REMOVED else 0.0
     found = {output.name: delay for output in base.mechanism.outputs if delay}
     text = f"outputs are {1e3 * delay:.2g} ms behind positions: undoing it removes {gain:.0%} of the residuals' squares"
@@ -63,7 +70,8 @@ def with_delays(
         own, share = _best(
             tried, squares[:, [k]], np.interp(delay, tried, squares[:, k])
         )
-        if share >= 2 * REMOVED and abs(own - delay) > 0.5 / rate:
+        is_own = abs(own - delay) > 0.5 / rate and abs(own) < longest
+        if share >= 2 * REMOVED and is_own:
             found[output.name] = own
             text += f"; {output.name} {1e3 * own:.2g} ms, which removes {share:.0%} of what is left of it"
     return preparation.model_copy(
@@ -171,7 +179,5 @@ def _best(
         return 0.0, 0.0
     errors = np.log(told).mean(axis=1)
     least = int(np.argmin(errors))
-    if least in (0, len(delays) - 1):
-        return 0.0, 0.0  # no minimum within reach: something else is wrong
     reference = errors[len(delays) // 2] if before is None else np.log(before)
     return float(delays[least]), float(1 - np.exp(errors[least] - reference))

@@ -215,7 +215,7 @@ def without_friction(base: BaseModel, fit: BaseFit) -> Floats | None:
     inertial = {
         e.parameter
         for e in mechanism.effects
-        if all("qdd" in action.term for action in e.actions)
+        if all(action.read.is_inertial for action in e.actions)
     }
     kept = [
         k

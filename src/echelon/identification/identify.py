@@ -46,9 +46,8 @@ if TYPE_CHECKING:
 Logs = tuple[Path, ...]
 OnStep = Callable[[str], None]
 
-COMPLETIONS = (
-    3  # of a set-up with what a fit says: gravity, rotors, and what a rotor explains
-)
+COMPLETIONS = 4
+"""Completions of a set-up with what a fit says: gravity, delays, rotors, and what a rotor explains."""
 _ROTOR = "a rotor inertia was taken in at {}: it weighs nothing, which else a constant force would have to explain"
 _ASSUMED_GRAVITY = "the direction of gravity was left open: -z of the base was taken"
 
@@ -139,7 +138,8 @@ def _completed(
 ) -> tuple[Setup, list[Finding]]:
     """The set-up with what nobody has stated and the logs say, and what is said of it.
 
-    That is the inertia of rotors, and the direction of gravity if the robot is not ``mounted``.
+    That is the inertia of rotors, delays of outputs if nothing else is wrong with the readings, and the direction of
+    gravity if the robot is not ``mounted``.
     """
     lists, mechanism = setup.states_effects, setup.mechanism
     for some in judged:
@@ -148,6 +148,17 @@ def _completed(
             return replace(setup, mechanism=turned), [
                 finding(some, lists_effects=lists, taken=True)
             ]
+    readings = [some for some in judged if some.kind not in (Kind.EFFECT, Kind.ROTOR)]
+    if (
+        readings
+        and setup.preparation.delays is None
+        and all(some.delays for some in readings)
+    ):
+        preparation = setup.preparation.model_copy(
+            update={"delays": readings[0].delays}
+        )
+        late = [finding(some, lists_effects=lists, taken=True) for some in readings]
+        return replace(setup, preparation=preparation), late
     rotors = [some for some in judged if some.kind is Kind.ROTOR]
     drives = {place for some in rotors for place in some.places}
     lifted = _lifted(result) - drives

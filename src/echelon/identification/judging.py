@@ -29,8 +29,8 @@ from echelon.identification.scores import (
 )
 from echelon.identification.survey import survey
 from echelon.identification.verdict import by_role
-from echelon.logs.columns.magnitudes import fitting_units
 from echelon.logs.columns.column_map import ColumnMap
+from echelon.logs.columns.magnitudes import fitting_units
 from echelon.logs.finding import Finding, warning
 from echelon.logs.recording import Samples
 from echelon.setup.setup import Setup
@@ -56,7 +56,8 @@ def _judge(
     free, gravity = (base, None) if seed is None else free_gravity(base, seed)
     states = States.of(samples, preparation.band or np.inf, base, values, gravity)
     columns = plan.columns[0] if plan.columns else ColumnMap()
-    readings = Readings(free, states, columns, "qd" in (preparation.measured or ()))
+    measured = "qd" in (preparation.measured or ())
+    readings = Readings(free, states, columns, measured, preparation.delays or {})
     return Judge(free, states, readings)
 
 

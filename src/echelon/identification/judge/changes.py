@@ -25,11 +25,11 @@ _ROUNDING = 1e-9  # relative size of directions of a body's parameters that are 
 
 
 def payloads(base: BaseModel, states: States) -> Iterator[Term]:
-    """Another load from some time on, at each body that carries none."""
+    """Another load from some time on, or in one of several logs, at each body that carries none."""
     for name, forces in _loads(base, states):
         for change in _changes(states):
             words = f"'{name}' carries another load {change.words}"
-            later = _Later(forces, change.first)
+            later = _Later(forces, change.first, change.stop)
             yield Term(Kind.CHANGE, words, name, change.write, Usual.OFTEN, later)
 
 
@@ -42,7 +42,7 @@ def whole_loads(base: BaseModel, states: States) -> Iterator[Term]:
             name,
             "",
             Usual.OFTEN,
-            _Later(forces, 0),
+            _Later(forces, 0, None),
         )
 
 
@@ -68,14 +68,16 @@ def _loads(base: BaseModel, states: States) -> Iterator[tuple[str, Floats]]:
 
 @dataclass(frozen=True, eq=False)
 class _Later(Mapping[int, Floats]):
-    """Forces (samples, k) by output that begin at some sample; they are made when they are asked for."""
+    """Forces (samples, k) by output from one sample to another; they are made when they are asked for."""
 
     forces: Floats  # shape (samples, outputs, k)
     first: int
+    stop: int | None  # sample before which they end; the last one if None
 
     def __getitem__(self, output: int) -> Floats:
-        found = self.forces[:, output].copy()
-        found[: self.first] = 0.0
+        some = slice(self.first, self.stop)
+        found = np.zeros_like(self.forces[:, output])
+        found[some] = self.forces[some, output]
         return found
 
     def __iter__(self) -> Iterator[int]:
@@ -86,16 +88,17 @@ class _Later(Mapping[int, Floats]):
 
 
 @dataclass(frozen=True)
-class _Change:
-    """Where something may change."""
+class _Stretch:
+    """Samples from some border on, to the end or to another border."""
 
     first: int  # sample after it
     words: str  # from when on, by the stamps of the logs
     write: str  # what to do about it
+    stop: int | None = None  # sample before which it ends again
 
 
-def _changes(states: States) -> Iterator[_Change]:
-    """Borders of logs and of blocks; a block's border that is near one of logs is left out."""
+def _changes(states: States) -> Iterator[_Stretch]:
+    """Borders of logs and of blocks, and logs between others; a block's border that is near one of logs is left out."""
     count, least = len(states.q), len(states.q) / (2 * BLOCKS)
     borders: list[int] = []
     for first in _log_borders(states):
@@ -109,6 +112,11 @@ def _changes(states: States) -> Iterator[_Change]:
     ]
     for first in sorted([*borders, *inner]):
         yield _at_log(states, first) if first in borders else _within_log(states, first)
+    for first, stop in pairwise(borders):
+        source = states.place(first)[0].source
+        if states.place(stop - 1)[0].source == source:
+            write = f"identify '{source}' and the other logs separately"
+            yield _Stretch(first, f"in '{source}' alone", write, stop)
 
 
 def _log_borders(states: States) -> list[int]:
@@ -118,7 +126,7 @@ def _log_borders(states: States) -> list[int]:
     return [end for (before, after), end in pairs if before.source != after.source]
 
 
-def _at_log(states: States, first: int) -> _Change:
+def _at_log(states: States, first: int) -> _Stretch:
     sources = list(dict.fromkeys(piece.source for piece in states.pieces))
     piece, _ = states.place(first)
     words = (
@@ -128,16 +136,16 @@ def _at_log(states: States, first: int) -> _Change:
     )
     before, _ = states.place(first - 1)
     write = f"identify the logs up to '{before.source}' and those from '{piece.source}' on separately"
-    return _Change(first, words, write)
+    return _Stretch(first, words, write)
 
 
-def _within_log(states: States, first: int) -> _Change:
+def _within_log(states: States, first: int) -> _Stretch:
     piece, time = states.place(first)
     said = f"{time:.{_decimals(float(states.time[-1]))}f} s"
     several = any(other.source != piece.source for other in states.pieces)
     where = f" of '{piece.source}'" if several else ""
     log = f"'{piece.source}'" if several else "the log"
-    return _Change(
+    return _Stretch(
         first,
         f"from about {said}{where} on",
         f"cut {log} at {said}, and identify both parts",

@@ -20,6 +20,7 @@ from echelon.identification.rows.plan import spread_out
 from echelon.identification.rows.rows import rows_filtered, rows_taken
 from echelon.logs.preparation.prepare import ORDER, ROOM
 from echelon.logs.recording import Samples
+from echelon.signals.clock import shifted
 from echelon.signals.filters import WORTH, lowpass
 
 _SAMPLES = 8000  # samples that are judged, over all logs, of which filters leave a third or a quarter
@@ -64,6 +65,7 @@ class States:
     drives: Motion | None = (
         None  # motion at which effects act, where drives do not move with their joints
     )
+    late: Floats | float = 0.0  # shape (outputs,); delays that were undone, s
     shared: Floats | None = (
         None  # shape (outputs, outputs); forces of drives in outputs, where drives move several
     )
@@ -123,6 +125,17 @@ class States:
             sample -= len(piece)
         return piece, piece.start + sample / piece.rate
 
+    def earlier(self, outputs: Sequence[int], delay: float) -> States:
+        """States with a delay of some outputs undone, s; near the ends of stretches no row is fitted then."""
+        y, late = self.y.copy(), np.zeros(self.y.shape[1]) + self.late
+        parts = [
+            shifted(part, delay * piece.rate)
+            for piece, part in self._stretches(y[:, outputs])
+        ]
+        y[:, outputs] = np.concatenate(parts)
+        late[outputs] += delay
+        return replace(self, y=y, late=late)
+
     def derivative(self, values: Floats) -> Floats:
         """Rates of signals (samples, …), by central differences within stretches."""
         rates = [
@@ -164,16 +177,18 @@ class States:
     @cached_property
     def fitted(self) -> Flags:
         """Rows that are fitted, shape (rows, outputs)."""
-        found = [rows_taken(piece, piece.q[:, :1]) for piece in self.pieces]
-        every = (
-            np.ones((len(rows), self.y.shape[1]), dtype=bool) for _, rows, _ in found
-        )
-        return np.concatenate(
-            [
-                a if flags is None else flags
-                for a, (_, _, flags) in zip(every, found, strict=True)
-            ]
-        )
+        found, margin = [], float(np.max(np.abs(self.late)))
+        for piece in self.pieces:
+            times, rows, flags = rows_taken(piece, piece.q[:, :1])
+            some = (
+                np.ones((len(rows), self.y.shape[1]), dtype=bool)
+                if flags is None
+                else flags
+            )
+            since = times - piece.start
+            inner = (since >= margin) & (since <= len(piece) / piece.rate - margin)
+            found.append(some & inner[:, None])
+        return np.concatenate(found)
 
     def moves_like(self, other: States) -> bool:
         """Whether the regressor is that of other states, as far as this can be told without looking at samples."""

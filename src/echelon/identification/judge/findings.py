@@ -19,7 +19,9 @@ _NAMES = {
     Kind.CHANGE: "changes",
     Kind.GRAVITY: "gravity",
     Kind.GAIN: "gains",
+    Kind.DELAY: "setup error",
     Kind.RATE: "setup error",
+    Kind.ZERO: "setup error",
     Kind.JOINT: "joint",
     Kind.READING: "setup error",
     Kind.UNIT: "setup error",
@@ -36,7 +38,8 @@ def finding(judged: Judged, *, lists_effects: bool, taken: bool = False) -> Find
         return _of_effect(judged, lists_effects=lists_effects, taken=taken)
     if judged.kind in (Kind.READING, Kind.UNIT):
         (before,), (after,) = judged.before, judged.after
-        gain = f"; with this one change what is left of the outputs falls from {before:.2%} to {after:.2%} of their spread"
+        shares = f"from {before:.2%} to {after:.2%} of their spread"
+        gain = f"; with this one change what is left of the outputs falls {shares}"
         text = judged.words + gain * (before < 1)
         return (note if taken else warning)(
             "gravity" if judged.gravity is not None else name, "", text + _taken(taken)

@@ -30,13 +30,15 @@ class Kind(StrEnum):
     CHANGE = "change"  # parameters that change along the logs
     GRAVITY = "gravity"
     GAIN = "gain"  # of an output
+    DELAY = "delay"  # of outputs behind positions
     RATE = "rate"
+    ZERO = "zero"  # of a position
     JOINT = "joint"  # that gives way
     READING = "reading"  # other columns, signs, units, clocks, mounting
     UNIT = "unit"  # of all outputs, by a prior
 
 
-CONTINUOUS = (Kind.GRAVITY, Kind.GAIN, Kind.RATE, Kind.JOINT)
+CONTINUOUS = (Kind.GRAVITY, Kind.GAIN, Kind.DELAY, Kind.RATE, Kind.ZERO, Kind.JOINT)
 """Kinds of hypotheses that are knobs, with sizes that a fit finds."""
 
 
@@ -53,6 +55,7 @@ class Knob:
         [Floats, Floats], tuple[str, str]
     ]  # words and lines of a set-up, by sizes and standard errors
     sign: float = 1.0  # of the first gain, where sizes are logarithms
+    least: float = 0.0  # size up to which it is not told
     by_measured_load: bool = False  # whether loads are what was measured, less friction, not what the model predicts
 
 

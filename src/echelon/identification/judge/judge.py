@@ -22,10 +22,12 @@ from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.errors import EchelonError
 from echelon.identification.judge.changes import payloads, warming, whole_loads
+from echelon.identification.judge.delays import scanned_delays
 from echelon.identification.judge.effects import effects
 from echelon.identification.judge.evidence import (
     Evidence,
     Gain,
+    OutputRows,
     Products,
     States,
     WeightedFit,
@@ -41,7 +43,7 @@ from echelon.identification.judge.hypothesis import (
     Term,
     Usual,
 )
-from echelon.identification.judge.knobs import gain, load_of, slopes, turned
+from echelon.identification.judge.knobs import delays, gain, load_of, slopes, turned
 from echelon.identification.judge.readings import Readings
 from echelon.identification.judge.settled import (
     Turned,
@@ -63,7 +65,9 @@ _READ_ELSEWHERE = (
     0.7  # the same of a log that was not fitted, which may be of another day
 )
 _READ_ALIKE = 0.07  # differences of marks of readings up to which they do alike: 7 % of what is left
-_RIVAL = 0.5  # of the best gain, from which on joints that are not stiff are compared in earnest
+_RIVAL = (
+    0.5  # of the best gain, from which on continuous changes are compared in earnest
+)
 _RARER = 3.0  # times _WORTH, for hypotheses that are rarely true
 _NEW = 1e-4  # least share of a column that the model cannot say already
 _PROGRAMMES = 16  # physical programmes that are solved at most
@@ -93,6 +97,10 @@ class Judged:
         1.0  # of a continuous change: times a rate, or the first of some gains
     )
     gravity: tuple[float, ...] | None = None  # that it finds, m/s² in the base frame
+    delays: Mapping[str, float] = field(
+        default_factory=dict
+    )  # by output, s: all of them, where it finds some
+    alternatives: tuple[str, ...] = ()  # words of others that data do not tell from it
     taken: bool = True
 
     @property
@@ -169,7 +177,7 @@ class Judge:
                 ]  # what is left then is judged when the set-up is mended
             if small is None:
                 break
-            if small.judged.kind is Kind.JOINT:
+            if small.judged.kind in CONTINUOUS:
                 small = self._rival(small, sure)
                 beside = _beside(small, sure)
             if self._takes(small):
@@ -194,9 +202,10 @@ class Judge:
         if small.judged.gain.mean >= large.gain.mean:
             return True
         before, after = self._physical(self.states), None
-        if (
-            small.judged.kind is Kind.GAIN
-        ):  # whose slope says little of a gain that is far from one
+        if small.judged.kind in (
+            Kind.GAIN,
+            Kind.DELAY,
+        ):  # whose slopes say little of what is far from none
             after = self._physical(self._settled(small)[1])
         return (
             before is not None
@@ -218,7 +227,7 @@ class Judge:
             ),
             *payloads(self.base, self.states),
             *warming(self.base, self.states),
-            *turned(self.base, self.states, values, self.readings.velocities),
+            *turned(self.readings, self.states, values),
         ]
         tried = [term for term in tried if term.words not in self.turned]
         held, rows = (
@@ -235,11 +244,9 @@ class Judge:
             candidate = trial.candidate(trial.columns)
             if candidate is not None:
                 found.append(candidate)
-        found += [
-            c
-            for c in self._foreign_gains(model, first, held)
-            if c.terms[0].words not in self.turned
-        ]
+        far = self._far(model, first, held, rows)
+        words = {some.terms[0].words for some in far}
+        found = [*(some for some in found if some.terms[0].words not in words), *far]
         sure = [c for c in found if c.judged.gain.ratio > _SURE]
         if not sure:
             return None, []
@@ -282,12 +289,38 @@ class Judge:
         return float(told.std()) if len(told) else inf
 
     def _rival(self, chosen: _Candidate, sure: Sequence[_Candidate]) -> _Candidate:
-        """The joint that leaves least if it gives way or has play in earnest: derivatives do not tell these apart."""
-        joints = [c for c in sure if c.judged.kind is Kind.JOINT]
+        """The continuous change that leaves least in earnest, with those that leave as little: derivatives mislead."""
+        least = _RIVAL * chosen.judged.gain.mean
         rivals = [
-            c for c in joints if c.judged.gain.mean > _RIVAL * chosen.judged.gain.mean
+            c
+            for c in sure
+            if c.judged.kind in CONTINUOUS and c.judged.gain.mean > least
         ]
-        return min(rivals, key=lambda c: self._left(self._settled(c)[1], ())[0])
+        others = [c for c in rivals if c.terms[0].words != chosen.terms[0].words]
+        if not others:
+            return chosen
+        settled_ones = [
+            (some, self._marks_of(self._settled(some)[1])) for some in (chosen, *others)
+        ]
+        _, best = min(settled_ones, key=lambda entry: float(entry[1].mean()))
+        alike = [some for some, marks in settled_ones if _between(marks, best).is_none]
+        by_prior = chosen.judged.kind is Kind.GAIN and self.prior is not None
+        first = chosen if by_prior else min(alike, key=self._simple)
+        places = set(first.judged.places)
+        rest = [
+            c
+            for c in alike
+            if c.judged.kind is not first.judged.kind
+            or not places & set(c.judged.places)
+        ]
+        rest.sort(key=lambda c: -c.judged.gain.mean)
+        words = tuple(c.judged.words for c in rest[: _ALTERNATIVES - 1])
+        return replace(first, judged=replace(first.judged, alternatives=words))
+
+    def _marks_of(self, states: States) -> Floats:
+        """Marks of the model with the columns that were taken, in some states."""
+        products, fit = self._fit(states)
+        return _marks(products, fit.values)
 
     def _simple(self, some: _Candidate) -> tuple[bool, Usual, int, float]:
         """Order of hypotheses that predict alike, the simplest one first."""
@@ -299,53 +332,86 @@ class Judge:
             -some.judged.gain.mean,
         )
 
-    def _foreign_gains(
-        self, model: Products, fit: WeightedFit, held: HeldOut
+    def _far(
+        self,
+        model: Products,
+        fit: WeightedFit,
+        held: HeldOut,
+        rows: Sequence[OutputRows],
     ) -> list[_Candidate]:
-        """Outputs in other units, such as currents, whose gains are too far from one for derivatives."""
+        """Gains and delays that are too far from none for derivatives."""
+        values, found = fit.values[: self.base.rank], []
         gains = own_gains(self.base, model)
-        if not gains:
-            return []
-        other = model
-        for output, factor in gains.items():
-            other = other.scaled(output, factor)
-        before, after = held.squares, HeldOut(other, fitted(other).noise).squares
-        names = tuple(self.readings.outputs[output] for output in gains)
-        signs = [float(np.sign(factor)) for factor in gains.values()]
-        knob = gain(list(gains), names, signs)
-        load = np.zeros_like(self.states.y)
-        signals = slopes(
-            self.base,
-            self.states,
-            fit.values[: self.base.rank],
-            knob,
-            np.zeros(len(gains)),
-            load,
+        if gains:  # as of outputs in other units, such as currents
+            names = [self.readings.outputs[output] for output in gains]
+            knob = gain(
+                list(gains),
+                names,
+                [float(np.sign(factor)) for factor in gains.values()],
+            )
+            start = np.log(np.abs(list(gains.values())))
+            signals = slopes(
+                self.base,
+                self.states,
+                values,
+                knob,
+                np.zeros(len(gains)),
+                np.zeros_like(self.states.y),
+            )
+            term = Term(
+                Kind.GAIN,
+                "the gains of outputs",
+                ", ".join(names),
+                "",
+                Usual.OFTEN,
+                signals,
+                knob,
+            )
+            found.append(self._started(term, start, held, list(gains)))
+        if not self.knobs:  # a long delay hides all else, and is the first to be found
+            terms = delays(self.readings, self.states, values)
+            for term, delay in zip(
+                terms, scanned_delays(rows, self.states), strict=False
+            ):
+                if delay:
+                    found.append(self._started(term, np.array([delay]), held))
+        return [some for some in found if some.terms[0].words not in self.turned]
+
+    def _started(
+        self, term: Term, start: Floats, held: HeldOut, outputs: Sequence[int] = ()
+    ) -> _Candidate:
+        """A continuous change at a size to start from; ``outputs`` are its places, if it has several."""
+        assert term.knob is not None
+        model, fit = self._fit(
+            term.knob.moved(self.states, start, np.zeros_like(self.states.y))
         )
-        term = Term(
-            Kind.GAIN,
-            "the gains of outputs",
-            ", ".join(names),
-            "",
-            Usual.OFTEN,
-            signals,
-            knob,
-        )
-        found, spread = (
-            Gain.of(before, after, _floor(model)),
-            np.maximum(model.spread, _TINY),
-        )
-        old, new = (
-            tuple(1 - squares.sum(axis=0)[k] / spread[k] for k in gains)
-            for squares in (before, after)
-        )
-        entries = ("",) * len(names)
-        judged = Judged(
-            Kind.GAIN, term.words, "", term.usual, found, names, entries, old, new
-        )
-        return [
-            _Candidate(judged, (term,), after, np.log(np.abs(list(gains.values()))))
+        rows = held.products.counts / np.maximum(model.counts, 1)
+        before, after = held.squares, rows * HeldOut(model, fit.noise).squares
+        spread = np.maximum(held.products.spread, _TINY)
+        shown = outputs or [
+            max(
+                term.signals,
+                key=lambda k: float((before - after)[:, k].sum() / spread[k]),
+            )
         ]
+        old, new = (
+            tuple(float(1 - e[:, k].sum() / spread[k]) for k in shown)
+            for e in (before, after)
+        )
+        names = tuple(self.readings.outputs[k] for k in outputs) or (term.place,)
+        gained = Gain.of(before, after, _floor(held.products))
+        judged = Judged(
+            term.kind,
+            term.words,
+            "",
+            term.usual,
+            gained,
+            names,
+            ("",) * len(names),
+            old,
+            new,
+        )
+        return _Candidate(judged, (term,), after, start)
 
     def _takes(self, chosen: _Candidate) -> bool:
         """Takes a hypothesis into the model, unless it gains nothing where it is not a derivative any more."""
@@ -354,9 +420,9 @@ class Judge:
             return True
         self.turned.append(chosen.terms[0].words)
         knobs, states = self._settled(chosen)
-        if not (
-            np.abs(knobs[-1].sizes) > _SURE * knobs[-1].errors
-        ).any():  # an output of pure noise has no gain
+        last = knobs[-1]
+        told = np.abs(last.sizes) > np.maximum(_SURE * last.errors, last.knob.least)
+        if not told.any():  # an output of pure noise has no gain
             return False
         (before, old), (after, new) = self._fit(self.states), self._fit(states)
         gain = _between(_marks(before, old.values), _marks(after, new.values))
@@ -414,12 +480,19 @@ class Judge:
 
     def _sized(self, judged: Judged, turned: Turned) -> Judged:
         words, write = turned.words
-        gravity = None
+        if judged.alternatives:
+            words += f", which these data do not tell from {' or '.join(judged.alternatives)}"
+        gravity, delays = None, {}
+        if judged.kind is Kind.DELAY:
+            delays = self.readings.all_delays(np.asarray(self.states.late))
+            write = f"delays: {{{', '.join(f'{name}: {delay:.4g}' for name, delay in delays.items())}}}"
         if judged.kind is Kind.GRAVITY and self.states.gravity is not None:
             gravity = tuple(self.states.gravity.tolist())
         scaled = judged.kind in (Kind.GAIN, Kind.RATE)
         size = turned.knob.sign * float(np.exp(turned.sizes[0])) if scaled else 1.0
-        return replace(judged, words=words, write=write, size=size, gravity=gravity)
+        return replace(
+            judged, words=words, write=write, size=size, gravity=gravity, delays=delays
+        )
 
     def _settled(self, chosen: _Candidate) -> tuple[tuple[Turned, ...], States]:
         """All knobs that were taken and another one, with the sizes that leave least, and the states read with them."""

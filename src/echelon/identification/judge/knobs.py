@@ -1,8 +1,8 @@
-"""Continuous changes of what is read: gravity's direction, gains of outputs, a rate, joints that give way."""
+"""Continuous changes of what is read: gravity's direction, gains, delays, a rate, zeros, joints that give way."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,22 +13,63 @@ from echelon.formats.usual_effects import slides
 from echelon.identification.judge.effects import Place, places
 from echelon.identification.judge.evidence import States, of_bodies
 from echelon.identification.judge.hypothesis import Kind, Knob, Term, Usual
+from echelon.identification.judge.readings import Readings
 
+_SHORT = 0.01
+"""Delay up to which none is told here, s: those were looked for on the clock of the log, which knows when friction
+turns while the slower one of the rows does not."""
 _RATIO = "what it should be beside the others, for data tell ratios of outputs only"
 
 
-def turned(
-    base: BaseModel, states: States, values: Floats, velocities: bool
-) -> Iterator[Term]:
-    """Terms of all knobs: derivatives of the prediction with some base parameters.
+def turned(readings: Readings, states: States, values: Floats) -> Iterator[Term]:
+    """Terms of all knobs: derivatives of the prediction with some base parameters."""
+    base, names = readings.base, readings.outputs
 
-    ``velocities`` says whether they were measured, so that they do not depend on the clock.
-    """
-    for kind, words, place, usual, outputs, knob in _knobs(base, states, velocities):
+    def term(
+        kind: Kind, words: str, place: str, knob: Knob, usual: Usual = Usual.OFTEN
+    ) -> Term:
         load = load_of(base, states, values, knob)
         signals = slopes(base, states, values, knob, np.zeros(knob.count), load)
-        columns, positive = {k: signals[k] for k in outputs}, kind is Kind.JOINT
-        yield Term(kind, words, place, "", usual, columns, knob, positive=positive)
+        return Term(
+            kind, words, place, "", usual, signals, knob, positive=kind is Kind.JOINT
+        )
+
+    if states.gravity is not None:
+        yield term(
+            Kind.GRAVITY, "gravity in another direction", "", _tilt(states.gravity)
+        )
+    for k, name in enumerate(names):
+        some = term(
+            Kind.GAIN, f"the gain of the output of '{name}'", name, gain([k], [name])
+        )
+        yield replace(some, signals={k: some.signals[k]})
+    yield from delays(readings, states, values)
+    yield term(Kind.RATE, "the rate", "", _rate(readings.velocities))
+    for k, label in enumerate(readings.position_labels):
+        yield term(Kind.ZERO, f"the zero of {label}", label, _zero(readings, k))
+    for place in places(base.mechanism, states.q.shape[1], states.qd.shape[1]):
+        for words, knob in gears(base, place):
+            yield term(Kind.JOINT, words, place.name, knob, Usual.RARELY)
+
+
+def delays(readings: Readings, states: States, values: Floats) -> Iterator[Term]:
+    """The delay of all outputs together, then those of each."""
+    names = readings.outputs
+    changes = -states.derivative(states.predicted(readings.base, values))
+    groups = [list(range(len(names))), *([k] for k in range(len(names)))]
+    for outputs in groups if len(names) > 1 else groups[:1]:
+        together = len(outputs) == len(names)
+        name = "" if together else names[outputs[0]]
+        subject = "the outputs are" if together else f"the output of '{name}' is"
+        words = (
+            "the delay of the outputs"
+            if together
+            else f"the delay of the output of '{name}'"
+        )
+        signals = {k: changes[:, [k]] for k in outputs}
+        yield Term(
+            Kind.DELAY, words, name, "", Usual.OFTEN, signals, _delay(outputs, subject)
+        )
 
 
 def slopes(
@@ -39,14 +80,19 @@ def slopes(
     sizes: Floats,
     load: Floats,
 ) -> dict[int, Floats]:
-    """Derivatives of the prediction by the sizes of a knob, from central differences; by output, shape (samples, k)."""
+    """Derivatives of the prediction, less the measured outputs, by the sizes of a knob; by output, shape (samples, k).
+
+    They are central differences.
+    """
     columns = []
     for step in knob.step * np.eye(knob.count):
-        ahead, back = (
-            knob.moved(start, sizes + sign * step, load).predicted(base, values)
-            for sign in (1, -1)
+        ahead, back = (knob.moved(start, sizes + sign * step, load) for sign in (1, -1))
+        change = (
+            ahead.predicted(base, values)
+            - back.predicted(base, values)
+            - (ahead.y - back.y)
         )
-        columns.append((ahead - back) / (2 * knob.step))
+        columns.append(change / (2 * knob.step))
     whole = np.stack(columns, axis=2)
     return {k: whole[:, k] for k in range(whole.shape[1])}
 
@@ -60,30 +106,6 @@ def load_of(base: BaseModel, states: States, values: Floats, knob: Knob) -> Floa
     if not knob.by_measured_load:
         return states.predicted(base, np.where(of_bodies(base), values, 0.0))
     return states.y - states.predicted(base, np.where(of_bodies(base), 0.0, values))
-
-
-def _knobs(
-    base: BaseModel, states: States, velocities: bool
-) -> Iterator[tuple[Kind, str, str, Usual, list[int], Knob]]:
-    mechanism = base.mechanism
-    names = [output.name for output in mechanism.outputs]
-    every = list(range(len(names)))
-    if states.gravity is not None:
-        yield (
-            Kind.GRAVITY,
-            "gravity in another direction",
-            "",
-            Usual.OFTEN,
-            every,
-            _tilt(states.gravity),
-        )
-    for k, name in enumerate(names):
-        words = f"the gain of the output of '{name}'"
-        yield Kind.GAIN, words, name, Usual.OFTEN, [k], gain([k], [name])
-    yield Kind.RATE, "the rate", "", Usual.OFTEN, every, _rate(velocities)
-    for place in places(mechanism, states.q.shape[1], states.qd.shape[1]):
-        for words, knob in gears(base, place):
-            yield Kind.JOINT, words, place.name, Usual.RARELY, every, knob
 
 
 def gears(base: BaseModel, place: Place) -> Iterator[tuple[str, Knob]]:
@@ -172,14 +194,38 @@ def _rate(velocities: bool) -> Knob:
     return Knob(1e-3, 1, moved, says)
 
 
+def _delay(outputs: Sequence[int], subject: str) -> Knob:
+    """Outputs that are measured some seconds after the positions."""
+
+    def moved(states: States, sizes: Floats, _: Floats) -> States:
+        return states.earlier(outputs, float(sizes[0]))
+
+    def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
+        order = "late" if sizes[0] > 0 else "early"
+        return f"{subject} {abs(sizes[0]):.3g} ± {errors[0]:.1g} s {order}", ""
+
+    return Knob(1e-3, 1, moved, says, least=_SHORT)
+
+
+def _zero(readings: Readings, k: int) -> Knob:
+    """A column of positions whose zero is not that of the robot."""
+    label, unit, offset = (
+        readings.position_labels[k],
+        readings.position_units[k],
+        readings.offsets[k],
+    )
+
+    def moved(states: States, sizes: Floats, _: Floats) -> States:
+        return readings.with_zero(states, k, float(sizes[0]))
+
+    def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
+        words = f"the zero of {label} is {sizes[0]:.3g} ± {errors[0]:.1g} {unit} off"
+        return words, f"offset: {offset + sizes[0]:.4g}"
+
+    return Knob(1e-4, 1, moved, says)
+
+
 def _elastic(place: Place, sliding: bool) -> Knob:
-    ((q, v, ratio),) = place.ratios
-
-    def moved(states: States, sizes: Floats, load: Floats) -> States:
-        bent = states.smoothed(load[:, place.output]) * sizes[0] / ratio
-        rate = states.derivative(bent)
-        return _shifted(states, q, v, bent, rate, states.derivative(rate))
-
     def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
         about, error = 1 / sizes[0], errors[0] / sizes[0] ** 2
         unit = "N/m" if sliding else "N·m/rad"
@@ -188,17 +234,11 @@ def _elastic(place: Place, sliding: bool) -> Knob:
             "",
         )
 
-    return Knob(1e-6, 1, moved, says)
+    return Knob(1e-6, 1, _ahead(place, lambda _, load: load), says)
 
 
 def _play(place: Place, sliding: bool) -> Knob:
     """An encoder that is ahead of its joint by half the play of the gear, on the side that the load presses to."""
-    ((q, v, ratio),) = place.ratios
-
-    def moved(states: States, sizes: Floats, load: Floats) -> States:
-        ahead = states.smoothed(_side(states, load[:, place.output])) * sizes[0] / ratio
-        rate = states.derivative(ahead)
-        return _shifted(states, q, v, ahead, rate, states.derivative(rate))
 
     def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
         unit = "m" if sliding else "rad"
@@ -207,31 +247,39 @@ def _play(place: Place, sliding: bool) -> Knob:
             "",
         )
 
-    return Knob(1e-4, 1, moved, says, by_measured_load=True)
+    return Knob(1e-4, 1, _ahead(place, _side), says, by_measured_load=True)
+
+
+def _ahead(
+    place: Place, signal: Callable[[States, Floats], Floats]
+) -> Callable[[States, Floats, Floats], States]:
+    """Encoders that are ahead of their joint by the size of a knob times a signal of the load on the gear."""
+    ((q, v, ratio),) = place.ratios
+
+    def moved(states: States, sizes: Floats, load: Floats) -> States:
+        ahead = (
+            states.smoothed(signal(states, load[:, place.output])) * sizes[0] / ratio
+        )
+        rate = states.derivative(ahead)
+        positions, velocities, accelerations = (
+            states.q.copy(),
+            states.qd.copy(),
+            states.qdd.copy(),
+        )
+        positions[:, q] -= ahead
+        velocities[:, v] -= rate
+        accelerations[:, v] -= states.derivative(rate)
+        drives = states.drives or (states.q, states.qd, states.qdd)
+        return replace(
+            states, q=positions, qd=velocities, qdd=accelerations, drives=drives
+        )
+
+    return moved
 
 
 def _side(states: States, load: Floats) -> Floats:
     """Signs of a load, with steps that are a straight line from one sample to the next; shape (samples,)."""
     change = np.abs(states.derivative(load)) / states.rate
-    return np.clip(load / np.maximum(change, np.finfo(float).tiny), -1.0, 1.0)
-
-
-def _shifted(
-    states: States,
-    q: int,
-    v: int,
-    position: Floats,
-    rate: Floats | float,
-    acceleration: Floats | float,
-) -> States:
-    """States whose encoder is ahead of the joint by some position, with its rate and acceleration."""
-    positions, velocities, accelerations = (
-        states.q.copy(),
-        states.qd.copy(),
-        states.qdd.copy(),
+    return np.asarray(
+        load / np.maximum(np.maximum(change, np.abs(load)), np.finfo(float).tiny)
     )
-    positions[:, q] -= position
-    velocities[:, v] -= rate
-    accelerations[:, v] -= acceleration
-    drives = states.drives or (states.q, states.qd, states.qdd)
-    return replace(states, q=positions, qd=velocities, qdd=accelerations, drives=drives)

@@ -8,7 +8,7 @@ are judged by the parameters of a robot that can exist.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import combinations, permutations
 from math import degrees, pi, radians
@@ -24,6 +24,9 @@ from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.motor_side import transmission_matrix
 
 _COUPLED = 4  # joints in a row among which a drive moves two: belts and shafts through arms lead no farther
+_DECIMALS = (
+    5  # of delays, s: no log of a robot tells them to less than ten microseconds
+)
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -37,6 +40,9 @@ class Readings:
     velocities: (
         bool  # whether velocities were measured, not differentiated from positions
     )
+    delays: Mapping[str, float] = field(
+        default_factory=dict
+    )  # by output, s: those that were undone
 
     @property
     def outputs(self) -> list[str]:
@@ -56,6 +62,15 @@ class Readings:
         """
         yield from self._of_gravity()
         yield from self._of_couplings()
+
+    def all_delays(self, further: Floats) -> dict[str, float]:
+        """Delays by output, s: those that were undone already and further ones, shape (outputs,)."""
+        pairs = zip(self.outputs, further, strict=True)
+        found = {
+            name: round(self.delays.get(name, 0.0) + float(delay), _DECIMALS)
+            for name, delay in pairs
+        }
+        return {name: delay for name, delay in found.items() if delay}
 
     def clock(self, rate: float) -> Reading:
         """A clock that is faster by a factor than the one that was taken."""
@@ -144,7 +159,7 @@ class Readings:
                 yield _Change(text, outputs=_scaled(m, i, factor))
 
     def _of_positions(self) -> Iterator[_Change]:
-        label, n = self._position_labels, len(self._position_labels)
+        label, n = self.position_labels, len(self.position_labels)
         yield from _flips("positions", label, _Change)
         for i, name in enumerate(self.names if n == len(self.names) else ()):
             if name in self.outputs:
@@ -254,7 +269,8 @@ class Readings:
         )
 
     @cached_property
-    def _position_labels(self) -> list[str]:
+    def position_labels(self) -> list[str]:
+        """Names of the columns of positions, for sentences."""
         return self._named("position", self._keys, self.columns.positions)
 
     @cached_property
@@ -262,6 +278,25 @@ class Readings:
         """Names of what the columns of positions measure: coordinates, or drives."""
         stated = self.columns.positions
         return tuple(stated) if len(stated) == len(self.names) else self.names
+
+    @property
+    def position_units(self) -> list[str]:
+        """SI units of the columns of positions."""
+        return ["m" if slides else "rad" for slides in self._slides]
+
+    @property
+    def offsets(self) -> Floats:
+        """Stated offsets of the columns of positions, SI units, shape (n,)."""
+        stated = self.columns.positions
+        return np.array(
+            [stated[key].offset if key in stated else 0.0 for key in self._keys]
+        )
+
+    def with_zero(self, states: States, column: int, shift: float) -> States:
+        """States with something added to one column of positions, rad or m."""
+        return self._changed(
+            _Change("", shift=shift * np.eye(len(self._keys))[column]), states
+        )
 
     @cached_property
     def _slides(self) -> list[bool]:
@@ -321,10 +356,7 @@ class Readings:
             )
         if change.positions is None and change.shift is None:
             return rows
-        P, stated = self._channels, self.columns.positions
-        offset = np.array(
-            [stated[key].offset if key in stated else 0.0 for key in self._keys]
-        )
+        P, offset = self._channels, self.offsets
         matrix = np.eye(len(P)) if change.positions is None else change.positions
         shift = np.zeros(len(P)) if change.shift is None else change.shift
         back = np.linalg.inv(P).T
@@ -336,7 +368,9 @@ class Readings:
             (q[:, places] @ P.T - offset) @ matrix.T + offset + shift
         ) @ back
         rows = replace(rows, q=q)
-        return rows if self.velocities else self._turned(rows, P.T @ matrix.T @ back)
+        if change.positions is None or self.velocities:
+            return rows
+        return self._turned(rows, P.T @ matrix.T @ back)
 
     def _turned(self, rows: States, matrix: Floats) -> States:
         """Velocities and accelerations that belong to changed columns."""

@@ -39,7 +39,7 @@ class Turned:
 
     @property
     def words(self) -> tuple[str, str]:
-        """What it says, and the lines of a set-up that state it."""
+        """A sentence with its sizes, and the lines of a set-up that state it."""
         return self.knob.says(self.sizes, self.errors)
 
 
@@ -134,7 +134,7 @@ def settled_with_loads(
 def _slopes(
     base: BaseModel, start: States, values: Floats, turned: Sequence[Turned], k: int
 ) -> dict[int, Floats]:
-    """What the prediction changes by the sizes of one of the knobs, the others as they are."""
+    """Derivatives of the prediction by the sizes of one of the knobs, the others as they are."""
     some, ahead = turned[k], read_with(start, turned[:k])
 
     def moved(states: States, sizes: Floats, load: Floats) -> States:
