@@ -303,8 +303,9 @@ class Additions:
 
     def _force(self, side: Side, at: str, path: str) -> Force:
         kind = "actuator" if side is Side.ACTUATOR else "joint coordinate"
-        loops = "independent " * (side is Side.JOINT and bool(self.mechanism.closures))
-        self.expressions.check(at, self._places(side), path, f"{loops}{kind}")
+        if side is Side.JOINT and self.mechanism.closures:
+            kind = f"independent {kind}"
+        self.expressions.check(at, self._places(side), path, kind)
         return Force(at, side)
 
     def _wrench(self, entry: WrenchOutput, path: str) -> list[Output]:
