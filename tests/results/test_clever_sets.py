@@ -120,9 +120,68 @@ def as_numbers(model: ec.BaseModel, column: str, representative: str) -> ec.Base
         model.matrix,
         pivots=pivots,
         rows=tuple(rows[p] for p in pivots),
-        numbers=StatedNumbers(others, at, 1e-35),
+        numbers=StatedNumbers(others, at, 1e-35, False),
     )
     return replace(model, matrix=matrix)
+
+
+ROUNDED_PARALLELOGRAM = """gravity: [0, -9.81, 0]
+bodies:
+  - {name: crank, joint: {type: revolute, axis: z}}
+  - {name: coupler, parent: crank, joint: {type: revolute, axis: z, origin: {xyz: [0.114726, 0.0966327, 0]}}}
+  - {name: rocker, joint: {type: revolute, axis: z, origin: {xyz: [0.382135, 0.118208, 0]}}}
+assembly: {crank: 0.139151, coupler: -0.139151, rocker: -0.260845}
+loops:
+  - joint: revolute
+    connects: [coupler, rocker]
+    at: {xyz: [0.382135, 0.118208, 0]}
+    on_second: {xyz: [0.0680394, 0.133681, 0]}
+    axis: z
+"""
+"""Bars of 0.4 m and 0.15 m whose ends are given with six digits."""
+
+
+@pytest.fixture(scope="module")
+def parallelogram() -> ec.BaseModel:
+    return ec.base_parameters(robot(ROUNDED_PARALLELOGRAM))
+
+
+def test_sets_of_rounded_files_are_verified_as_such(
+    parallelogram: ec.BaseModel,
+) -> None:
+    numbers = parallelogram.matrix.numbers
+    assert parallelogram.rank == 3
+    assert numbers is not None
+    assert numbers.rounded
+    assert "to the last decimals of the file" in str(verified(parallelogram))
+
+
+def test_only_loops_of_rounded_files_may_have_sets_that_are_rounded() -> None:
+    base = ec.base_parameters(robot(FOUR_BAR % ("qd", "qd + q")))
+    claimed = as_numbers(base, "Q", "P")
+    numbers = claimed.matrix.numbers
+    assert numbers is not None
+    coarse = replace(numbers, radius=1.0, rounded=True)
+    mechanism = replace(claimed.mechanism, rounding=0.0)
+    with pytest.raises(ec.CertificateError, match=r"errors of 1e\+00 prove nothing"):
+        verified(
+            replace(
+                claimed,
+                mechanism=mechanism,
+                matrix=replace(claimed.matrix, numbers=coarse),
+            )
+        )
+
+
+def test_a_rounded_set_may_not_leave_more_than_rounding_explains(
+    parallelogram: ec.BaseModel,
+) -> None:
+    rows = [dict(row) for row in parallelogram.matrix.rows]
+    column = parallelogram.parameters.index("MX3")
+    rows[1][column] = rows[1][column] * RationalFunction(2)
+    matrix = replace(parallelogram.matrix, rows=tuple(rows))
+    with pytest.raises(ec.CertificateError, match="incomplete or wrong"):
+        verified(replace(parallelogram, matrix=matrix))
 
 
 def test_tiny_terms_are_not_lost_beside_others_in_ball_arithmetic() -> None:

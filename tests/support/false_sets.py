@@ -183,7 +183,7 @@ def _numbers(
 ) -> StatedNumbers:
     """Some columns called numbers, exact or not."""
     at = value_texts(model.mechanism, all_symbols(model.mechanism))
-    return StatedNumbers(tuple(sorted(columns)), at, rng.choice([0.0, 1e-40]))
+    return StatedNumbers(tuple(sorted(columns)), at, rng.choice([0.0, 1e-40]), False)
 
 
 def fewer(truth: Honest, rng: random.Random) -> ec.BaseModel | None:

@@ -245,7 +245,7 @@ def certify(
         raise CertificateError(
             f"the set has {len(matrix.parameters)} standard parameters, the model {regressor.shape[1]}"
         )
-    _check_numbers(matrix)
+    _check_numbers(matrix, _rounding(regressor, matrix))
     rng = random_generator(seed)
     checks = _Checks(regressor, matrix, stated, rng, doubt)
     if regressor.rational:
@@ -410,13 +410,8 @@ class _Checks:
         others = self._others()
         everywhere = stated is not None and stated.everywhere
         loops = self.regressor.loops
-        if (
-            loops is not None
-            and matrix.numbers
-            and matrix.numbers.rounded
-            and loops.mechanism.rounding
-        ):
-            self.rounding = loops.mechanism.rounding
+        self.rounding = _rounding(self.regressor, matrix)
+        if loops is not None and self.rounding:
             evidence = check_to_rounding(
                 self.regressor, matrix, loops.mechanism, self.rng
             )
@@ -521,7 +516,15 @@ class _Checks:
         self.reached[IDENTITY] = set(columns)
 
 
-def _check_numbers(matrix: BaseMatrix) -> None:
+def _rounding(regressor: LinearForms, matrix: BaseMatrix) -> float:
+    """Rounding of the file, beside sizes, to which the set claims to hold; 0 where it claims to hold exactly."""
+    loops, numbers = regressor.loops, matrix.numbers
+    if loops is None or numbers is None or not numbers.rounded:
+        return 0.0
+    return loops.mechanism.rounding
+
+
+def _check_numbers(matrix: BaseMatrix, rounding: float) -> None:
     """Refuse columns of numbers that are no numbers, or that are so rounded that they say too little."""
     numbers = matrix.numbers
     if numbers is None:
@@ -536,7 +539,7 @@ def _check_numbers(matrix: BaseMatrix) -> None:
     if any(value.symbols() for value in coefficients):
         raise CertificateError("a coefficient in a column of numbers is not a number")
     size = max((abs(value.evaluate({}, float)) for value in coefficients), default=0.0)
-    if not numbers.rounded and not numbers.radius <= NEGLIGIBLE_ERROR * max(1.0, size):
+    if not rounding and not numbers.radius <= NEGLIGIBLE_ERROR * max(1.0, size):
         raise CertificateError(
             f"numbers with errors of {numbers.radius:.0e} prove nothing"
         )

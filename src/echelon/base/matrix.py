@@ -49,7 +49,7 @@ class StatedNumbers:
         str, str
     ]  # the stated values of the symbols that matter, as exact text; radians for angles
     radius: float  # largest error of a coefficient; 0 where they are exact
-    rounded: bool = False  # whether they hold to the last decimals of a file only, which the error stands for
+    rounded: bool  # whether they hold to the last decimals of a file only, which the error stands for
 
     def exact(self, angles: frozenset[str]) -> dict[str, Number] | None:
         """The stated values as exact numbers, or None if angles are among them, whose sines are not."""

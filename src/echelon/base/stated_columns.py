@@ -86,7 +86,7 @@ class StatedColumns:
         )  # and not functions of constants, such as exp(k)
         used = self._stated(names if plain else all_symbols(self.mechanism))
         at = value_texts(self.mechanism, all_symbols(self.mechanism))
-        meaning = StatedNumbers(tuple(sorted(columns)), at, 0.0)
+        meaning = StatedNumbers(tuple(sorted(columns)), at, 0.0, False)
         known = replace(meaning, at=used).exact(symbol_roles(self.mechanism).angles)
         values = (
             self._exact(pairs, needed, known)

@@ -290,6 +290,7 @@ def _matrix(
                 tuple(column[name] for name in stated.parameters),
                 stated.at,
                 stated.radius,
+                stated.rounded,
             )
     except KeyError as error:
         raise InputError(

@@ -79,9 +79,9 @@ def made(kind: type[Made], record: Schema) -> Made:
 
 def json_schema(kind: type[Schema]) -> dict[str, Any]:
     """The JSON schema of a record."""
-    names = {IdentifiedRecord: "identified", LinearBaseRecord: "linear-base"}
-    name = names.get(kind, "base-model")
-    return published_schema(name, kind.model_json_schema(by_alias=True))
+    schema = kind.model_json_schema(by_alias=True)
+    name, _, _ = schema["properties"]["schema"]["const"].partition("/")
+    return published_schema(name.removeprefix("echelon."), schema)
 
 
 class _StrictRecord(Schema):
