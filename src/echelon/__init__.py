@@ -13,6 +13,7 @@ def _declared() -> dict[str, str]:
     stub = __loader__.get_data(
         f"{__file__.removesuffix('c')}i"
     ).decode()  # this file may be there compiled only
+    stub = stub.replace("(\n    ", "")  # a long line is broken after "import"
     return {
         words[3]: words[1]
         for words in map(str.split, stub.replace("(\n", "").splitlines())

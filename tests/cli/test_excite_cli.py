@@ -18,6 +18,7 @@ import pytest
 import echelon as ec
 from echelon.cli import excite_commands
 from echelon.cli.commands import run as main
+from echelon.cli.destination import MANIFEST
 from echelon.excite.files.trajectory_file import SUFFIXES
 from echelon.formats.schema.schema_excite import ExcitationEntry
 from support.command_line import run
@@ -102,7 +103,7 @@ def test_all_files_are_written_and_said(made: Made) -> None:
         "preview.html",
         *(f"trajectory.{name}" for name in FORMATS),
     }
-    assert {path.name for path in out.iterdir()} == names
+    assert {path.name for path in out.iterdir()} == names | {MANIFEST}
     document = json.loads(done.stdout)
     assert {Path(path).name for path in document["files"]} == names
     assert document["safe"] is True

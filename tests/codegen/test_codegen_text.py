@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.cli.destination import MANIFEST
 from echelon.cli.generate import FUNCTIONS as LISTED_FUNCTIONS
 from echelon.cli.generate import LOOP_FUNCTIONS as LISTED_LOOP_FUNCTIONS
 from echelon.cli.generate import TARGETS as LISTED_TARGETS
@@ -298,6 +299,7 @@ def test_command(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert sorted(p.name for p in (tmp_path / "new/out").iterdir()) == [
+        MANIFEST,
         "double_pendulum.c",
         "double_pendulum.h",
     ]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.cli.destination import MANIFEST
 from support.simulated_results import assert_predicts, assert_same, params, result_of
 from support.simulated_systems import motion_of
 from support.written_robots import pinocchio_efforts, standard
@@ -17,7 +18,7 @@ _ARMATURES = ("Ia1", "Ia2", "Ia3")
 @pytest.mark.parametrize("name", params())
 def test_written_files(name: str) -> None:
     result = result_of(name)
-    names = {path.name for path in result.folder.iterdir()}
+    names = {path.name for path in result.folder.iterdir()} - {MANIFEST}
     robots = {
         "description": {"identified.yaml", "identified.urdf"},
         "urdf": {"identified.urdf"},

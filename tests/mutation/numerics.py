@@ -107,8 +107,8 @@ FAULTS = (
     ),
     Fault(
         "machine/kernel.py",
-        "strides[1] == _DOUBLE or",
-        "strides[1] >= _DOUBLE or",
+        "strides[1] == DOUBLE or",
+        "strides[1] >= DOUBLE or",
         "columns with gaps",
         "machine/test_machine_arrays.py",
     ),

@@ -33,6 +33,8 @@ from echelon.regressor.linear_forms import LinearForms
 
 SURPLUS_ROWS_FOR_SIGNS = 60
 """Surplus rows where signs make regions, which random closed states have to meet."""
+OTHER_POSES = 4
+"""Closed poses beyond those that determine the coefficients, at which relations are checked."""
 LARGEST_RELATIVE_ERROR = 1e-20
 """Relative error of a coefficient above which a comparison is refused."""
 _LOG10_2 = log10(2.0)
@@ -173,7 +175,7 @@ class _Check:
             self.forms, self.at, states, self.rng, motions, at_rest=at_rest
         )
         return np.vstack(
-            [many, ball_rows(self.forms, self.at, SURPLUS_ROWS, self.rng)]
+            [many, ball_rows(self.forms, self.at, OTHER_POSES, self.rng)]
         ), states
 
     def _refuse_dependent(self, table: Balls, bits: int) -> None:

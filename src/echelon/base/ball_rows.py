@@ -257,9 +257,8 @@ def irrational_roots(forms: LinearForms) -> tuple[bool, bool]:
     needed = program.needed(forms.entries.values())
     if any(program.ops[n] == Op.SQRT for n in needed):
         return True, True
-    parts = [
-        parts_of(c) for n in needed if isinstance(c := program.constants.get(n), Surd)
-    ]
+    constants = [program.constants.get(n) for n in needed]
+    parts = [parts_of(c) for c in constants if isinstance(c, Surd)]
     return any(p[1] or p[3] for p in parts), any(p[2] or p[3] for p in parts)
 
 

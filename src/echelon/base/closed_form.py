@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property, partial
+from itertools import product
 
 import numpy as np
 
@@ -96,11 +97,8 @@ class Dependence:
         roles = self.roles
         lengths = frozenset() if self.degrees is None else roles.lengths
         degrees = self.degrees or [0] * (len(self.sources) * len(self.targets))
-        chosen = [
-            k
-            for k, s in enumerate(s for s in self.sources for _ in self.targets)
-            if s not in self.zero
-        ]
+        sources = [source for source, _ in product(self.sources, self.targets)]
+        chosen = [k for k, source in enumerate(sources) if source not in self.zero]
 
         def evaluate(field: PrimeField, geometry: Geometry) -> Residues:
             found: Residues = self.coefficients(field, geometry, rng)[chosen]
@@ -154,24 +152,16 @@ class PlacedDependence:
         chosen = sorted(set(kinds))
         if self.frame.is_identity or not chosen:
             return {}
-        rows = [
-            (*row, t)
-            for row, t in zip(self.frame.rotation, self.frame.translation, strict=True)
-        ]
-        plain = [
-            [entry if entry.number is None else entry.number for entry in row]
-            for row in rows
-        ]
+        matrix = np.eye(4, dtype=int).astype(object)
+        for i, row in enumerate(self.frame.rotation):
+            for j, entry in enumerate((*row, self.frame.translation[i])):
+                matrix[i, j] = entry if entry.number is None else entry.number
         units = np.eye(PER_BODY, dtype=int)[chosen].astype(object)
-        moved = move(units, np.array([*plain, [0, 0, 0, 1]], dtype=object))
-        return {
-            kind: {
-                k: number(_integral(as_polynomial(entry)))
-                for k, entry in enumerate(row)
-                if entry
-            }
-            for kind, row in zip(chosen, moved, strict=True)
-        }
+        found: dict[int, dict[int, T]] = {kind: {} for kind in chosen}
+        for kind, moved in zip(chosen, move(units, matrix), strict=True):
+            for k in np.flatnonzero(moved).tolist():
+                found[kind][k] = number(_integral(as_polynomial(moved[k])))
+        return found
 
     def placed(
         self,

@@ -382,18 +382,17 @@ def _latex_rows(model: _RobotSet | _LinearSet, *, full: bool) -> list[str]:
 
 def to_html(model: _RobotSet) -> str:
     """A small HTML table for notebooks."""
-    rows = "".join(
-        f"<tr><td>{i + 1}</td><td style='text-align:left'>{escape(str(e))}</td><td>{escape(e.unit)}</td></tr>"
-        for i, e in enumerate(model.readable)
-    )
-    classes = "".join(
-        f"<tr><td style='text-align:left'>{escape(title)}</td>{''.join(f'<td>{mark}</td>' for mark, _ in marks)}</tr>"
-        for title, marks in classification_rows(model)
-    )
+    left = "<td style='text-align:left'>"
+    rows = classes = notes = ""
+    for number, expression in enumerate(model.readable, 1):
+        text, unit = escape(str(expression)), escape(expression.unit)
+        rows += f"<tr><td>{number}</td>{left}{text}</td><td>{unit}</td></tr>"
+    for title, marks in classification_rows(model):
+        cells = "".join(f"<td>{mark}</td>" for mark, _ in marks)
+        classes += f"<tr>{left}{escape(title)}</td>{cells}</tr>"
+    for label, text in facts(model):
+        notes += f"<li>{escape(f'{label}: {text}')}</li>"
     columns = "".join(f"<th>{name}</th>" for name in PARAMETERS)
-    notes = "".join(
-        f"<li>{escape(f'{label}: {text}')}</li>" for label, text in facts(model)
-    )
     head = "<tr><th>#</th><th>base parameter</th><th>unit</th></tr>"
     table = f"<table>{head}{rows}</table>"
     seen = f"<table><tr><th>body</th>{columns}</tr>{classes}</table><p>{escape(legend(model))}</p>"

@@ -293,11 +293,11 @@ def _pose(
                 if parent not in offsets and parent != GROUND:
                     ways = theirs.axes[parent].amounts(theirs.axes[j], wanted[j][1])
                     if ways:
-                        choices += [0] * (free == len(choices))
+                        if free == len(choices):
+                            choices.append(0)
                         offsets[parent] = ways[choices[free] % len(ways)]
-                        waiting += [[*choices[:free], 1]] * (
-                            len(ways) > 1 and choices[free] == 0
-                        )
+                        if len(ways) > 1 and choices[free] == 0:
+                            waiting.append([*choices[:free], 1])
                         theirs.place(offsets)
                         free += 1
                 where = f"joints '{ours.bodies[i].joint.name}' and '{theirs.bodies[j].joint.name}'"

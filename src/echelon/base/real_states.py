@@ -31,7 +31,6 @@ from echelon.errors import (
 from echelon.exact.field import (
     AGREEING_POINTS,
     DEFAULT_SEED,
-    SURPLUS_ROWS,
     Geometry,
     PrimeField,
     Residues,
@@ -48,6 +47,8 @@ _BITS = (640, 1280, 2560)
 """Precisions that are tried: values of chains of loops fall smoothly past 1e-54."""
 _FIRST_ROWS, SURPLUS = 64, 20
 """Rows at first, and rows beyond the rank; of more columns that seem independent, twice as many rows are taken."""
+OTHER_ROWS = 10
+"""Rows at further poses, at which relations are checked."""
 MOST_POSES = 1000
 """Poses after which relations that still fail are given up."""
 FEWEST_POSES = 8
@@ -151,7 +152,7 @@ class RealStates:
         """
         columns, auxiliary = self.rows.forms.shape[1], self.rows.auxiliary
         rng, used = random_generator(DEFAULT_SEED), 0
-        others, used = self._table(at, used, SURPLUS_ROWS, most, rng)
+        others, used = self._table(at, used, OTHER_ROWS, most, rng)
         table, used = self._table(at, used, wanted + SURPLUS, most, rng)
         while True:
             found = eliminated(table, bits, auxiliary, self.units)
@@ -167,7 +168,7 @@ class RealStates:
                 return None, wanted
             else:  # the poses were too few, however many motions went through each
                 table = np.vstack([table, others])
-                others, used = self._table(at, used, SURPLUS_ROWS, most, rng)
+                others, used = self._table(at, used, OTHER_ROWS, most, rng)
 
     def _table(
         self,

@@ -165,6 +165,15 @@ def _from_json(data: Any, source: str) -> tuple[Claim, ...]:
     return tuple(claims)
 
 
+def _claim(number: int, row: Mapping[str, Any]) -> Claim:
+    """The claim that a saved base parameter makes."""
+    terms = []
+    for term in row["terms"]:
+        coefficient, denominator = term["coefficient"], term.get("denominator", "1")
+        terms.append(f"({coefficient})/({denominator})*{term['parameter']}")
+    return Claim(" + ".join(terms), f"base.{number}", str(row["name"]))
+
+
 def _from_base_model(data: Mapping[str, Any], source: str) -> tuple[Claim, ...]:
     """A file of :func:`echelon.save_base`: only its terms are used, nothing it says about itself."""
     if data["schema"] != _SCHEMA:
@@ -173,17 +182,7 @@ def _from_base_model(data: Mapping[str, Any], source: str) -> tuple[Claim, ...]:
             source=source,
         )
     try:
-        return tuple(
-            Claim(
-                " + ".join(
-                    f"({t['coefficient']})/({t.get('denominator', '1')})*{t['parameter']}"
-                    for t in row["terms"]
-                ),
-                f"base.{k}",
-                str(row["name"]),
-            )
-            for k, row in enumerate(data["base"])
-        )
+        return tuple(_claim(k, row) for k, row in enumerate(data["base"]))
     except (KeyError, TypeError):
         raise InputError(
             f"not a document of schema {_SCHEMA}", source=source, element="base"
@@ -484,17 +483,12 @@ def _identifiers(model: BaseModel) -> list[list[str]]:
     bodies = model.mechanism.bodies
     labels = {body.label for body in bodies}
     given = [name for body in bodies for name in {body.name, body.joint.name}]
-    return [
-        [
-            b.label,
-            *(
-                n
-                for n in sorted({b.name, b.joint.name})
-                if given.count(n) == 1 and n not in labels
-            ),
-        ]
-        for b in bodies
-    ]
+    found = []
+    for body in bodies:
+        own = sorted({body.name, body.joint.name})
+        unique = [name for name in own if given.count(name) == 1]
+        found.append([body.label, *(name for name in unique if name not in labels)])
+    return found
 
 
 def find_naming(

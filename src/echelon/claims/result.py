@@ -243,13 +243,14 @@ def _counts(audit: Audit) -> list[str]:
             f"{len(rounded)} agree to the printed digits (largest difference {largest:.2g})"
         )
     wrong = audit.of(Agreement.WRONG)
-    texts += [f"{len(wrong)} wrong"] * bool(wrong)
+    if wrong:
+        texts.append(f"{len(wrong)} wrong")
     redundant = [finding for finding in audit.findings if finding.redundant]
-    texts += [f"{len(redundant)} redundant"] * bool(redundant)
-    lines = [
-        f"rows: {', '.join(texts)}",
-        *([f"missing: {len(audit.missing)}"] if audit.missing else []),
-    ]
+    if redundant:
+        texts.append(f"{len(redundant)} redundant")
+    lines = [f"rows: {', '.join(texts)}"]
+    if audit.missing:
+        lines.append(f"missing: {len(audit.missing)}")
     if audit.ignored:
         lines.append(
             f"ignored: {len(audit.ignored)} rows ({', '.join(claim.text for claim in audit.ignored)})"

@@ -177,10 +177,10 @@ def run_predict(
         show(f"{score.output}: {_fit(score)}")
     rows = len(found.time)
     unknown = rows - int(np.isfinite(found.predicted).all(axis=1).sum())
-    show(
-        f"{counted(rows, 'row')} predicted"
-        + f", {unknown} of them unknown: faulty, or between gaps" * bool(unknown)
-    )
+    text = f"{counted(rows, 'row')} predicted"
+    if unknown:
+        text += f", {unknown} of them unknown: faulty, or between gaps"
+    show(text)
     if output is not None:
         show(f"wrote {output.path}")
 

@@ -148,8 +148,13 @@ class PartView:
     def passed(self) -> list[str]:
         """Arguments with which a part is called."""
         names = [argument.name for argument in self.arguments]
-        names += ["sine", "cosine"] * bool(self.trig) + [WORK] * self.shares
-        return names + ["result"] * self.writes
+        if self.trig:
+            names += ["sine", "cosine"]
+        if self.shares:
+            names.append(WORK)
+        if self.writes:
+            names.append("result")
+        return names
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from itertools import product
+from itertools import chain, product
 from math import prod
 from typing import Any
 
@@ -232,10 +232,7 @@ def symbol_basis(name: str, degree: int, *, angle: bool) -> list[Monomial]:
 
 def box(bases: Sequence[Sequence[Monomial]]) -> list[Monomial]:
     """All products of one monomial of each basis."""
-    return [
-        tuple(sorted(pair for part in parts for pair in part))
-        for parts in product(*bases)
-    ]
+    return [tuple(sorted(chain.from_iterable(parts))) for parts in product(*bases)]
 
 
 def factor_of(
@@ -266,13 +263,12 @@ def factor_of(
 
 def multiplied(factors: Sequence[Residual], field: PrimeField) -> Residual:
     """The product of polynomials that share no generator."""
-    return {
-        tuple(sorted(pair for monomial, _ in terms for pair in monomial)): prod(
-            c for _, c in terms
-        )
-        % field.p
-        for terms in product(*(factor.items() for factor in factors))
-    }
+    found: Residual = {}
+    for terms in product(*(factor.items() for factor in factors)):
+        pairs = [pair for monomial, _ in terms for pair in monomial]
+        coefficient = prod(c for _, c in terms)
+        found[tuple(sorted(pairs))] = coefficient % field.p
+    return found
 
 
 def evaluated(

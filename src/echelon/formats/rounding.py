@@ -86,11 +86,8 @@ def _last_decimal(numbers: Iterable[Rational]) -> float:
 
     0 if all are short, or on a grid.
     """
-    long = [
-        value
-        for number in numbers
-        if _decimals(value := abs(Fraction(number))) >= FEWEST_DECIMALS
-    ]
+    sizes = [abs(Fraction(number)) for number in numbers]
+    long = [value for value in sizes if _decimals(value) >= FEWEST_DECIMALS]
     on_grid = not any(value % GRID for value in long) and len(set(long)) > 2
     if on_grid or not long:
         return 0.0

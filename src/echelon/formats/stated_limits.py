@@ -205,13 +205,11 @@ def _of_mjcf(robot: RobotFile) -> dict[str, StatedLimits]:
                 force, [float(end) for end in model.jnt_actfrcrange[index]]
             )
         effort = min(-force[0], force[1])
+        one_way = f"joint '{name}': its actuators push one way only, so they limit no effort here"
         found[name] = StatedLimits(
             None if (low, high) == _FREE else (low, high),
             effort=effort if 0 < effort < math.inf else None,
-            notes=(
-                f"joint '{name}': its actuators push one way only, so they limit no effort here",
-            )
-            * (effort <= 0),
+            notes=(one_way,) if effort <= 0 else (),
         )
     return found
 

@@ -83,4 +83,5 @@ def _in_radians(degrees: Rational) -> str:
         return f"{value:.9g}"
     top = "pi" if abs(part.numerator) == 1 else f"{abs(part.numerator)}*pi"
     text = top if part.denominator == 1 else f"{top}/{part.denominator}"
-    return f"{'-' * (part < 0)}{text} ({value:.9g})"
+    sign = "-" if part < 0 else ""
+    return f"{sign}{text} ({value:.9g})"

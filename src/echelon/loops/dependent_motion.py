@@ -11,7 +11,7 @@ program that needs it, elimination included, so that machine code, source code a
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from functools import cached_property
 from math import log2
@@ -170,20 +170,13 @@ class DependentMotion:
         redundant, those of the smallest multipliers.
         """
         multipliers = self._system.solve_transposed(efforts)
-        return {
-            name: tuple(
-                sum(
-                    (
-                        component * multipliers[row]
-                        for row, component in parts
-                        if row in multipliers
-                    ),
-                    self.program.zero,
-                )
-                for parts in components
-            )
-            for name, components in self._components.items()
-        }
+
+        def total(parts: Sequence[tuple[int, Scalar]]) -> Scalar:
+            terms = (c * multipliers[row] for row, c in parts if row in multipliers)
+            return sum(terms, self.program.zero)
+
+        wrenches = self._components.items()
+        return {name: tuple(map(total, components)) for name, components in wrenches}
 
     def determined(self) -> dict[str, tuple[Scalar, ...]]:
         """For every component of these wrenches, how much of it the efforts determine: 1, or less if redundant."""

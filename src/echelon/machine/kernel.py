@@ -29,7 +29,13 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError, SlowWarning
-from echelon.machine.kernel_text import KernelBlock, kernel_text, prepare_text
+from echelon.machine.kernel_text import (
+    DOUBLE,
+    LINE,
+    KernelBlock,
+    kernel_text,
+    prepare_text,
+)
 from echelon.machine.operations_text import Lowered, Vector, lowered, module_text
 from echelon.machine.rows_text import rows_of, rows_text
 from echelon.machine.target import (
@@ -42,9 +48,6 @@ from echelon.machine.target import (
 )
 from echelon.program.function import Argument, Function
 from echelon.program.schedule import FloatArithmetic, Schedule
-
-_DOUBLE = 8
-_LINE = 64
 
 
 @dataclass(frozen=True)
@@ -95,7 +98,7 @@ def batch(
             uniform.append(array)
             continue
         array = np.atleast_2d(array)
-        whole = array.strides[1] == _DOUBLE or len(argument) < 2
+        whole = array.strides[1] == DOUBLE or len(argument) < 2
         columns.append(
             array if whole and array.flags.aligned else np.ascontiguousarray(array)
         )
@@ -173,13 +176,13 @@ def result_array(
 
 
 def aligned(
-    shape: tuple[int, ...], *, zero: bool = False, boundary: int = _LINE
+    shape: tuple[int, ...], *, zero: bool = False, boundary: int = LINE * DOUBLE
 ) -> Floats:
     """A new array that starts on a cache line, or on another multiple of bytes."""
     count = prod(shape)
-    raw = (np.zeros if zero else np.empty)(count * _DOUBLE + boundary, dtype=np.uint8)
+    raw = (np.zeros if zero else np.empty)(count * DOUBLE + boundary, dtype=np.uint8)
     start = -raw.ctypes.data % boundary
-    return raw[start : start + count * _DOUBLE].view(np.float64).reshape(shape)
+    return raw[start : start + count * DOUBLE].view(np.float64).reshape(shape)
 
 
 def _contents(argument: Argument) -> str:

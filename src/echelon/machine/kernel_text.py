@@ -22,7 +22,10 @@ from echelon.machine.operations_text import (
 from echelon.program.function import operands
 from echelon.program.operations import Op
 
-_DOUBLE, _LINE = 8, 64  # bytes
+DOUBLE = 8
+"""Bytes of a double."""
+LINE = 8
+"""Doubles in a cache line, of 64 bytes."""
 _STREAM = ", ptr noalias %from, ptr noalias %to"
 _DECLARED = (
     "declare i64 @llvm.smin.i64(i64, i64)",
@@ -109,9 +112,7 @@ def _stream(code: Code, block: KernelBlock, done: int) -> None:
     for line in range(
         done * block.streamed // total, (done + 1) * block.streamed // total
     ):
-        source, target = (
-            code.at(end, line * _LINE // _DOUBLE) for end in ("%from", "%to")
-        )
+        source, target = (code.at(end, line * LINE) for end in ("%from", "%to"))
         value = code.let(f"load <8 x double>, ptr {source}, align 8")
         code.do(f"store <8 x double> {value}, ptr {target}, align 64, !nontemporal !1")
 
@@ -247,9 +248,9 @@ def _pad_rows(
         )
         target = code.at(padding, lane * size)
         code.do(
-            f"call void @llvm.memcpy.p0.p0.i64(ptr {target}, ptr {row}, i64 {size * _DOUBLE}, i1 false)"
+            f"call void @llvm.memcpy.p0.p0.i64(ptr {target}, ptr {row}, i64 {size * DOUBLE}, i1 false)"
         )
-    _set_rows(code, argument, padding, str(size * _DOUBLE))
+    _set_rows(code, argument, padding, str(size * DOUBLE))
 
 
 def _store_the_rest(block: KernelBlock, code: Code) -> None:

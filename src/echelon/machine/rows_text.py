@@ -13,15 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from echelon.machine.kernel_text import KernelBlock
+from echelon.machine.kernel_text import DOUBLE, LINE, KernelBlock
 from echelon.machine.operations_text import Code, Lowered, Vector
-
-LINE = 8  # doubles in a cache line
 
 _LARGEST_IMAGE = 2560  # doubles, 20 kB of an innermost cache of 32 kB
 # operations for each line that is copied among them: with images that fit, and with long ones, mostly copied apart
 _OPERATIONS = {True: 3, False: 64}
-_DOUBLE = 8  # bytes
 
 
 class Way(Enum):
@@ -200,7 +197,7 @@ def _run(rows: StoredRows) -> str:
         "image": rows.image,
         "lanes": block.vector.lanes,
         "width": width,
-        "row": width * _DOUBLE,
+        "row": width * DOUBLE,
     }
     if rows.way is not Way.IMAGED:
         # lines matter only where they are written past the caches; a row shorter than its head has none

@@ -385,12 +385,8 @@ class RealPoints:
         }
         for group in self.program.unit_groups:
             if not balls.keys().isdisjoint(group):
-                length = np.array(
-                    [
-                        x.sqrt()
-                        for x in np.sum([balls[n] * balls[n] for n in group], axis=0)
-                    ]
-                )
+                squares = np.sum([balls[n] * balls[n] for n in group], axis=0)
+                length = np.array([x.sqrt() for x in squares])
                 balls |= {n: balls[n] / length for n in group}
         found = dict[int, Balls]()
         for node in nodes:

@@ -239,6 +239,10 @@ def _indexed(stem: str, index: str) -> str:
 # -- pages -------------------------------------------------------------------------------------------------------------
 
 TEMPLATES = Path(__file__).with_name("templates")
+VAGUE_PERCENT = 30.0
+"""Standard deviation, per cent of a value, beyond which pages call the value vague."""
+BYTES_PER_SAMPLE = 2 * 4 * 4 / 3
+"""Bytes of a time and a value, two floats in base 64."""
 Context = dict[str, Any]  # what a template shows
 
 

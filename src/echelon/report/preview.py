@@ -32,7 +32,15 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
 from echelon.regressor.loops import assembly_of
 from echelon.report.drawing import ahead, joint_axes, upward, widest_view
-from echelon.report.page import ClosedForms, Context, html_page, packed, significant
+from echelon.report.page import (
+    BYTES_PER_SAMPLE,
+    VAGUE_PERCENT,
+    ClosedForms,
+    Context,
+    html_page,
+    packed,
+    significant,
+)
 from echelon.report.report import findings_of
 from echelon.report.signals import envelope
 
@@ -53,14 +61,12 @@ CRITERIA = {
 }
 """The criteria in words."""
 
-_VAGUE = 30.0  # per cent of its value beyond which a deviation is remarked
 _ROOM = 0.1  # of the width of a picture, beside limits on both sides
 _PLOTTED = 3  # positions, velocities, accelerations
 _SUFFIXES = ("", "/s", "/s²")
 _PER_PERIOD = 100  # samples per period of the highest frequency
 _FEWEST, _MOST = 600, 20_000
 _BYTES = 500_000  # of all signals together
-_PER_SAMPLE = 2 * 4 * 4 / 3  # bytes of time and value in base 64
 
 
 @public
@@ -208,7 +214,8 @@ def _signals(found: ExcitingTrajectory) -> dict[str, Any]:
     ends = {margin.label: (margin.low, margin.high) for margin in found.margins}
     buckets = int(
         np.clip(
-            _BYTES / (2 * _PER_SAMPLE * _PLOTTED * max(len(trajectory.coordinates), 1)),
+            _BYTES
+            / (2 * BYTES_PER_SAMPLE * _PLOTTED * max(len(trajectory.coordinates), 1)),
             50,
             _MOST,
         )
@@ -321,7 +328,7 @@ def _expected(std: float, value: float | None) -> Context:
         "std": std,
         "value": value,
         "percent": percent,
-        "vague": percent is not None and not percent <= _VAGUE,
+        "vague": percent is not None and not percent <= VAGUE_PERCENT,
     }
 
 

@@ -25,6 +25,7 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.report.drawing import seen_links
 from echelon.report.matrix_picture import matrix_picture, mergings
 from echelon.report.page import (
+    VAGUE_PERCENT,
     ClosedForms,
     Context,
     html_page,
@@ -184,7 +185,8 @@ def _scored(score: Score, beside: Sequence[Score], has_prior: bool) -> Context:
     remarks = [score.silence] if score.silence else []
     if not remarks and score.r2 < 0:
         remarks.append("a constant would predict better")
-    remarks += ["residual is not white"] * (score.whiteness < _WHITE)
+    if score.whiteness < _WHITE:
+        remarks.append("residual is not white")
     against = ""
     if prior is not None and isfinite(prior.rms) and isfinite(score.rms):
         gain = score.rms - prior.rms
@@ -284,7 +286,6 @@ def _json(value: Any) -> str:
 # -- parameters: values, how far these can be trusted, conditioning, physical consistency ------------------------------
 
 _LEVEL = 0.95
-_VAGUE = 30.0  # per cent of its value beyond which a deviation is remarked
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM, _TOP = (
     900.0,
     220.0,
@@ -359,7 +360,7 @@ def _row(run: Identification, k: int, form: Any, others: list[Any]) -> Context:
             for values in others
         ],
         "deviations": apart,  # of the others, in standard deviations
-        "vague": not relative <= _VAGUE,
+        "vague": not relative <= VAGUE_PERCENT,
     }
 
 

@@ -23,11 +23,10 @@ from echelon.arrays import Floats
 from echelon.errors import one_line
 from echelon.extras import extra
 from echelon.identification.scores import Trace, Validation
-from echelon.report.page import packed
+from echelon.report.page import BYTES_PER_SAMPLE, packed
 
 _BUCKETS, _FEWEST = 1200, 100  # stretches of one plot
 _BYTES = 2_400_000  # of all plots together
-_PER_SAMPLE = 2 * 4 * 4 / 3  # bytes of time and value in base 64
 _EPOCH = 1e6  # s; larger times are those of a calendar, and count from the first sample
 
 _GAP = 4.0  # times the usual step
@@ -56,7 +55,9 @@ def buckets_for(validations: Sequence[Validation]) -> int:
     signals = sum(
         3 + (trace.prior is not None) for v in validations for trace in v.traces
     )
-    return int(np.clip(_BYTES / (2 * _PER_SAMPLE * max(signals, 1)), _FEWEST, _BUCKETS))
+    return int(
+        np.clip(_BYTES / (2 * BYTES_PER_SAMPLE * max(signals, 1)), _FEWEST, _BUCKETS)
+    )
 
 
 def payload(validations: Sequence[Validation]) -> dict[str, Any]:

@@ -383,7 +383,8 @@ class Sensors:
         """The sensor's name, or one made from the name of its site, joint or actuator."""
         if stated:
             return str(stated)
-        self._taken.add(name := unused(target, self._taken))
+        name = unused(target, self._taken)
+        self._taken.add(name)
         return name
 
     def _of_actuator(

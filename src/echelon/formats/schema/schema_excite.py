@@ -232,7 +232,8 @@ class FrameEntry(Model):
     @model_validator(mode="after")
     def _check_one(self) -> Self:
         if (self.box is None) == (self.above is None):
-            raise refusal("give box or above" + ", not both" * (self.box is not None))
+            both = ", not both" if self.box is not None else ""
+            raise refusal(f"give box or above{both}")
         return self
 
 

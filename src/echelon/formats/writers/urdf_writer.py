@@ -401,5 +401,6 @@ def _floating_base(mechanism: Mechanism) -> int | None:
 
 def _new(name: str, taken: set[str]) -> str:
     """A name like this one that is not taken; it is, from then on."""
-    taken.add(free := unused(name, taken))
+    free = unused(name, taken)
+    taken.add(free)
     return free
