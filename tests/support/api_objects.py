@@ -18,8 +18,8 @@ import numpy as np
 
 import echelon as ec
 from echelon.formats.robot_file import RobotFile
+from echelon.identification.advantage import Advantage
 from echelon.identification.conditioning import conditioning
-from echelon.identification.judge.evidence import Gain
 from echelon.identification.judge.hypothesis import Kind, Usual
 from echelon.identification.judge.judge import Judged
 from echelon.identification.servos.servo_fit import ServoLimit, ServoScore
@@ -131,7 +131,7 @@ def hypothesis() -> Judged:
         "the acceleration qdd",
         places[1][0],
         Usual.EVERYWHERE,
-        Gain(0.5, 0.01),
+        Advantage(0.5, 0.01),
         *places,
         *rises,
     )

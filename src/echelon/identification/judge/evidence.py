@@ -27,7 +27,6 @@ _SAMPLES = 8000  # samples that are judged, over all logs, of which filters leav
 BLOCKS = 10  # blocks of time: few enough to hold all motions, enough to tell a standard error
 _RIDGE = 1e-9  # of squares of columns: what the data leave open stays small
 _FLOOR = 1e-9  # of an output's squares: rounding of exact data is no noise
-_LITTLE = 0.005  # gain, in logarithms, that is none however sure it is
 _REWEIGHTED = 5  # iterations in which outputs get the weights of their residuals
 
 _OF_MOTION = (
@@ -483,35 +482,3 @@ def _ridged(matrix: Floats) -> tuple[Floats, Floats]:
     squares = np.diagonal(matrix)
     scale = np.sqrt(np.where(squares > 0, squares, 1.0))
     return matrix / np.outer(scale, scale) + _RIDGE * np.eye(len(scale)), scale
-
-
-@dataclass(frozen=True)
-class Gain:
-    """A comparison of two predictions: logarithms of ratios of residuals, averaged over all outputs."""
-
-    mean: float
-    error: float  # standard error, from blocks
-
-    @staticmethod
-    def of(before: Floats, after: Floats, floor: Floats) -> Gain:
-        """From squares by block and output, shape (blocks, outputs), and squares that count as none, (outputs,)."""
-        told = (before > 0).any(axis=0)
-        if not told.any():
-            return Gain(0.0, np.inf)
-        least = np.maximum(floor / len(before), np.finfo(float).tiny)
-        ratios = 0.5 * np.log(np.maximum(before, least) / np.maximum(after, least))[
-            :, told
-        ].mean(axis=1)
-        return Gain(
-            float(ratios.mean()), float(ratios.std(ddof=1) / np.sqrt(len(ratios)))
-        )
-
-    @property
-    def is_none(self) -> bool:
-        """Whether it is within its standard error, or too little to matter."""
-        return self.mean < max(self.error, _LITTLE)
-
-    @property
-    def ratio(self) -> float:
-        """The mean in standard errors."""
-        return self.mean / max(self.error, np.finfo(float).tiny)

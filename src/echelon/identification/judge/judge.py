@@ -21,12 +21,12 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.errors import EchelonError
+from echelon.identification.advantage import Advantage
 from echelon.identification.judge.changes import payloads, warming, whole_loads
 from echelon.identification.judge.delays import scanned_delays
 from echelon.identification.judge.effects import effects
 from echelon.identification.judge.evidence import (
     Evidence,
-    Gain,
     OutputRows,
     Products,
     States,
@@ -88,7 +88,7 @@ class Judged:
     words: str
     write: str  # what a set-up says to state it, with {at} for places; empty where nothing states it
     usual: Usual
-    gain: Gain
+    gain: Advantage
     places: tuple[str, ...] = ()
     entries: tuple[str, ...] = ()  # what states it, by place
     before: tuple[float, ...] = ()  # R² on held-out rows, by place
@@ -254,7 +254,7 @@ class Judge:
         alike = [
             c
             for c in sure
-            if c is best or Gain.of(c.left, best.left, _floor(model)).is_none
+            if c is best or Advantage.of(c.left, best.left, _floor(model)).is_none
         ]
         chosen = min(alike, key=self._simple)
         if (
@@ -399,7 +399,7 @@ class Judge:
             for e in (before, after)
         )
         names = tuple(self.readings.outputs[k] for k in outputs) or (term.place,)
-        gained = Gain.of(before, after, _floor(held.products))
+        gained = Advantage.of(before, after, _floor(held.products))
         judged = Judged(
             term.kind,
             term.words,
@@ -696,7 +696,7 @@ class Judge:
             )
             found.append((gain, term.words))
         gain, words = max(
-            found, key=lambda entry: entry[0].mean, default=(Gain(0.0, inf), "")
+            found, key=lambda entry: entry[0].mean, default=(Advantage(0.0, inf), "")
         )
         return words if gain.mean > _READ_ELSEWHERE and gain.ratio > _SURE else None
 
@@ -770,7 +770,7 @@ class _Trial:
             for e in (before, after)
         )
         entries, names = tuple(t.write for t in terms), tuple(t.place for t in terms)
-        gain = Gain.of(before, after, _floor(self.held.products))
+        gain = Advantage.of(before, after, _floor(self.held.products))
         judged = Judged(
             terms[0].kind,
             terms[0].words,
@@ -875,9 +875,9 @@ def _marks(products: Products, values: Floats) -> Floats:
     return np.asarray(0.5 * np.log(np.maximum(shares, _FLOOR**2)).mean(axis=1))
 
 
-def _between(before: Floats, after: Floats) -> Gain:
+def _between(before: Floats, after: Floats) -> Advantage:
     differences = before - after
-    return Gain(
+    return Advantage(
         float(differences.mean()),
         float(differences.std(ddof=1) / np.sqrt(len(differences))),
     )

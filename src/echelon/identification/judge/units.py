@@ -8,7 +8,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.base.model import BaseModel
-from echelon.identification.judge.evidence import Gain
+from echelon.identification.advantage import Advantage
 from echelon.identification.judge.hypothesis import Kind, Usual
 from echelon.identification.judge.judge import Judged
 from echelon.observe.observation import Observation
@@ -74,7 +74,7 @@ def _judged(text: str, ratio: float, left: float) -> Judged:
         text,
         "",
         Usual.EVERYWHERE,
-        Gain(before - after, 0.0),
+        Advantage(before - after, 0.0),
         before=(exp(before),),
         after=(exp(after),),
     )

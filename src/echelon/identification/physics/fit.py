@@ -40,9 +40,9 @@ from echelon.arrays import Floats
 from echelon.base.matrix import Identifiability
 from echelon.base.model import BaseModel
 from echelon.errors import EchelonError, InputError
+from echelon.identification.advantage import Advantage
 from echelon.identification.estimators.estimate import CLEAR
 from echelon.identification.estimators.least_squares import least_squares
-from echelon.identification.judge.evidence import Gain
 from echelon.identification.physics.bounds import Bounds, roles
 from echelon.identification.physics.feasibility import (
     active,
@@ -74,7 +74,7 @@ class PhysicalFit:
     prior_weight: float
     status: str  # of the solver
     # over least squares; None where data are in one piece
-    advantage: Gain | None = None
+    advantage: Advantage | None = None
     # JSON-able: solver, iterations, active bounds, …
     diagnostics: Mapping[str, Any] = field(default_factory=dict)
 
@@ -156,15 +156,17 @@ def _advantage(
     weight: float,
     pieces: Sequence[Observation],
     weights: npt.ArrayLike | None,
-) -> Gain | None:
-    """Gain of physical values over least squares, by stretches; None for data in one piece."""
+) -> Advantage | None:
+    """Advantage of physical values over least squares, by stretches; None for data in one piece."""
     if len(pieces) < 2:
         return None
     factors = None if weights is None else np.asarray(weights, dtype=float)
     ways = (least_squares, partial(_with_weight, problem.base_values, weight))
     plain, physical = _stretch_errors(ways, pieces, factors).T
     gains = plain - physical
-    return Gain(float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains))))
+    return Advantage(
+        float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
+    )
 
 
 def by_discrepancy(
