@@ -59,7 +59,9 @@ def excite(
     starts: Annotated[int | None, typer.Option(min=1, help="Random starts; the best one counts.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the random starts.")] = None,
     iterations: Annotated[int | None, typer.Option(min=1, help="Steps of the solver in each start, at most.")] = None,
-    jobs: Annotated[int | None, typer.Option(min=1, help="Starts that run at the same time.")] = None,
+    budget: Annotated[
+        float | None, typer.Option(help="Work of the search, about seconds; the best motion so far counts.")
+    ] = None,
     prior_log: Annotated[
         list[Path] | None, typer.Option(help="A log at hand, to whose information the motion adds; may be repeated.")
     ] = None,
@@ -95,6 +97,7 @@ def excite(
         starts=starts,
         seed=seed,
         iterations=iterations,
+        budget=budget,
         model=model and str(model.absolute()),
     )
     kinds = [f".{one.value}" for one in formats or [SampleFormat.CSV]]
@@ -105,7 +108,7 @@ def excite(
     with steps() as step:
         step("reading logs")
         information = information_of_logs(robot, prior_log) if prior_log else None
-        found = exciting_trajectory(robot, prior_information=information, jobs=jobs, on_step=step, **changed)
+        found = exciting_trajectory(robot, prior_information=information, on_step=step, **changed)
         step("writing")
         # nothing is written unless all of it can be
         files: dict[str, str | bytes] = {}

@@ -119,6 +119,11 @@ class Information:
         self.phi = tuple(np.ascontiguousarray(basis.values(times, order)) for order in range(3))
         self.rows = regressor.rows
 
+    @property
+    def size(self) -> int:
+        """Number of entries of all samples."""
+        return len(self.phi[0]) * self.regressor.size
+
     def __call__(self, coefficients: Floats) -> MotionInformation:
         """The information of a motion with coefficients of shape (basis.size, n)."""
         state = {name: phi @ coefficients for name, phi in zip(STATE, self.phi, strict=True)}

@@ -22,8 +22,9 @@ from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.dynamics.arguments import coordinate_units
 from echelon.errors import InputError, locating
+from echelon.excite.problem.allowances import POSES, allowances_of, without_touching
 from echelon.excite.problem.clearance import Clearance, clearance_of
-from echelon.excite.problem.closed_loops import check_loops, loop_limits, loop_motion, passive_motions
+from echelon.excite.problem.closed_loops import LoopMotion, check_loops, loop_limits, loop_motion, passive_motions
 from echelon.excite.problem.prior_model import identified_efforts, prior_efforts
 from echelon.excite.problem.robot_shapes import entry_shapes, read_geometry
 from echelon.excite.problem.state_limits import (
@@ -325,16 +326,33 @@ def _clearance(
     shapes += [replace(shape, obstacle=True) for shape in around]
     if not section.self:
         excluded += combinations([body.name for body in mechanism.bodies], 2)
-    names = mechanism.independent_velocities
-    start = [entry.centre.get(name, middle) for name, middle in zip(names, limits.middle, strict=True)]
-    if motion := loop_motion(mechanism):
-        start = motion.positioned(np.array([start])).q[0].tolist()
-    pure = replace(mechanism)  # how the file was read is of no use to another process
-    found = clearance_of(
-        pure, shapes, section.clearance, excluded, reference=start, ignore_touching=section.ignore_touching
-    )
-    findings += [warning("collisions", setup.source, text) for text in found.notes]
-    return found
+    pure = replace(mechanism)  # without how the file was read
+    stated = clearance_of(pure, shapes, section.clearance, excluded)
+    motion = loop_motion(mechanism)
+    lowered: list[str] = []
+    unchecked: list[str] = []
+    if section.ignore_touching:
+        names = mechanism.independent_velocities
+        start = np.array([entry.centre.get(name, middle) for name, middle in zip(names, limits.middle, strict=True)])
+        found = without_touching(stated, motion.positioned(start[None]).q[0] if motion else start)
+        stated, unchecked = found.clearance, [*found.unchecked]
+    if len(stated.pairs):
+        found = allowances_of(stated, _random_poses(limits, motion, entry.seed))
+        stated, lowered, unchecked = found.clearance, [*found.lowered], [*unchecked, *found.unchecked]
+    findings += [note("collisions", setup.source, text) for text in lowered]
+    findings += [warning("collisions", setup.source, text) for text in unchecked]
+    return stated
+
+
+def _random_poses(limits: ResolvedLimits, motion: LoopMotion | None, seed: int) -> Floats:
+    """Poses within the position limits, of all positions where there are loops."""
+    low = np.where(np.isfinite(limits.low), limits.low, limits.middle - pi)
+    high = np.where(np.isfinite(limits.high), limits.high, limits.middle + pi)
+    poses = low + (high - low) * np.random.default_rng(seed).random((POSES, len(low)))
+    if motion is None:
+        return poses
+    closed = motion.positioned(poses)
+    return closed.q[closed.done]
 
 
 def _weights(setup: Setup, entry: ExcitationEntry, base: BaseModel) -> Floats:

@@ -7,27 +7,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, islice
+from itertools import combinations
 from math import isfinite
 
 import numpy as np
 
 from echelon.arrays import Flags, Floats, Integers
 from echelon.errors import InputError, locating
+from echelon.excite.problem.allowances import POSES
 from echelon.excite.problem.closed_loops import state_regressor
 from echelon.excite.problem.information import Information, OptimalityCriterion, sample_times
 from echelon.excite.problem.optimisation import Problem
 from echelon.excite.problem.state_limits import StateConstraint
 from echelon.excite.problem.task import ResolvedLimits, Task, names_of
 from echelon.excite.problem.trajectory import Basis, Combined, Fourier, Trajectory, resting_ends, uniform_splines
-from echelon.excite.solve.solver import Solution, constraint_generation
+from echelon.excite.solve.solver import Solution, Watch, minimised
 from echelon.excite.verify import Margin, margins_of, motion_margins
 from echelon.extras import extra
 from echelon.formats.schema.schema_excite import ExcitationEntry
 from echelon.hints import nearest_of
 
-_TRIED = 512  # poses
-_REFINED = 24  # the best of them, from which broken limits are minimised
+REFINED = 4  # the best random poses, from which broken limits are minimised, a tenth of a second each
+NAMED = 6  # limits that a message names
 _KEPT = 1e-9  # what rounding may leave of a broken limit, relative to its size
 _NEARBY = 0.1  # share of a coordinate's range to either side within which poses are nearby
 _AROUND = 32  # poses nearby that are looked at
@@ -56,7 +57,7 @@ def start_pose(wanted: Floats, limits: ResolvedLimits, constraints: Sequence[Sta
 
 
 def broken(poses: Floats, constraints: Sequence[StateConstraint]) -> Floats:
-    """How far each function is beyond its limits at rest, 0 if it is not: shape (poses, functions)."""
+    """Excess of each function over its limits at rest, 0 where they are kept: shape (poses, functions)."""
     still = np.zeros_like(poses)
     parts = [np.zeros((len(poses), 0))]
     for constraint in constraints:
@@ -79,7 +80,7 @@ class _PoseSearch:
 
     def feasible(self, pose: Floats) -> Floats:
         """A pose that keeps all limits: of random ones the nearest, or one of the best ones moved."""
-        unit = np.random.default_rng(self.seed).random((_TRIED, len(pose)))
+        unit = np.random.default_rng(self.seed).random((POSES, len(pose)))
         poses = np.where(self.free, self.low + (self.high - self.low) * unit, pose)
         over = broken(poses, self.constraints)
         good = np.flatnonzero(~over.any(axis=1))
@@ -87,11 +88,15 @@ class _PoseSearch:
             away = np.linalg.norm((poses[good] - pose) / np.maximum(self.high - self.low, 1e-300), axis=1)
             return np.asarray(poses[good[int(np.argmin(away))]])
         scale = np.maximum(over.max(axis=0), 1e-300)
-        for k in np.argsort(np.sum(over / scale, axis=1))[:_REFINED]:
+        # where all poses break one limit, more of them say no more
+        most = 1 if (over > 0).all(axis=0).any() else REFINED
+        for k in np.argsort(np.sum(over / scale, axis=1))[:most]:
             found = self._refined(poses[k], scale)
-            if not broken(found[None], self.constraints)[0].any():
+            left = broken(found[None], self.constraints)
+            if not left.any():
                 return found
-        raise InputError(_conflict(over > 0, self.constraints), element="limits")
+            over = np.vstack([over, left])
+        raise InputError(_conflict(over, self.constraints), element="limits")
 
     def _refined(self, pose: Floats, scale: Floats) -> Floats:
         """The pose moved to where less is broken."""
@@ -136,26 +141,38 @@ class _PoseSearch:
         return pose
 
 
-def _conflict(over: Flags, constraints: Sequence[StateConstraint]) -> str:
-    """Which limits no pose keeps, alone or in pairs."""
+def _conflict(over: Floats, constraints: Sequence[StateConstraint]) -> str:
+    """A sentence about limits that no pose keeps, alone or in pairs, with what was reached and what to write."""
     labels = _labels(constraints)
-    start = f"none of {len(over)} poses within the position limits keeps"
-    never = [labels[k] for k in np.flatnonzero(over.all(axis=0))]
+    start = f"none of {POSES} poses within the position limits keeps"
+    never = np.flatnonzero((over > 0).all(axis=0)).tolist()
     if never:
-        return f"{start} the limits of {', '.join(never[:6])}"
-    for i, j in combinations(np.flatnonzero(over.any(axis=0)).tolist(), 2):
-        if np.all(over[:, i] | over[:, j]):
-            return f"{start} the limits of {labels[i]} and of {labels[j]} together"
-    some = [labels[k] for k in np.flatnonzero(over.any(axis=0))]
-    return f"{start} all limits together: {', '.join(some[:8])}"
+        named = [f"{labels[k]} (by {over[:, k].min():.3g} at least)" for k in never[:NAMED]]
+        return f"{start} the limits of {', '.join(named)}; {_advice([labels[k] for k in never])}"
+    some = np.flatnonzero(over.any(axis=0)).tolist()
+    for i, j in combinations(some, 2):
+        if np.all((over[:, i] > 0) | (over[:, j] > 0)):
+            both = [labels[i], labels[j]]
+            return f"{start} the limits of {both[0]} and of {both[1]} together; {_advice(both)}"
+    named = [labels[k] for k in some]
+    return f"{start} all limits together: {', '.join(named[:NAMED])}; {_advice(named)}"
+
+
+def _advice(labels: Sequence[str]) -> str:
+    """Lines of a set-up that would make limits possible."""
+    pairs = [label.removeprefix("distance of ") for label in labels if label.startswith("distance of ")]
+    if not pairs:
+        return "widen one of them, or the position limits"
+    first = ", ".join(pairs[0].split(" and ", 1))
+    return f"write under collisions exclude: [[{first}]], a smaller clearance, or move the obstacle away"
 
 
 def _labels(constraints: Sequence[StateConstraint]) -> list[str]:
     return [label for constraint in constraints for label in constraint.labels]
 
 
-DURATION = 8.0  # seconds, where none is stated
-_FEWEST, _MOST, _FUNCTIONS = 3, 7, 56
+DURATION = 8.0  # s, where none is stated
+FEWEST, MOST, FUNCTIONS = 3, 7, 56
 """Harmonics where none are stated: so many that all coordinates together have about that many, within these ends."""
 
 
@@ -166,31 +183,46 @@ class Design:
     task: Task
     centre: Floats  # shape (n,); where motions start
     problem: Problem
+    simple: Problem  # with half of the functions of time; the problem itself where there are few
 
     def trajectory(self, x: Floats) -> Trajectory:
         """The trajectory with these coefficients."""
         names = self.task.mechanism.independent_velocities
         return Trajectory(names, self.task.limits.units, self.problem.basis, x.reshape(self.problem.shape))
 
+    def carried(self, x: Floats) -> Floats:
+        """A motion of the simple problem in the functions of the other one."""
+        times = self.problem.grid
+        positions = self.simple.basis.values(times) @ x.reshape(self.simple.shape)
+        found: Floats = np.linalg.lstsq(self.problem.phi[:, 0], positions, rcond=None)[0]
+        return found.ravel()
+
 
 def designed(task: Task, prior: Floats | None = None) -> Design:
     """Decide what the solver needs; ``prior`` is information of shape (r, r) that there is already."""
     with locating(task.setup.source):
         entry, base, limits = task.entry, task.base, task.limits
-        centre = start_pose(_stated_centre(task), limits, task.constraints, entry.seed)
         prior = np.zeros((base.rank, base.rank)) if prior is None else prior
         if prior.shape != (base.rank, base.rank):
             raise InputError(f"prior_information has shape {prior.shape}; the robot has {base.rank} base parameters")
+        centre = start_pose(_stated_centre(task), limits, task.constraints, entry.seed)
         n = base.mechanism.degrees_of_freedom
-        basis = resting_ends(family(entry, n))
         regressor = state_regressor(base.mechanism, base.matrix.pivots, task.smooth)
-        times = sample_times(basis.duration, entry.rate)
-        information = Information(regressor, basis, times, task.weights, prior)
         criterion = OptimalityCriterion(entry.criterion, np.ones(base.rank))
-        problem = Problem(basis, n, information, criterion, limits.motion, task.constraints, centre)
+
+        def problem_of(basis: Basis) -> Problem:
+            rests = resting_ends(basis)
+            times = sample_times(rests.duration, entry.rate)
+            information = Information(regressor, rests, times, task.weights, prior)
+            return Problem(rests, n, information, criterion, limits.motion, task.constraints, centre)
+
+        whole, half = families(entry, n)
+        problem = problem_of(whole)
+        simple = problem if half is None else problem_of(half)
         if entry.criterion == "a_optimal":
-            problem = replace(problem, criterion=OptimalityCriterion("a_optimal", _sizes(problem, entry.seed)))
-        return Design(task, centre, problem)
+            scaled = OptimalityCriterion("a_optimal", _sizes(problem, entry.seed))
+            simple, problem = replace(simple, criterion=scaled), replace(problem, criterion=scaled)
+        return Design(task, centre, problem, simple)
 
 
 def _stated_centre(task: Task) -> Floats:
@@ -204,48 +236,138 @@ def _stated_centre(task: Task) -> Floats:
 
 def _sizes(problem: Problem, seed: int) -> Floats:
     """Units in which every parameter contributes alike to a random motion, so that variances can be added up."""
-    seen = problem.information(problem.start(np.random.default_rng(seed)).reshape(problem.shape))
+    seen = problem.information(problem.random(np.random.default_rng(seed)).reshape(problem.shape))
     sizes = np.sqrt(np.diag(seen.F))
     return np.asarray(1 / np.where(sizes > 0, sizes, 1.0))
 
 
-def family(entry: ExcitationEntry, count: int) -> Basis:
-    """The family of motions that a set-up asks for, with any ends."""
+def families(entry: ExcitationEntry, count: int) -> tuple[Basis, Basis | None]:
+    """The family of motions that a set-up asks for, and one with half of its functions, if that is one."""
     duration = DURATION if entry.duration is None else entry.duration
-    harmonics = min(max(_FUNCTIONS // count, _FEWEST), _MOST) if entry.harmonics is None else entry.harmonics
-    series, splines = Fourier(duration, harmonics), uniform_splines(duration, entry.segments)
-    return {"fourier": series, "bspline": splines, "sum": Combined((series, splines))}[entry.family]
+    harmonics = min(max(FUNCTIONS // count, FEWEST), MOST) if entry.harmonics is None else entry.harmonics
+    segments = entry.segments
+
+    def family(harmonics: int, segments: int) -> Basis:
+        series, splines = Fourier(duration, harmonics), uniform_splines(duration, segments)
+        return {"fourier": series, "bspline": splines, "sum": Combined((series, splines))}[entry.family]
+
+    # every second break of the splines, so that one family holds the other
+    halved = (harmonics > FEWEST or entry.family == "bspline") and (segments % 2 == 0 or entry.family == "fourier")
+    return family(harmonics, segments), family((harmonics + 1) // 2, segments // 2) if halved else None
 
 
-_ROUNDS = 5
-_MORE = 1.5  # times what a limit was broken by, by which it is tightened
-_LITTLE = 1e-4  # of a motion that is given up to be on the safe side
-_LITTLE_LESS = (0.998, 0.99)  # shares of a motion that are as good as the whole
-_MUCH_LESS = (0.97, 0.9, 0.75, 0.5)  # shares that are better than nothing
-_BACK = 0.98  # share of a motion that keeps tighter limits, from which the next one starts
-_ITERATIONS = 100  # of a solver that starts next to its goal
+# -- the search --------------------------------------------------------------------------------------------------------
+
+RANDOM = 24  # random motions: the best ones start the search, and all show what no search would reach
+ROOM_TO_START = 1e-3  # share of a limit's size that is left at a start, so that a step has somewhere to go
+SIMPLE_STEPS = 40  # of the solver, with the simple problem
+SIMPLE_SHARE = 0.4  # share of the work that the simple problem gets, all starts together
+SAFE_SHARE = 0.25  # share of the work that is kept for making a motion safe
 
 
-def safe(design: Design, solutions: Sequence[Solution]) -> tuple[Floats, list[Margin]]:
+@dataclass(frozen=True)
+class Chance:
+    """The best that random motions within the limits reach, each figure by itself."""
+
+    count: int
+    scaled_condition: float
+    worst_std: float  # the largest standard deviation of a base parameter, SI units
+
+
+@dataclass(frozen=True)
+class Searched:
+    """Motions that keep their limits at samples, the best first, and how they were found."""
+
+    solutions: tuple[Solution, ...]  # of the problem
+    starts: tuple[Solution, ...]  # one of each start, of the problem that it ended with
+    motions: tuple[Floats, ...]  # random ones, coefficients of the problem
+
+
+def searched(design: Design, watch: Watch) -> Searched:
+    """Search from the best random motions with few functions of time, then from the best of these with all."""
+    entry, simple, problem = design.task.entry, design.simple, design.problem
+    watch.tell(f"{RANDOM} random motions")
+    motions = _random_motions(simple, entry.seed)
+    order = np.argsort([simple.value(x) for x in motions], kind="stable")[: entry.starts].tolist()
+    own = watch.share((SIMPLE_SHARE if simple is not problem else 1 - SAFE_SHARE) / len(order))
+    most = entry.iterations if simple is problem else min(SIMPLE_STEPS, entry.iterations)
+    starts = []
+    for k, place in enumerate(order):
+        found = minimised(simple, motions[place], most, replace(own), f"start {k + 1} of {len(order)}")
+        starts.append(found)
+        watch.seconds -= found.iterations * simple.seconds_per_step
+    if simple is problem:
+        return Searched(tuple(sorted(starts, key=_by_value)), tuple(starts), tuple(motions))
+    best = min(range(len(starts)), key=lambda k: starts[k].value)
+    carried = [replace(start, x=_roomy(problem, design.carried(start.x))) for start in starts if start.x is not None]
+    left = entry.iterations - starts[best].iterations
+    if left > 0 and not watch.ended and starts[best].x is not None:
+        last = watch.share(1 - SAFE_SHARE)
+        start = _roomy(problem, design.carried(starts[best].x))
+        found = minimised(problem, start, left, last, f"start {best + 1} with all functions of time")
+        watch.seconds -= found.iterations * problem.seconds_per_step
+        steps, history = starts[best].iterations + found.iterations, list(starts[best].history)
+        history += [value for value in found.history if value < history[-1]]
+        if found.x is not None and found.value < starts[best].value:
+            starts[best] = replace(found, iterations=steps, history=tuple(history))
+            carried.append(starts[best])
+    whole = [design.carried(x) for x in motions]
+    return Searched(tuple(sorted(carried, key=_by_value)), tuple(starts), tuple(whole))
+
+
+def _by_value(solution: Solution) -> float:
+    return solution.value
+
+
+def _roomy(problem: Problem, x: Floats) -> Floats:
+    """The motion, a little smaller if it leaves too little room."""
+    for share in (1.0, *LITTLE_LESS, *MUCH_LESS):
+        found = problem.scaled(x, share)
+        if problem.room(found) > ROOM_TO_START / 10:
+            return found
+    return problem.inside(x)
+
+
+def _random_motions(problem: Problem, seed: int) -> list[Floats]:
+    """Random motions that leave room to all limits."""
+    rng = np.random.default_rng(seed)
+    found = [problem.random(rng) for _ in range(RANDOM)]
+    return [problem.inside(x, ROOM_TO_START) for x in found]
+
+
+# -- a motion that is safe ---------------------------------------------------------------------------------------------
+
+ROUNDS = 5
+MORE = 1.5  # times what a limit was broken by, by which it is tightened
+LITTLE = 1e-4  # of a motion that is given up to be on the safe side
+LITTLE_LESS = (0.998, 0.99)  # shares of a motion that are as good as the whole
+MUCH_LESS = (0.97, 0.9, 0.75, 0.5)  # shares that are better than nothing
+SAFE_STEPS = 30  # of a solver that starts next to its goal
+
+
+def safe(design: Design, solutions: Sequence[Solution], watch: Watch) -> tuple[Floats, list[Margin]]:
     """The best solution, changed so that every limit holds at every time, and the margins."""
     # a slightly smaller motion makes up for what is missing between samples.  Where that costs too much, the broken
     # limits are tightened and the search goes on
-    most = min(_ITERATIONS, design.task.entry.iterations)
     worst = ""
-    for solution in sorted((s for s in solutions if s.x is not None), key=lambda s: s.value):
+    for solution in solutions:
         problem, x = design.problem, solution.x
-        for _ in range(_ROUNDS):
-            if x is None:
-                break
-            found, margins = _smaller(design, x, _LITTLE_LESS)
+        assert x is not None
+        for _ in range(ROUNDS):
+            watch.tell("checking all limits at every time")
+            found, margins = _smaller(design, x, LITTLE_LESS)
             broken = [margin for margin in margins if not margin.kept]
             if not broken:
                 return found, margins
-            worst = ", ".join(margin.label for margin in broken[:6])
+            worst = ", ".join(margin.label for margin in broken[:NAMED])
+            if watch.ended:
+                break
             problem = _tightened(problem, margins, design)
-            x = constraint_generation(problem, problem.shrunk(x, _BACK), most, x).x
-        assert solution.x is not None
-        found, margins = _smaller(design, solution.x, _MUCH_LESS)
+            better = minimised(problem, _roomy(problem, x), SAFE_STEPS, watch, "with tighter limits")
+            if better.x is None:
+                break
+            x = better.x
+        found, margins = _smaller(design, solution.x, MUCH_LESS)
         if all(margin.kept for margin in margins):
             return found, margins
     reason = f"the limits of {worst} are broken between samples" if worst else "no start found a motion that keeps them"
@@ -254,33 +376,32 @@ def safe(design: Design, solutions: Sequence[Solution]) -> tuple[Floats, list[Ma
 
 def _smaller(design: Design, x: Floats, shares: Sequence[float]) -> tuple[Floats, list[Margin]]:
     """The largest of some shares of a motion about its centre that keeps all limits, or the whole, and the margins."""
-    rest = design.problem.at_rest.ravel()
-    whole = _within(design.problem, x, design)
+    whole = _within(design, x)
     first = margins_of(design.trajectory(whole), design.task)
     if all(margin.kept for margin in first):
         return whole, first
     for share in shares:
-        found = rest + share * (whole - rest)
+        found = design.problem.scaled(whole, share)
         margins = margins_of(design.trajectory(found), design.task)
         if all(margin.kept for margin in margins):
             return found, margins
     return whole, first
 
 
-def _within(problem: Problem, x: Floats, design: Design) -> Floats:
+def _within(design: Design, x: Floats) -> Floats:
     """The motion made smaller by the little that limits of the motion are exceeded between samples."""
-    rest = problem.at_rest.ravel()
-    still = motion_margins(design.trajectory(rest), design.task.limits.motion)
-    for _ in range(_ROUNDS):  # bounds are wider than what is reached by less than what is added each time
-        share = min(map(_share, still, motion_margins(design.trajectory(x), design.task.limits.motion)), default=1.0)
+    problem, limits = design.problem, design.task.limits.motion
+    still = motion_margins(design.trajectory(problem.at_rest), limits)
+    for _ in range(ROUNDS):  # bounds are wider than what is reached by less than what is added each time
+        share = min(map(_share, still, motion_margins(design.trajectory(x), limits)), default=1.0)
         if share >= 1:
             break
-        x = rest + (share - _LITTLE) * (x - rest)
+        x = problem.scaled(x, share - LITTLE)
     return x
 
 
 def _share(still: Margin, moving: Margin) -> float:
-    """How much of a motion about a pose a limit leaves."""
+    """The share of a motion about a pose that a limit leaves."""
     ends = (
         (still.high - still.largest, moving.largest - still.largest),
         (still.least - still.low, still.least - moving.least),
@@ -289,16 +410,14 @@ def _share(still: Margin, moving: Margin) -> float:
 
 
 def _tightened(problem: Problem, margins: Sequence[Margin], design: Design) -> Problem:
-    """The problem with tighter limits where they were broken."""
-    states = iter(margins[len(design.task.limits.motion) :])
-    below, above = [], []
-    for constraint in problem.constraints:
-        own = list(islice(states, len(constraint.labels)))
-        below.append(_MORE * np.array([_broken_by(m.low - m.least) for m in own]))
-        above.append(_MORE * np.array([_broken_by(m.largest - m.high) for m in own]))
-    return problem.tightened(below, above)
+    """The problem with tighter limits of the state where they were broken."""
+    first = len(design.task.limits.motion)
+    below = np.array([_excess(margin.low - margin.least) for margin in margins])
+    above = np.array([_excess(margin.largest - margin.high) for margin in margins])
+    below[:first] = above[:first] = 0.0
+    return problem.tightened(MORE * below, MORE * above)
 
 
-def _broken_by(beyond: float) -> float:
-    """How far a limit is broken; nothing where there is no limit, or where that is not known."""
+def _excess(beyond: float) -> float:
+    """The part of a value beyond its limit; nothing where there is no limit, or where that is not known."""
     return max(beyond, 0.0) if isfinite(beyond) else 0.0

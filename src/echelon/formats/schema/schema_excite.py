@@ -247,6 +247,11 @@ class ExcitationEntry(Model):
     starts: Count = optional(4, "Random starts of the optimisation; the best result counts.", 8)
     seed: Annotated[Whole, Field(ge=0)] = optional(2015, "Of the random starts.", 1)
     iterations: Count = optional(500, "Steps of the solver in each start, at most.", 50)
+    budget: Positive = optional(
+        40.0,
+        "Work of the search, in seconds of a usual processor; counted, not timed, so that equal runs end alike.",
+        120,
+    )
 
     @model_validator(mode="after")
     def _check_roles(self) -> Self:
