@@ -210,7 +210,7 @@ def exciting_trajectory(
     on_step("looking for a pose that keeps all limits")
     design = designed(task, prior)
     found = searched(design, watch)
-    x, margins = safe(design, found.solutions, watch)
+    x, margins = safe(design, found.best_first, watch)
     starts = [Start(k, s.status, s.value, s.iterations, s.history) for k, s in enumerate(found.starts)]
     on_step("conditioning")
     chance = chance_of(task, [design.trajectory(motion) for motion in found.motions], prior)

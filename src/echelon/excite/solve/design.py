@@ -21,7 +21,7 @@ from echelon.excite.problem.optimisation import Problem
 from echelon.excite.problem.state_limits import StateConstraint
 from echelon.excite.problem.task import ResolvedLimits, Task, names_of
 from echelon.excite.problem.trajectory import Basis, Combined, Fourier, Trajectory, resting_ends, uniform_splines
-from echelon.excite.solve.solver import Solution, Watch, minimised
+from echelon.excite.solve.solver import Search, Solution, Watch
 from echelon.excite.verify import Margin, margins_of, motion_margins
 from echelon.extras import extra
 from echelon.formats.schema.schema_excite import ExcitationEntry
@@ -183,19 +183,11 @@ class Design:
     task: Task
     centre: Floats  # shape (n,); where motions start
     problem: Problem
-    simple: Problem  # with half of the functions of time; the problem itself where there are few
 
     def trajectory(self, x: Floats) -> Trajectory:
         """The trajectory with these coefficients."""
         names = self.task.mechanism.independent_velocities
         return Trajectory(names, self.task.limits.units, self.problem.basis, x.reshape(self.problem.shape))
-
-    def carried(self, x: Floats) -> Floats:
-        """A motion of the simple problem in the functions of the other one."""
-        times = self.problem.grid
-        positions = self.simple.basis.values(times) @ x.reshape(self.simple.shape)
-        found: Floats = np.linalg.lstsq(self.problem.phi[:, 0], positions, rcond=None)[0]
-        return found.ravel()
 
 
 def designed(task: Task, prior: Floats | None = None) -> Design:
@@ -210,19 +202,13 @@ def designed(task: Task, prior: Floats | None = None) -> Design:
         regressor = state_regressor(base.mechanism, base.matrix.pivots, task.smooth)
         criterion = OptimalityCriterion(entry.criterion, np.ones(base.rank))
 
-        def problem_of(basis: Basis) -> Problem:
-            rests = resting_ends(basis)
-            times = sample_times(rests.duration, entry.rate)
-            information = Information(regressor, rests, times, task.weights, prior)
-            return Problem(rests, n, information, criterion, limits.motion, task.constraints, centre)
-
-        whole, half = families(entry, n)
-        problem = problem_of(whole)
-        simple = problem if half is None else problem_of(half)
+        basis = resting_ends(family(entry, n))
+        times = sample_times(basis.duration, entry.rate)
+        information = Information(regressor, basis, times, task.weights, prior)
+        problem = Problem(basis, n, information, criterion, limits.motion, task.constraints, centre)
         if entry.criterion == "a_optimal":
-            scaled = OptimalityCriterion("a_optimal", _sizes(problem, entry.seed))
-            simple, problem = replace(simple, criterion=scaled), replace(problem, criterion=scaled)
-        return Design(task, centre, problem, simple)
+            problem = replace(problem, criterion=OptimalityCriterion("a_optimal", _sizes(problem, entry.seed)))
+        return Design(task, centre, problem)
 
 
 def _stated_centre(task: Task) -> Floats:
@@ -241,28 +227,20 @@ def _sizes(problem: Problem, seed: int) -> Floats:
     return np.asarray(1 / np.where(sizes > 0, sizes, 1.0))
 
 
-def families(entry: ExcitationEntry, count: int) -> tuple[Basis, Basis | None]:
-    """The family of motions that a set-up asks for, and one with half of its functions, if that is one."""
+def family(entry: ExcitationEntry, count: int) -> Basis:
+    """The family of motions that a set-up asks for, with any ends."""
     duration = DURATION if entry.duration is None else entry.duration
     harmonics = min(max(FUNCTIONS // count, FEWEST), MOST) if entry.harmonics is None else entry.harmonics
-    segments = entry.segments
-
-    def family(harmonics: int, segments: int) -> Basis:
-        series, splines = Fourier(duration, harmonics), uniform_splines(duration, segments)
-        return {"fourier": series, "bspline": splines, "sum": Combined((series, splines))}[entry.family]
-
-    # every second break of the splines, so that one family holds the other
-    halved = (harmonics > FEWEST or entry.family == "bspline") and (segments % 2 == 0 or entry.family == "fourier")
-    return family(harmonics, segments), family((harmonics + 1) // 2, segments // 2) if halved else None
+    series, splines = Fourier(duration, harmonics), uniform_splines(duration, entry.segments)
+    return {"fourier": series, "bspline": splines, "sum": Combined((series, splines))}[entry.family]
 
 
 # -- the search --------------------------------------------------------------------------------------------------------
 
 RANDOM = 24  # random motions: the best ones start the search, and all show what no search would reach
 ROOM_TO_START = 1e-3  # share of a limit's size that is left at a start, so that a step has somewhere to go
-SIMPLE_STEPS = 40  # of the solver, with the simple problem
-SIMPLE_SHARE = 0.4  # share of the work that the simple problem gets, all starts together
-SAFE_SHARE = 0.25  # share of the work that is kept for making a motion safe
+TRIAL_STEPS = 20  # steps of every start, after which the best one goes on: most of what can be gained is gained then
+SEARCH_SHARE = 0.75  # share of the work for the search, the rest is for making its motion safe
 
 
 @dataclass(frozen=True)
@@ -276,63 +254,37 @@ class Chance:
 
 @dataclass(frozen=True)
 class Searched:
-    """Motions that keep their limits at samples, the best first, and how they were found."""
+    """Motions that keep their limits at samples, and how they were found."""
 
-    solutions: tuple[Solution, ...]  # of the problem
-    starts: tuple[Solution, ...]  # one of each start, of the problem that it ended with
-    motions: tuple[Floats, ...]  # random ones, coefficients of the problem
+    starts: tuple[Solution, ...]
+    motions: tuple[Floats, ...]  # random ones
+
+    @property
+    def best_first(self) -> list[Solution]:
+        """The solutions by their criterion."""
+        return sorted(self.starts, key=lambda solution: solution.value)
 
 
 def searched(design: Design, watch: Watch) -> Searched:
-    """Search from the best random motions with few functions of time, then from the best of these with all."""
-    entry, simple, problem = design.task.entry, design.simple, design.problem
+    """Search from the best of random motions for a few steps each, then from the best of these to the end."""
+    entry, problem = design.task.entry, design.problem
     watch.tell(f"{RANDOM} random motions")
-    motions = _random_motions(simple, entry.seed)
-    order = np.argsort([simple.value(x) for x in motions], kind="stable")[: entry.starts].tolist()
-    own = watch.share((SIMPLE_SHARE if simple is not problem else 1 - SAFE_SHARE) / len(order))
-    most = entry.iterations if simple is problem else min(SIMPLE_STEPS, entry.iterations)
-    starts = []
-    for k, place in enumerate(order):
-        found = minimised(simple, motions[place], most, replace(own), f"start {k + 1} of {len(order)}")
-        starts.append(found)
-        watch.seconds -= found.iterations * simple.seconds_per_step
-    if simple is problem:
-        return Searched(tuple(sorted(starts, key=_by_value)), tuple(starts), tuple(motions))
-    best = min(range(len(starts)), key=lambda k: starts[k].value)
-    carried = [replace(start, x=_roomy(problem, design.carried(start.x))) for start in starts if start.x is not None]
-    left = entry.iterations - starts[best].iterations
-    if left > 0 and not watch.ended and starts[best].x is not None:
-        last = watch.share(1 - SAFE_SHARE)
-        start = _roomy(problem, design.carried(starts[best].x))
-        found = minimised(problem, start, left, last, f"start {best + 1} with all functions of time")
-        watch.seconds -= found.iterations * problem.seconds_per_step
-        steps, history = starts[best].iterations + found.iterations, list(starts[best].history)
-        history += [value for value in found.history if value < history[-1]]
-        if found.x is not None and found.value < starts[best].value:
-            starts[best] = replace(found, iterations=steps, history=tuple(history))
-            carried.append(starts[best])
-    whole = [design.carried(x) for x in motions]
-    return Searched(tuple(sorted(carried, key=_by_value)), tuple(starts), tuple(whole))
-
-
-def _by_value(solution: Solution) -> float:
-    return solution.value
-
-
-def _roomy(problem: Problem, x: Floats) -> Floats:
-    """The motion, a little smaller if it leaves too little room."""
-    for share in (1.0, *LITTLE_LESS, *MUCH_LESS):
-        found = problem.scaled(x, share)
-        if problem.room(found) > ROOM_TO_START / 10:
-            return found
-    return problem.inside(x)
-
-
-def _random_motions(problem: Problem, seed: int) -> list[Floats]:
-    """Random motions that leave room to all limits."""
-    rng = np.random.default_rng(seed)
-    found = [problem.random(rng) for _ in range(RANDOM)]
-    return [problem.inside(x, ROOM_TO_START) for x in found]
+    rng = np.random.default_rng(entry.seed)
+    motions = [problem.inside(problem.random(rng), ROOM_TO_START) for _ in range(max(RANDOM, entry.starts))]
+    best = sorted(motions, key=problem.value)[: entry.starts]
+    watch.seconds -= len(motions) * problem.seconds_per_step
+    reserve = watch.seconds * (1 - SEARCH_SHARE)
+    watch.seconds -= reserve
+    searches = []
+    for k, motion in enumerate(best, 1):
+        search = Search.from_start(problem, motion)
+        if search is not None:
+            searches.append(search.run(min(TRIAL_STEPS, entry.iterations), watch, f"start {k} of {len(best)}"))
+    if searches:
+        leader = min(searches, key=lambda search: search.history[-1])
+        leader.run(entry.iterations, watch, "the best start")
+    watch.seconds += reserve
+    return Searched(tuple(search.solution for search in searches), tuple(motions))
 
 
 # -- a motion that is safe ---------------------------------------------------------------------------------------------
@@ -342,6 +294,7 @@ MORE = 1.5  # times what a limit was broken by, by which it is tightened
 LITTLE = 1e-4  # of a motion that is given up to be on the safe side
 LITTLE_LESS = (0.998, 0.99)  # shares of a motion that are as good as the whole
 MUCH_LESS = (0.97, 0.9, 0.75, 0.5)  # shares that are better than nothing
+BACK = 0.98  # share of a motion at its limits, from which the next search starts: from a limit no step is long
 SAFE_STEPS = 30  # of a solver that starts next to its goal
 
 
@@ -352,7 +305,6 @@ def safe(design: Design, solutions: Sequence[Solution], watch: Watch) -> tuple[F
     worst = ""
     for solution in solutions:
         problem, x = design.problem, solution.x
-        assert x is not None
         for _ in range(ROUNDS):
             watch.tell("checking all limits at every time")
             found, margins = _smaller(design, x, LITTLE_LESS)
@@ -360,13 +312,12 @@ def safe(design: Design, solutions: Sequence[Solution], watch: Watch) -> tuple[F
             if not broken:
                 return found, margins
             worst = ", ".join(margin.label for margin in broken[:NAMED])
-            if watch.ended:
-                break
             problem = _tightened(problem, margins, design)
-            better = minimised(problem, _roomy(problem, x), SAFE_STEPS, watch, "with tighter limits")
-            if better.x is None:
+            starts = (problem.scaled(x, share) for share in (BACK, *MUCH_LESS))
+            search = next(filter(None, (Search.from_start(problem, start) for start in starts)), None)
+            if search is None or watch.ended:
                 break
-            x = better.x
+            x = search.run(SAFE_STEPS, watch, "with tighter limits").best
         found, margins = _smaller(design, solution.x, MUCH_LESS)
         if all(margin.kept for margin in margins):
             return found, margins

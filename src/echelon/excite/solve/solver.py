@@ -19,18 +19,18 @@ import numpy as np
 from echelon.arrays import Floats, one_thread
 from echelon.excite.problem.optimisation import Problem
 
-FIRST_BARRIER = 1e-2  # weight of the barrier at first, times the root of the number of limits at all samples
+FIRST_BARRIER = 0.1  # weight of the barrier at first, over the root of the number of limits at all samples
 BARRIER_FALL = 0.15  # share of the mean complementarity that the next barrier has: a fall by a factor of 7 at most
 LAST_BARRIER = 1e-9
 SHORT_STEP = 0.3  # share of a step, below which the barrier does not fall yet: limits are in the way
-TO_THE_LIMIT = 0.98  # share of the way to the first limit that a step goes at most
-LEFT_OF_ROOM = 0.005  # share of a limit's room that a step leaves at least
-DUAL_SPREAD = 20.0  # factor by which a multiplier may differ from the barrier's own, weight / room
+TO_THE_LIMIT = 0.9  # share of the way to the first limit that a step goes at most
+LEFT_OF_ROOM = 0.1  # share of a limit's room that a step leaves at least
+DUAL_SPREAD = 5.0  # factor by which a multiplier may differ from the barrier's own, weight / room
 HALVINGS = 12  # of a step, after which it is no longer one
 DESCENT = 1e-4  # share of the promised decrease that a step has to keep (Armijo)
 DAMPING = 0.2  # share of the old curvature along a step that the new one keeps (Powell)
 TOLERANCE = 5e-3  # decrease of the criterion, a logarithm, that counts as none: deviations then differ by 0.25 %
-PATIENCE = 10  # steps within which the criterion has to fall by the tolerance
+PATIENCE = 15  # steps within which the criterion has to fall by the tolerance
 RESETS = 3  # of the learned curvature, one after the other, after which a search is at its end
 TOLD = 5  # steps between two reports of progress
 
@@ -59,14 +59,11 @@ class Watch:
 class Solution:
     """The result of one search."""
 
-    x: Floats | None  # the best coefficients, which keep all limits at the samples; None if the start did not
+    x: Floats  # the best coefficients, which keep all limits at the samples
     value: float  # their criterion
-    status: str  # ``"converged"``, ``"stalled"``, ``"iterations"``, ``"budget"``, ``"stopped"`` or ``"no room"``
+    status: str  # ``"converged"``, ``"stalled"``, ``"iterations"``, ``"budget"`` or ``"stopped"``
     iterations: int
     history: tuple[float, ...]  # the criterion of the best motion so far, each time it became better: descending
-
-
-NOTHING = Solution(None, np.inf, "no room", 0, ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +97,8 @@ def _barrier(value: float, slacks: Floats, weight: float) -> float:
 
 
 @dataclass
-class _Search:
-    """The state of a search: where it is, its multipliers, and the curvature learned so far."""
+class Search:
+    """A search for the least criterion: where it is, its multipliers, and the curvature learned so far."""
 
     now: _Iterate
     weight: float  # of the barrier
@@ -109,12 +106,16 @@ class _Search:
     curvature: Floats  # shape (size, size)
     resets: int = 0
     best: Floats = field(default_factory=lambda: np.zeros(0))
+    status: str = ""  # see :attr:`Solution.status`; empty while it goes on
     history: list[float] = field(default_factory=list)
     values: list[float] = field(default_factory=list)  # of all steps
 
     @classmethod
-    def from_start(cls, problem: Problem, start: Floats, slacks: Floats) -> _Search:
-        """The search at its start."""
+    def from_start(cls, problem: Problem, start: Floats) -> Search | None:
+        """The search from a motion that keeps all limits at the samples; None if it does not."""
+        slacks = problem.slacks(problem.values(start))
+        if not np.all(slacks > 0):
+            return None
         now = _Iterate.at(problem, start, slacks)
         weight = FIRST_BARRIER / np.sqrt(max(slacks[0].size, 1))
         steepness = max(float(np.linalg.norm(now.gradient)) / np.sqrt(problem.size), 1e-3)
@@ -123,17 +124,35 @@ class _Search:
         return search
 
     @property
-    def gap(self) -> float:
-        """Sum of the multipliers times the slacks: by about so much the criterion may still fall."""
-        finite = np.isfinite(self.now.slacks)
-        return float((self.duals[finite] * self.now.slacks[finite]).sum())
+    def solution(self) -> Solution:
+        """The best motion so far."""
+        return Solution(self.best, self.history[-1], self.status, len(self.values) - 1, tuple(self.history))
+
+    def run(self, most: int, watch: Watch, name: str) -> Search:
+        """Go on until a number of steps is reached, or something else ends the search."""
+        # matrices are small: threads that wait for each other cost more than they bring, and the order of additions is
+        # the same wherever it runs
+        with one_thread():
+            self.status = "" if len(self.values) <= most else "iterations"
+            while not self.status:
+                watch.seconds -= self.now.problem.seconds_per_step
+                moved = self.advance()
+                steps = len(self.values) - 1
+                if self.converged:
+                    self.status = "converged"
+                elif not moved:
+                    self.status = "stalled"
+                else:
+                    self.status = watch.ended or ("iterations" if steps >= most else "")
+                if steps % TOLD == 0 or self.status:
+                    room = float(self.now.slacks.min(initial=np.inf))
+                    watch.tell(f"{name}: step {steps}, criterion {self.history[-1]:.4g}, smallest room {room:.2%}")
+        return self
 
     @property
     def converged(self) -> bool:
-        """Whether the criterion falls no more, and no barrier keeps it from falling."""
-        if len(self.values) <= PATIENCE:
-            return False
-        return self.values[-1 - PATIENCE] - self.values[-1] < TOLERANCE and self.gap < TOLERANCE
+        """Whether the criterion falls no more."""
+        return len(self.values) > PATIENCE and self.values[-1 - PATIENCE] - self.values[-1] < TOLERANCE
 
     def advance(self) -> bool:
         """Take a step; False if there is none."""
@@ -149,7 +168,8 @@ class _Search:
         self._remember()
         self.resets = 0
         if share > SHORT_STEP:
-            mean = self.gap / max(np.isfinite(slacks).sum(), 1)
+            finite = np.isfinite(slacks)
+            mean = float((self.duals[finite] * slacks[finite]).mean()) if finite.any() else 0.0
             self.weight = max(min(self.weight, BARRIER_FALL * mean), LAST_BARRIER)
         return True
 
@@ -218,28 +238,3 @@ class _Search:
         if not self.history or self.now.value < self.history[-1]:
             self.best = self.now.x
             self.history.append(self.now.value)
-
-
-def minimised(problem: Problem, start: Floats, most: int, watch: Watch, name: str = "") -> Solution:
-    """Minimise the criterion from a motion that keeps all limits, by a number of steps at most."""
-    # matrices are small: threads that wait for each other cost more than they bring, and the order of additions is the
-    # same wherever it runs
-    with one_thread():
-        slacks = problem.slacks(problem.values(start))
-        if not np.all(slacks > 0):
-            return NOTHING
-        search, steps, status = _Search.from_start(problem, start, slacks), 0, ""
-        while not status:
-            steps += 1
-            watch.seconds -= problem.seconds_per_step
-            moved = search.advance()
-            if search.converged:
-                status = "converged"
-            elif not moved:
-                status = "stalled"
-            else:
-                status = watch.ended or ("iterations" if steps >= most else "")
-            if steps % TOLD == 0 or status:
-                room = float(search.now.slacks.min(initial=np.inf))
-                watch.tell(f"{name}: step {steps}, criterion {search.history[-1]:.4g}, smallest room {room:.2%}")
-        return Solution(search.best, search.history[-1], status, steps, tuple(search.history))
