@@ -291,15 +291,16 @@ class MotionBounds:
 _FIRST = 64  # intervals to begin with
 _BATCH = 4096  # intervals that are looked at together
 _TOUCH = 0.05  # share of the clearance by which a distance may be larger than its bound
-_SPARE = 0.25  # share of the room above the clearance that a bound may give away
+SPARE = 0.25  # share of the room above the clearance that a bound may give away
+FINEST = 0.02  # share of the tolerance that a bound may give away however little room there is
 
 
 class LeastClearances:
     """Lower bounds of all distances over all times of a trajectory.
 
-    Intervals of time, each for a pair of shapes, are halved until a bound is within the tolerance of the smallest
-    distance, or within a quarter of what lies between this and the clearance that is required: exact where it matters,
-    quick where it does not.
+    Intervals of time, each for a pair of shapes, are halved until a bound is within a quarter of what lies between the
+    smallest distance and the clearance that is required, or, where this is broken, within the tolerance: exact where it
+    matters, quick where it does not.
     """
 
     def __init__(self, clearance: Clearance, trajectory: Trajectory, tolerance: float) -> None:
@@ -341,7 +342,7 @@ class LeastClearances:
         asked = np.flatnonzero(lower - falls < self._goals()[group])
         lower[asked] = np.maximum(lower[asked], self._measured(places, times, at[asked], pair[asked]))
         # half of the tolerance ends every search, also where a distance could not be confirmed
-        good = (lower - falls >= self._goals()[group]) | (falls <= self.tolerance / 2)
+        good = (lower - falls >= self._goals()[group]) | (falls <= self._slack()[group] / 2)
         np.minimum.at(self.bounds, group[good], (lower - falls)[good])
         return np.asarray(~good)
 
@@ -352,8 +353,13 @@ class LeastClearances:
 
     def _goals(self) -> Floats:
         """Bounds that are good enough, by what was found so far; they never rise."""
-        spare = np.abs(self.found - self.clearance.low)
-        return np.asarray(self.found - np.maximum(self.tolerance, _SPARE * spare))
+        return np.asarray(self.found - self._slack())
+
+    def _slack(self) -> Floats:
+        """By how much bounds may be below the distances that were found, m: little where that decides."""
+        room = self.found - self.clearance.low
+        least = np.where(room > 0, FINEST * self.tolerance, self.tolerance)
+        return np.asarray(np.maximum(least, SPARE * np.abs(room)))
 
     def _measured(self, places: Floats, times: Floats, at: Integers, pair: Integers) -> Floats:
         """Confirmed distances of pairs of shapes at some of the times; smallest ones are kept."""

@@ -2,7 +2,7 @@
 
 Many robots are nearer to themselves than any sensible clearance: two bodies behind one joint of a wrist, hulls of bent
 links.  A search that does not know this looks for a pose that does not exist.  So pairs are measured first.  One that
-never reaches the clearance keeps a share of its own largest distance, and two shapes of the robot that overlap in all
+never or hardly reaches the clearance keeps a share of its own largest distance, and two shapes of the robot that overlap in all
 poses, whose hulls are larger than the links, are not checked; both are said.  An obstacle that no pose keeps clear of
 is a mistake of the set-up, and so is one that holds what does not move.
 """
@@ -23,6 +23,8 @@ from echelon.mechanism.joint import GROUND
 POSES = 512  # random poses: of six joints, a half that one joint decides is met with certainty, a tenth of it as well
 KEPT_SHARE = 0.7  # share of the largest distance that is kept: the rest is what the pair may move by
 MILLIMETRE = 1e-3  # m; allowances are whole numbers of them
+ROOM = 5e-4  # m beyond the clearance, without which a motion has nowhere to go
+COMMON = 0.25  # share of poses with that room, below which the clearance leaves too few
 STILL = 1e-4  # m, by which a distance that does not depend on the pose may vary: rounding, and facets of meshes
 PROBE = 1e-3  # m, radius of a ball that stands for a point
 HELD_DEPTH = 0.02  # m, by which an obstacle holds a point of the base: more than a plate or a rounded drawing explains
@@ -52,7 +54,8 @@ def allowances_of(stated: Clearance, poses: Floats) -> Allowances:
     found, reached = _without(found, never[found.groups]), reached[:, ~never]
     largest = reached.max(axis=0)
     kept = np.floor(KEPT_SHARE * largest / MILLIMETRE) * MILLIMETRE
-    lower = largest < found.low
+    common = (reached >= found.low + ROOM).mean(axis=0)
+    lower = (common < COMMON) & (KEPT_SHARE * largest < found.low)
     low = np.where(lower, np.minimum(kept, found.low), found.low)
     lowered = []
     for k in np.flatnonzero(lower).tolist():

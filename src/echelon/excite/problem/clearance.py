@@ -192,6 +192,7 @@ REACH = 0.2  # how far beyond the clearance distances are measured, m: enough to
 
 SECONDS_PER_PAIR = 8e-6  # work of the distance of two meshes with its slope, as measured where half are out of reach
 
+MISLED = 1e-4  # m, by which nearest points may be further apart than the distance
 _TOUCHING = 1e-12  # m, below which points do not tell a normal
 
 
@@ -351,4 +352,6 @@ def _normals(points: Floats, distances: Floats) -> Floats:
     lengths = np.linalg.norm(apart, axis=1, keepdims=True)
     # of overlapping shapes the points lie the other way round
     signs = np.where(distances < 0, -1.0, 1.0)[:, None]
-    return np.where(lengths > _TOUCHING, signs * apart / np.maximum(lengths, _TOUCHING), 0.0)
+    # points of faces that lie on each other need not be opposite: the distance then changes otherwise, or not at all
+    told = (lengths > _TOUCHING) & (np.abs(lengths - np.abs(distances)[:, None]) < MISLED)
+    return np.where(told, signs * apart / np.maximum(lengths, _TOUCHING), 0.0)

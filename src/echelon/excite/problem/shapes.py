@@ -121,6 +121,7 @@ def z_along(direction: npt.ArrayLike) -> Floats:
 
 _DIRECTIONS = np.array([d for d in product((-1, 0, 1), repeat=3) if any(d)], dtype=float)
 _UP = np.array([0.0, 0.0, 1.0])
+UNTOLD = 1e-6  # m, by which the planes of a normal may be nearer to each other than the points it is of
 _TOUCHING = 1e-9  # m, of witness points that are too near each other to tell a normal
 
 
@@ -187,11 +188,13 @@ def plane_gaps(first: Shape, second: Shape, places: tuple[Floats, Floats], point
     normals = np.where(lengths > _TOUCHING, apart / np.maximum(lengths, _TOUCHING), _UP)
     # the points of overlapping shapes lie the other way round
     found = np.maximum(_between(first, second, places, normals), _between(first, second, places, -normals))
-    untold = np.flatnonzero(lengths[:, 0] <= _TOUCHING)
+    # points of faces that lie on each other, and of shapes that touch, tell no normal; axes of the shapes may be one
+    untold = np.flatnonzero(np.abs(np.abs(found) - lengths[:, 0]) > UNTOLD)
     if len(untold):
         some = (places[0][untold], places[1][untold])
-        for guess in _DIRECTIONS:
-            normals = np.broadcast_to(guess / np.linalg.norm(guess), (len(untold), 3))
+        axes = [place[:, :, k] for place in some for k in range(3)]
+        fixed = [np.broadcast_to(guess / np.linalg.norm(guess), (len(untold), 3)) for guess in _DIRECTIONS]
+        for normals in (*fixed, *axes, *(-axis for axis in axes)):
             found[untold] = np.maximum(found[untold], _between(first, second, some, normals))
     return found
 
