@@ -14,6 +14,7 @@ import typer
 
 from echelon.choices import Family, Optimality
 from echelon.cli.app import AsJson, Force, app, reads_robot
+from echelon.cli.process import SIGNALLED, stop_asked
 from echelon.cli.screen import steps
 
 TRAJECTORY, PREVIEW = "trajectory.json", "preview.html"
@@ -105,10 +106,10 @@ def excite(
     if folder is not None:
         folder.check((TRAJECTORY, PREVIEW, *(f"trajectory{kind}" for kind in kinds)))
     robot = load_setup(setup, prior=prior, **read)
-    with steps() as step:
+    with steps() as step, stop_asked("ending with the best motion so far; once more ends at once") as asked:
         step("reading logs")
         information = information_of_logs(robot, prior_log) if prior_log else None
-        found = exciting_trajectory(robot, prior_information=information, on_step=step, **changed)
+        found = exciting_trajectory(robot, prior_information=information, on_step=step, stopped=asked.stopped, **changed)
         step("writing")
         # nothing is written unless all of it can be
         files: dict[str, str | bytes] = {}
@@ -117,6 +118,8 @@ def excite(
             for kind in kinds:
                 files[f"trajectory{kind}"] = trajectory_content(found.trajectory, kind, rate, repeats)
     say(found, [] if folder is None else folder.write_into(files), started, as_json=as_json)
+    if asked.number:
+        raise typer.Exit(SIGNALLED + asked.number)
 
 
 @app.command(epilog="Example: echelon check-trajectory ur10.yaml motion.csv -o preview.html")

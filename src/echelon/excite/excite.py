@@ -23,7 +23,7 @@ from echelon.excite.solve.solver import Watch
 from echelon.excite.verify import Margin, margins_of
 from echelon.logs.finding import Finding, warning
 from echelon.mechanism.sources import Readable
-from echelon.setup.setup import Setup, setup_of
+from echelon.setup.setup import Setup, setup_of, with_file_effects
 from echelon.version import __version__
 
 MOMENTS = 40  # times at which conditioning is reported
@@ -52,7 +52,8 @@ def conditioning_of(task: Task, trajectory: Trajectory, prior: Floats | None = N
     moments = [(time, _scaled_condition(F)) for time, F in zip(times, matrices, strict=True)]
     F = matrices[-1]
     std = _deviations(F)
-    return MotionConditioning(condition_number(F), _scaled_condition(F), log_det(F), tuple(std.tolist()), tuple(moments))
+    conditions = condition_number(F), _scaled_condition(F)
+    return MotionConditioning(*conditions, log_det(F), tuple(std.tolist()), tuple(moments))
 
 
 def chance_of(task: Task, motions: Sequence[Trajectory], prior: Floats | None = None) -> Chance:
@@ -202,7 +203,7 @@ def exciting_trajectory(
     >>> found.safe, found.conditioning.condition < 10
     (True, True)
     """
-    setup = setup_of(setup)
+    setup = with_file_effects(setup_of(setup))
     prior = _checked(prior_information)
     on_step("deriving the base parameters")
     task = task_of(setup, changed(setup.excitation, changes, setup.source))
@@ -241,7 +242,7 @@ def judged_trajectory(setup: Setup | Readable, trajectory: Trajectory, **changes
     InputError
         If it moves other coordinates.
     """
-    setup = setup_of(setup)
+    setup = with_file_effects(setup_of(setup))
     task = task_of(setup, changed(setup.excitation, changes, setup.source))
     if trajectory.coordinates != task.mechanism.independent_velocities:
         moves, should = ", ".join(trajectory.coordinates), ", ".join(task.mechanism.independent_velocities)
@@ -289,7 +290,7 @@ def _result(
     )
 
 
-def _warnings(task: Task, conditioning: Conditioning, starts: Sequence[Start]) -> list[Finding]:
+def _warnings(task: Task, conditioning: MotionConditioning, starts: Sequence[Start]) -> list[Finding]:
     """Reasons why a trajectory is of little use."""
     texts = []
     if not isfinite(conditioning.scaled_condition):

@@ -143,6 +143,11 @@ def _bare(file: RobotFile, options: ReadingOptions) -> Setup:
     return Setup(file.source, mechanism, robot_file=file, states_effects=False, usual=True, assumed=_assumed(mechanism))
 
 
+def with_file_effects(setup: Setup) -> Setup:
+    """The set-up with the usual effects, where a robot file that states none stands beside it."""
+    return with_usual(setup) if setup.robot_file is not None else setup
+
+
 def with_usual(setup: Setup) -> Setup:
     """The set-up with the usual effects, where its file is silent about effects."""
     if setup.states_effects or setup.mechanism.effects:

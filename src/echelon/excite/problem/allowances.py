@@ -2,9 +2,9 @@
 
 Many robots are nearer to themselves than any sensible clearance: two bodies behind one joint of a wrist, hulls of bent
 links.  A search that does not know this looks for a pose that does not exist.  So pairs are measured first.  One that
-never or hardly reaches the clearance keeps a share of its own largest distance, and two shapes of the robot that overlap in all
-poses, whose hulls are larger than the links, are not checked; both are said.  An obstacle that no pose keeps clear of
-is a mistake of the set-up, and so is one that holds what does not move.
+never or hardly reaches the clearance keeps a share of its own largest distance, and two shapes of the robot that
+overlap in all poses, whose hulls are larger than the links, are not checked; both are said.  An obstacle that no pose
+keeps clear of is a mistake of the set-up, and so is one that holds what does not move.
 """
 
 from __future__ import annotations

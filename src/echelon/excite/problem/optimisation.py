@@ -175,11 +175,13 @@ class Problem:
     def gathered(self, slopes: Floats, weights: Floats) -> Floats:
         """Derivatives of Σ weights · values by the coefficients, weights of shape (T, M)."""
         by_state = np.einsum("tm,tmoj->toj", weights, slopes)
-        return np.einsum("tob,toj->bj", self.phi, by_state).ravel()
+        found: Floats = np.einsum("tob,toj->bj", self.phi, by_state)
+        return found.ravel()
 
     def along(self, slopes: Floats, step: Floats) -> Floats:
         """Changes of the values with a step of the coefficients, shape (T, M)."""
-        return np.einsum("tmoj,toj->tm", slopes, self.states(step))
+        found: Floats = np.einsum("tmoj,toj->tm", slopes, self.states(step))
+        return found
 
     def curvature(self, slopes: Floats, weights: Floats) -> Floats:
         """Σ weights · J Jᵀ with the derivatives J of the values by the coefficients, shape (size, size)."""

@@ -25,7 +25,7 @@ from echelon.mechanism.sources import Readable
 from echelon.observe.observation import Observation
 from echelon.results.identified import load_identified
 from echelon.setup.logs import with_logs
-from echelon.setup.setup import Setup, setup_of
+from echelon.setup.setup import Setup, setup_of, with_file_effects
 
 
 @public
@@ -49,7 +49,7 @@ def information_of_logs(setup: Setup | Readable, logs: Sequence[str | os.PathLik
     InputError
         If a log cannot be read, or coordinates are held, so that other parameters are seen.
     """
-    setup = setup_of(setup)
+    setup = with_file_effects(setup_of(setup))
     entry = setup.excitation
     if entry.move is not None or entry.hold:
         problem = "logs determine other parameters than a trajectory that holds coordinates; let all of them move"

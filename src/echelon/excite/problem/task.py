@@ -39,7 +39,7 @@ from echelon.excite.problem.state_limits import (
 from echelon.formats.schema.schema_excite import EVERY, ExcitationEntry, FrameEntry, LimitsEntry
 from echelon.formats.stated_limits import StatedLimits, stated_limits
 from echelon.hints import nearest_of
-from echelon.logs.finding import Finding, note, warning
+from echelon.logs.finding import Finding, listed, note, warning
 from echelon.mechanism.lock_joints import lock_joints, lockable
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
@@ -49,6 +49,10 @@ _PER = ("", "/s", "/s²", "/s³")
 _SPEEDS = {"rad": 1.0, "m": 0.25}  # speeds that are taken where none is stated: those of a careful first run
 _SPEED_UP, _ONSET = 0.1, 0.05
 """Seconds to the full speed, and to the full acceleration, where accelerations and jerks are not stated."""
+
+
+MOST_TURNS = 4 * pi  # rad, beyond which a stated position is taken for degrees: no joint of an arm turns so far
+SAME = 1e-3  # rad or m, by which a stated range may exceed the file's: rounded decimals
 
 
 @dataclass(frozen=True)
@@ -88,6 +92,7 @@ class _Resolver:
         self.stated = {name: stated.get(name, StatedLimits()) for name in self.names}
         self.drives = _drives(mechanism, self.names)
         self.defaults: dict[str, dict[str, list[str]]] = {}
+        self.unlimited: list[str] = []  # efforts that a file states as zero
 
     def resolved(self) -> ResolvedLimits:
         self._check_names()
@@ -101,9 +106,8 @@ class _Resolver:
         limits += self._of_drives()
         low, high = (np.array([positions[name][k] for name in self.names]) for k in (0, 1))
         kept = tuple(limit for limit in limits if isfinite(limit.low) or isfinite(limit.high))
-        return ResolvedLimits(
-            kept, tuple(self._efforts()), low, high, tuple(self.units.values()), tuple(self._findings())
-        )
+        efforts = tuple(self._efforts())
+        return ResolvedLimits(kept, efforts, low, high, tuple(self.units.values()), tuple(self._findings()))
 
     # -- names -----------------------------------------------------------------------------------------------------
 
@@ -137,7 +141,24 @@ class _Resolver:
         if found[0] >= found[1]:
             problem = f"the position range of '{name}' has length zero: hold it, or give a longer one"
             raise InputError(problem, source=self.source, element="position limits")
+        if not self.entry.beyond_file:
+            self._check_width(name, found)
         return found
+
+    def _check_width(self, name: str, found: tuple[float, float]) -> None:
+        """Refuse a range that is wider than the file's, or wider than any joint's, as degrees are."""
+        stated = self.stated[name].position or (-inf, inf)
+        rotates = self.units[name] == "rad"
+        finite = [abs(end) for end in found if isfinite(end)]
+        told = ""
+        if rotates and max(finite, default=0.0) > MOST_TURNS:
+            told = "is beyond 4π: ranges are in rad, and 180° is pi"
+        elif finite and (found[0] < stated[0] - SAME or found[1] > stated[1] + SAME):
+            told = f"is wider than the robot file's, [{stated[0]:g}, {stated[1]:g}] {self.units[name]}"
+        if told:
+            shown = f"[{found[0]:g}, {found[1]:g}]"
+            problem = f"the position range of '{name}', {shown}, {told}; if it is meant, write beyond_file: true"
+            raise InputError(problem, source=self.source, element="position limits")
 
     def _rate(self, order: int, name: str, default: float) -> float:
         """The limit of a velocity, an acceleration or a jerk."""
@@ -159,12 +180,22 @@ class _Resolver:
     def _default(self, kind: str, name: str, value: str) -> None:
         self.defaults.setdefault(kind, {}).setdefault(value, []).append(name)
 
+    def _note_zero_effort(self, name: str) -> None:
+        """Remember an effort that the file states as zero and that nothing replaces."""
+        if any(" effort 0 " in text for text in self.stated[name].notes):
+            self.unlimited.append(name)
+
     def _findings(self) -> Iterator[Finding]:
         """Defaults that were taken, by kind."""
         for kind, taken in self.defaults.items():
             values = "; ".join(f"{', '.join(names)} {value}" for value, names in taken.items())
             text = f"no {kind} limits are stated, so these are taken: {values}"
             yield note("default limit", self.source, text)
+        if self.unlimited:
+            names = listed(self.unlimited)
+            text = f"the robot file states an effort of 0 for {names}, which counts as not stated, so nothing limits it"
+            advice = f"write limits: effort: {{{self.unlimited[0]}: 50}}, or none if it is meant"
+            yield warning("effort", self.source, f"{text}; {advice}")
 
     # -- drives ----------------------------------------------------------------------------------------------------
 
@@ -186,6 +217,8 @@ class _Resolver:
             value = self._stated("effort", name) if name in self.names else self.entry.effort.get(name)
             if value is None and name in self.names and (effort := self.stated[name].effort) is not None:
                 value = effort * self.entry.scale
+            if value is None and name in self.names:
+                self._note_zero_effort(name)
             if value is not None and value != inf:
                 first = name if name in self.names else self.names[int(np.flatnonzero(self.drives[name])[0])]
                 found.append(EffortLimit(name, "N·m" if self.units[first] == "rad" else "N", float(value)))  # type: ignore[arg-type]

@@ -128,6 +128,9 @@ class LimitsEntry(Model):
     velocity: Limits = optional({}, f"Largest speed, rad/s or m/s: {_WHOSE}", {"all": 2, "j1": 1})
     acceleration: Limits = optional({}, f"Largest acceleration, rad/s² or m/s²: {_WHOSE}", 10, {"j1": "none"})
     jerk: Limits = optional({}, f"Largest jerk, rad/s³ or m/s³: {_WHOSE}", 500)
+    beyond_file: Flag = optional(
+        False, "Let positions stated here go beyond those of the robot file, or beyond two turns.", True
+    )
     effort: Limits = optional({}, f"Largest torque or force, N·m or N: {_WHOSE}", {"j1": 87})
     scale: Annotated[Number, Field(gt=0, le=1)] = optional(
         1.0, "Share of the robot file's limits that is used; those stated here hold as they are.", 0.8
