@@ -17,7 +17,7 @@ Lengths are in m, angles in rad, in the frame of the body; boxes have half lengt
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -45,9 +45,11 @@ from echelon.formats.mjcf.mjcf_model import (
 from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.urdf.exact_xml import ExactXml
+from echelon.inertia import pseudo_inertia
 from echelon.mechanism.joint import GROUND
 from echelon.mechanism.mechanism import Mechanism
 
+THINNEST = 5e-3  # m, half length of a box that stands for an inertia at least: mass points have none
 STAND_IN = "shapes of the set-up can stand in for it"  # advice for a shape that cannot be read
 
 
@@ -271,6 +273,25 @@ def read_geometry(mechanism: Mechanism, file: RobotFile, *, tolerant: bool = Fal
     raise InputError(problem, source=file.source)
 
 
+def inertia_boxes(mechanism: Mechanism, shaped: Collection[int]) -> tuple[Shape, ...]:
+    """Boxes of uniform density with the stated inertias, for bodies that are not among those with shapes."""
+    found = []
+    for index, body in enumerate(mechanism.bodies):
+        if index in shaped or body.inertial is None:
+            continue
+        J = pseudo_inertia(np.array(body.inertial, dtype=float))
+        mass = J[3, 3]
+        if mass <= 0:
+            continue
+        centre = J[:3, 3] / mass
+        variances, axes = np.linalg.eigh(J[:3, :3] / mass - np.outer(centre, centre))
+        # a uniform box of half length a has the variance a²/3
+        half = np.maximum(np.sqrt(3 * np.maximum(variances, 0.0)), THINNEST)
+        axes[:, 0] *= np.linalg.det(axes)
+        found.append(Shape(f"{body.name}:inertia", index, Kind.BOX, tuple(half.tolist()), placed(axes, centre)))
+    return tuple(found)
+
+
 # -- shapes of a set-up ------------------------------------------------------------------------------------------------
 
 _POSED = ("at", "rpy")
@@ -286,15 +307,26 @@ _ALLOWED = {
 
 
 def entry_shapes(
-    mechanism: Mechanism, entries: Sequence[Mapping[str, Any]], directory: Path | None = None
+    mechanism: Mechanism,
+    entries: Sequence[Mapping[str, Any]],
+    directory: Path | None = None,
+    refused: Callable[[int, str], InputError] | None = None,
 ) -> tuple[Shape, ...]:
-    """Shapes of a set-up, whose meshes are looked for from a directory."""
+    """Shapes of a set-up, whose meshes are looked for from a directory.
+
+    ``refused`` makes an error of the place of an entry and a problem.
+    """
     found = []
     for number, entry in enumerate(entries, start=1):
         try:
             found.append(_stated(entry, number, mechanism, directory or Path()))
         except InputError as error:
-            raise InputError(error.problem, source=error.source, element=f"shapes, entry {number}") from None
+            problem = error.problem
+            if isinstance(entry, Mapping) and "name" in entry:
+                problem = f"'{entry['name']}': {problem}"
+            if refused is not None:
+                raise refused(number - 1, problem) from None
+            raise InputError(problem, source=error.source, element=f"shapes, entry {number}") from None
     return tuple(found)
 
 

@@ -26,7 +26,8 @@ from echelon.excite.problem.allowances import POSES, allowances_of, without_touc
 from echelon.excite.problem.clearance import Clearance, clearance_of
 from echelon.excite.problem.closed_loops import LoopMotion, check_loops, loop_limits, loop_motion, passive_motions
 from echelon.excite.problem.prior_model import identified_efforts, prior_efforts
-from echelon.excite.problem.robot_shapes import entry_shapes, read_geometry
+from echelon.excite.problem.robot_shapes import STAND_IN, entry_shapes, inertia_boxes, read_geometry
+from echelon.excite.problem.shapes import Shape
 from echelon.excite.problem.state_limits import (
     ORDERS,
     EffortLimit,
@@ -349,32 +350,53 @@ def _clearance(
         text = f"{UNCHECKED}: state the section collisions, with obstacles and shapes"
         findings.append(warning("collisions", setup.source, text))
         return None
-    shapes, excluded = list(entry_shapes(mechanism, section.shapes, folder)), list(section.exclude)
+
+    def stated(key: str, entries: Sequence[Mapping[str, Any]]) -> tuple[Shape, ...]:
+        def refused(place: int, problem: str) -> InputError:
+            return setup.error(f"excitation.collisions.{key}[{place}]", problem)
+
+        return entry_shapes(mechanism, entries, folder, refused)
+
+    shapes, excluded = list(stated("shapes", section.shapes)), list(section.exclude)
     if file is not None and not file.is_description:
         # shapes that the set-up states stand in for those of the file that cannot be read
-        geometry = read_geometry(mechanism, file, tolerant=bool(shapes))
+        geometry = read_geometry(mechanism, file, tolerant=True)
+        if geometry.notes and not shapes and section.unreadable == "refuse":
+            raise InputError(_unreadable(geometry.notes), element="collisions")
         shapes, excluded = [*geometry.shapes, *shapes], [*geometry.excluded, *excluded]
+        if geometry.notes and section.unreadable == "boxes":
+            shapes += inertia_boxes(mechanism, {shape.body for shape in shapes})
+            text = "boxes of the inertias stand for links that cannot be read: distances are theirs, not the links'"
+            findings.append(warning("collisions", setup.source, text))
         findings += [note("collisions", setup.source, text) for text in geometry.notes]
-    around = entry_shapes(mechanism, [{"body": "world", **obstacle} for obstacle in section.obstacles], folder)
+    around = stated("obstacles", [{"body": "world", **obstacle} for obstacle in section.obstacles])
     shapes += [replace(shape, obstacle=True) for shape in around]
     if not section.self:
         excluded += combinations([body.name for body in mechanism.bodies], 2)
     pure = replace(mechanism)  # without how the file was read
-    stated = clearance_of(pure, shapes, section.clearance, excluded)
+    clearance = clearance_of(pure, shapes, section.clearance, excluded)
     motion = loop_motion(mechanism)
     lowered: list[str] = []
     unchecked: list[str] = []
     if section.ignore_touching:
         names = mechanism.independent_velocities
         start = np.array([entry.centre.get(name, middle) for name, middle in zip(names, limits.middle, strict=True)])
-        found = without_touching(stated, motion.positioned(start[None]).q[0] if motion else start)
-        stated, unchecked = found.clearance, [*found.unchecked]
-    if len(stated.pairs):
-        found = allowances_of(stated, _random_poses(limits, motion, entry.seed))
-        stated, lowered, unchecked = found.clearance, [*found.lowered], [*unchecked, *found.unchecked]
+        found = without_touching(clearance, motion.positioned(start[None]).q[0] if motion else start)
+        clearance, unchecked = found.clearance, [*found.unchecked]
+    if len(clearance.pairs):
+        found = allowances_of(clearance, _random_poses(limits, motion, entry.seed))
+        clearance, lowered, unchecked = found.clearance, [*found.lowered], [*unchecked, *found.unchecked]
     findings += [note("collisions", setup.source, text) for text in lowered]
     findings += [warning("collisions", setup.source, text) for text in unchecked]
-    return stated
+    return clearance
+
+
+def _unreadable(notes: Sequence[str]) -> str:
+    """A sentence about shapes of a file that cannot be read, with the ways out."""
+    first = notes[0].removeprefix("left out: ").removesuffix(f"; {STAND_IN}")
+    others = f" (and {len(notes) - 1} more)" if len(notes) > 1 else ""
+    ways = "unreadable: boxes (of the inertias, whose distances are not those of the links), or none (not checked)"
+    return f"{first}{others}; convert them, state shapes, or write under collisions {ways}"
 
 
 def _random_poses(limits: ResolvedLimits, motion: LoopMotion | None, seed: int) -> Floats:

@@ -133,7 +133,7 @@ class Search:
         # matrices are small: threads that wait for each other cost more than they bring, and the order of additions is
         # the same wherever it runs
         with one_thread():
-            self.status = "" if len(self.values) <= most else "iterations"
+            self.status = watch.ended or ("" if len(self.values) <= most else "iterations")
             while not self.status:
                 watch.seconds -= self.now.problem.seconds_per_step
                 moved = self.advance()

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema, model_validator
 
-from echelon.choices import Family, Optimality
+from echelon.choices import Family, Optimality, Unreadable
 from echelon.formats.schema.schema_types import (
     AS_LIST,
     SCALAR,
@@ -195,6 +195,12 @@ class CollisionsEntry(Model):
     )
     exclude: Annotated[tuple[Pair, ...], AS_LIST] = optional(
         (), "Pairs of bodies or obstacles that may touch.", [["link1", "link3"]]
+    )
+    unreadable: Unreadable = optional(
+        "refuse",
+        "Shapes of the robot file that cannot be read: refuse them, let boxes of the inertias stand for links "
+        "without shapes, or none, which leaves them out.",
+        "boxes",
     )
     ignore_touching: Flag = optional(False, "Leave out pairs of bodies that touch already where motions start.", True)
 
