@@ -14,8 +14,11 @@ from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.doors import public
 from echelon.errors import InputError
-from echelon.excite.problem.closed_loops import state_regressor
+from echelon.excite.problem.clearance import Clearance
+from echelon.excite.problem.closed_loops import LoopLimits, LoopMotion, state_regressor
 from echelon.excite.problem.information import condition_number, log_det, sample_times
+from echelon.excite.problem.shapes import Shape
+from echelon.excite.problem.state_limits import StateConstraint
 from echelon.excite.problem.task import Task, changed, task_of
 from echelon.excite.problem.trajectory import Trajectory
 from echelon.excite.solve.design import Chance, designed, safe, searched
@@ -110,6 +113,41 @@ class Start:
     history: tuple[float, ...]  # the best value so far, each time it became better
 
 
+@dataclass(frozen=True)
+class Closeness:
+    """The smallest distance of all pairs that are checked, at samples."""
+
+    time: Floats  # shape (N,), s
+    distance: Floats  # shape (N,), m; larger ones count as the reach of the measurement
+    nearest: tuple[str, ...]  # label of the pair at each time
+
+
+DISTANCE_RATE = 50.0  # Hz at which the smallest distance is shown: a body goes centimetres in between
+
+
+def closeness_of(task: Task, trajectory: Trajectory) -> Closeness | None:
+    """The smallest distance over time; None where no distances are checked."""
+    found = [(part, motion) for part, motion in _clearances(task) if part.labels]
+    if not found:
+        return None
+    clearance, motion = found[0]
+    time = np.linspace(0.0, trajectory.duration, round(DISTANCE_RATE * trajectory.duration) + 1)
+    q = trajectory(time)
+    distances = clearance.nearest(q if motion is None else motion.positioned(q).q).distances
+    least = distances.argmin(axis=1)
+    return Closeness(time, distances.min(axis=1), tuple(clearance.labels[k] for k in least))
+
+
+def _clearances(task: Task) -> Iterator[tuple[Clearance, LoopMotion | None]]:
+    """Limits of distances, with the motion of loops if there are any."""
+    for constraint in task.constraints:
+        motion = None
+        parts: tuple[StateConstraint, ...] = (constraint,)
+        if isinstance(constraint, LoopLimits):
+            motion, parts = constraint.motion, constraint.parts
+        yield from ((part, motion) for part in parts if isinstance(part, Clearance))
+
+
 @public
 @dataclass(frozen=True)
 class ExcitingTrajectory:
@@ -130,6 +168,10 @@ class ExcitingTrajectory:
     starts : tuple of Start
     chance : Chance, optional
         The best that random motions within the limits reach; None if nothing was searched.
+    closeness : Closeness, optional
+        The smallest distance over time; None if no distances are checked.
+    obstacles : tuple of Shape
+        What stands around the robot.
     findings : tuple of Finding
     settings : mapping
         Everything needed to repeat the design.
@@ -143,6 +185,8 @@ class ExcitingTrajectory:
     margins: tuple[Margin, ...]
     starts: tuple[Start, ...]
     chance: Chance | None
+    closeness: Closeness | None
+    obstacles: tuple[Shape, ...]
     findings: tuple[Finding, ...]
     settings: Mapping[str, Any]
 
@@ -279,6 +323,8 @@ def _result(
         margins=tuple(margins),
         starts=tuple(starts),
         chance=chance,
+        closeness=closeness_of(task, trajectory),
+        obstacles=tuple(shape for part, _ in _clearances(task) for shape in part.shapes if shape.obstacle),
         findings=(*_warnings(task, conditioning, starts), *task.findings),
         settings={
             "echelon": __version__,

@@ -32,6 +32,7 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
 from echelon.regressor.loops import assembly_of
 from echelon.report.drawing import ahead, joint_axes, upward, widest_view
+from echelon.report.outlines import outline
 from echelon.report.page import ClosedForms, Context, html_page, packed, significant
 from echelon.report.report import findings_of
 from echelon.report.signals import envelope
@@ -99,6 +100,7 @@ def preview_html(found: ExcitingTrajectory) -> str:
     data = {
         "robot": pictures,
         "motion": _signals(found),
+        "distance": _distance(found),
         "conditioning": {"time": [time for time, _ in seen], "condition": [condition for _, condition in seen]},
         "starts": [{"number": s.number, "history": [v for v in s.history if isfinite(v)]} for s in found.starts],
     }
@@ -196,11 +198,20 @@ def _signals(found: ExcitingTrajectory) -> dict[str, Any]:
     return {"duration": trajectory.duration, "titles": list(ORDERS[:_PLOTTED]), "coordinates": coordinates}
 
 
+def _distance(found: ExcitingTrajectory) -> dict[str, Any] | None:
+    """The smallest distance over time, JSON-able; None where none is checked."""
+    close = found.closeness
+    if close is None:
+        return None
+    names = [one_line(label.removeprefix("distance of ")) for label in close.nearest]
+    return {"time": packed(close.time), "distance": packed(close.distance), "nearest": names}
+
+
 def _limits(found: ExcitingTrajectory) -> Context:
     """What every limit allows, what the trajectory reaches, and the room between, the least room first."""
     rows = sorted((_limit(margin) for margin in found.margins), key=_urgency)
     counts = {state: sum(row["state"] == state for row in rows) for state in ("broken", "active", "kept")}
-    return {"rows": rows, "counts": counts, "near": f"{100 * ACTIVE:g}", "when": when_kept(found.margins)}
+    return {"distances": found.closeness is not None, "rows": rows, "counts": counts, "near": f"{100 * ACTIVE:g}", "when": when_kept(found.margins)}
 
 
 def _limit(margin: Margin) -> Context:
@@ -363,8 +374,13 @@ def _pictures(found: ExcitingTrajectory, view: Scene) -> dict[str, Any]:
     ]
     points = np.vstack([view.origins.reshape(-1, 3), view.tips.reshape(-1, 3), np.zeros((1, 3))])
     arrays = {name: packed(getattr(view, name)) for name in ("origins", "axes", "tips", "q", "qd")}
+    obstacles = [
+        {"name": one_line(shape.name), "curves": [curve.round(4).tolist() for curve in outline(shape, view.extent)]}
+        for shape in found.obstacles
+    ]
     return {
         "bodies": bodies,
+        "obstacles": obstacles,
         "pictures": len(view.time),
         "duration": float(view.time[-1]),
         "coordinates": [one_line(name) for name in found.trajectory.coordinates],
