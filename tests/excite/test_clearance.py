@@ -13,6 +13,7 @@ import pytest
 
 import echelon as ec
 from echelon.errors import EchelonError, InputError
+from echelon.excite.problem.allowances import without_touching
 from echelon.excite.problem.clearance import Clearance, Engine, checked_pairs, clearance_of
 from echelon.excite.problem.robot_shapes import entry_shapes, mesh_shape, read_geometry
 from echelon.excite.problem.shapes import Kind, Shape, plane_gaps
@@ -55,9 +56,10 @@ def test_touching_pairs_are_left_out_on_request() -> None:
     mechanism = planar()
     shapes = entry_shapes(mechanism, [{"body": f"link{k}", "sphere": 1.2, "name": f"s{k}"} for k in (1, 3)])
     assert len(clearance_of(mechanism, shapes, 0.01).pairs) == 1
-    found = clearance_of(mechanism, shapes, 0.01, ignore_touching=True)
+    allowed = without_touching(clearance_of(mechanism, shapes, 0.01), np.zeros(3))
+    found = allowed.clearance
     assert len(found.pairs) == 0
-    assert found.notes == ("'s1' and 's3' are not checked: they are too near at the reference pose",)
+    assert allowed.unchecked == ("'s1' and 's3' are not checked: they are too near where motions start",)
     assert found.values(np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 3))).shape == (2, 0)
     assert LeastClearances(found, motion(mechanism, 0), 1e-3).bounds.shape == (0,)
 

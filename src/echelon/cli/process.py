@@ -66,7 +66,8 @@ def stop_asked(answer: str) -> Iterator[Asked]:
                 os.write(2, _SHOW_CURSOR)
             os._exit(SIGNALLED + number)
         asked.number = number
-        os.write(2, f"{answer}\n".encode())
+        if os.isatty(2):
+            os.write(2, f"{answer}\n".encode())
 
     for number, handler in before.items():
         if handler is not signal.SIG_IGN:

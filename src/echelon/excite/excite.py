@@ -166,15 +166,15 @@ class ExcitingTrajectory:
     margins : tuple of Margin
         Of every limit.
     starts : tuple of Start
+    findings : tuple of Finding
+    settings : mapping
+        Everything needed to repeat the design.
     chance : Chance, optional
         The best that random motions within the limits reach; None if nothing was searched.
     closeness : Closeness, optional
         The smallest distance over time; None if no distances are checked.
     obstacles : tuple of Shape
-        What stands around the robot.
-    findings : tuple of Finding
-    settings : mapping
-        Everything needed to repeat the design.
+        Shapes that stand around the robot.
     """
 
     trajectory: Trajectory
@@ -184,11 +184,11 @@ class ExcitingTrajectory:
     conditioning: MotionConditioning
     margins: tuple[Margin, ...]
     starts: tuple[Start, ...]
-    chance: Chance | None
-    closeness: Closeness | None
-    obstacles: tuple[Shape, ...]
     findings: tuple[Finding, ...]
     settings: Mapping[str, Any]
+    chance: Chance | None = None
+    closeness: Closeness | None = None
+    obstacles: tuple[Shape, ...] = ()
 
     @property
     def safe(self) -> bool:
