@@ -19,7 +19,7 @@ from support.paths import EXAMPLES
 from support.resampled_motions import Floats, evaluated, resampled
 
 PENDULUM = EXAMPLES / "double_pendulum.yaml"
-SWING: dict[str, Any] = {"duration": 6, "limits": {"position": [-2, 2], "velocity": 3}}
+SWING: dict[str, Any] = {"criterion": "d_optimal", "duration": 6, "limits": {"position": [-2, 2], "velocity": 3}}
 FAMILIES = ("fourier", "bspline", "sum")
 
 

@@ -91,7 +91,7 @@ def _starts(found: ExcitingTrajectory) -> str:
 
 def _conditioning(found: ExcitingTrajectory) -> str:
     shown = found.conditioning
-    names = {"d_optimal": "D-optimal", "a_optimal": "A-optimal", "condition": "condition number"}
+    names = {"d_optimal": "D-optimal", "a_optimal": "A-optimal", "condition": "smallest condition number"}
     numbers = f"condition number {shown.condition:.3g}; log det of the information {shown.log_det:.5g}"
     text = f"{names[found.criterion]}; {numbers}\n{_figures(shown.scaled_condition, max(shown.std))}"
     worst = one_line(found.base.expressions[shown.worst].name)

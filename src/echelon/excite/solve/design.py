@@ -21,7 +21,7 @@ from echelon.excite.problem.optimisation import Problem
 from echelon.excite.problem.state_limits import StateConstraint
 from echelon.excite.problem.task import ResolvedLimits, Task, names_of
 from echelon.excite.problem.trajectory import Basis, Combined, Fourier, Trajectory, resting_ends, uniform_splines
-from echelon.excite.solve.solver import Search, Solution, Watch
+from echelon.excite.solve.solver import TOLERANCE, Search, Solution, Watch
 from echelon.excite.verify import Margin, margins_of, motion_margins
 from echelon.extras import extra
 from echelon.formats.schema.schema_excite import ExcitationEntry
@@ -147,7 +147,8 @@ def _conflict(over: Floats, constraints: Sequence[StateConstraint]) -> str:
     start = f"none of {POSES} poses within the position limits keeps"
     never = np.flatnonzero((over > 0).all(axis=0)).tolist()
     if never:
-        named = [f"{labels[k]} (by {over[:, k].min():.3g} at least)" for k in never[:NAMED]]
+        units = [unit for constraint in constraints for unit in constraint.units]
+        named = [f"{labels[k]} (by {over[:, k].min():.3g} {units[k]} at least)" for k in never[:NAMED]]
         return f"{start} the limits of {', '.join(named)}; {_advice([labels[k] for k in never])}"
     some = np.flatnonzero(over.any(axis=0)).tolist()
     for i, j in combinations(some, 2):
@@ -239,6 +240,7 @@ def family(entry: ExcitationEntry, count: int) -> Basis:
 
 RANDOM = 24  # random motions: the best ones start the search, and all show what no search would reach
 ROOM_TO_START = 1e-3  # share of a limit's size that is left at a start, so that a step has somewhere to go
+BACK = 0.98  # share of a motion at its limits, from which the next search starts: from a limit no step is long
 TRIAL_STEPS = 20  # steps of every start, after which the best one goes on: most of what can be gained is gained then
 SEARCH_SHARE = 0.75  # share of the work for the search, the rest is for making its motion safe
 
@@ -280,11 +282,31 @@ def searched(design: Design, watch: Watch) -> Searched:
         search = Search.from_start(problem, motion)
         if search is not None:
             searches.append(search.run(min(TRIAL_STEPS, entry.iterations), watch, f"start {k} of {len(best)}"))
+    solutions = [search.solution for search in searches]
     if searches:
-        leader = min(searches, key=lambda search: search.history[-1])
-        leader.run(entry.iterations, watch, "the best start")
+        best_one = min(range(len(searches)), key=lambda k: solutions[k].value)
+        solutions[best_one] = _finished(problem, searches[best_one], entry.iterations, watch)
     watch.seconds += reserve
-    return Searched(tuple(search.solution for search in searches), tuple(motions))
+    return Searched(tuple(solutions), tuple(motions))
+
+
+def _finished(problem: Problem, search: Search, most: int, watch: Watch) -> Solution:
+    """The search to its end, and again from a little off its limits as long as that finds something better."""
+    # where many limits are near, steps are short; a little off them the way along them is free
+    found = search.run(most, watch, "the best start").solution
+    while found.status in ("converged", "stalled"):
+        again = Search.from_start(problem, problem.scaled(found.x, BACK))
+        if again is None:
+            break
+        next_one = again.run(most - found.iterations, watch, "the best start again").solution
+        better = found.value - next_one.value
+        steps = found.iterations + next_one.iterations
+        if better > 0:
+            more = tuple(value for value in next_one.history if value < found.value)
+            found = replace(next_one, iterations=steps, history=(*found.history, *more))
+        if better < TOLERANCE:
+            break
+    return replace(found, status="converged" if found.status == "stalled" else found.status)
 
 
 # -- a motion that is safe ---------------------------------------------------------------------------------------------
@@ -294,7 +316,6 @@ MORE = 1.5  # times what a limit was broken by, by which it is tightened
 LITTLE = 1e-4  # of a motion that is given up to be on the safe side
 LITTLE_LESS = (0.998, 0.99)  # shares of a motion that are as good as the whole
 MUCH_LESS = (0.97, 0.9, 0.75, 0.5)  # shares that are better than nothing
-BACK = 0.98  # share of a motion at its limits, from which the next search starts: from a limit no step is long
 SAFE_STEPS = 30  # of a solver that starts next to its goal
 
 

@@ -219,9 +219,9 @@ class ExcitationEntry(Model):
     )
     segments: Count = optional(8, "Segments of B-splines.", 12)
     criterion: Optimality = optional(
-        "d_optimal",
-        "What is optimised: the volume of the confidence ellipsoid, the sum of the variances, or the condition number.",
         "condition",
+        "What is optimised: the condition number, the volume of the confidence ellipsoid, or the sum of the variances.",
+        "d_optimal",
     )
     noise: Deviations = optional(
         {EVERY: 1.0},
