@@ -146,7 +146,8 @@ def test_text_for_people(tmp_path: Path) -> None:
     assert lines[0] == "two links: 2 coordinates move for 5 s and show 6 base parameters"
     assert "limits are kept at every time" in done.stdout
     assert re.search(r"^smallest condition number; condition number [\d.]+; log det", done.stdout, re.M)
-    assert re.search(r"^scaled condition number [\d.]+, worst standard deviation [\d.]+ \S+ \(\w+\)$", done.stdout, re.M)
+    figures = r"^scaled condition number [\d.]+, worst standard deviation [\d.]+ \S+ \(\w+\)$"
+    assert re.search(figures, done.stdout, re.M)
     assert "best of 24 random motions: scaled condition number" in done.stdout
     assert [path.name for path in tmp_path.iterdir()] == ["arm3.yaml"]  # without -o nothing is written
 

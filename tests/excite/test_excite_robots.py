@@ -165,7 +165,7 @@ def test_distances_by_mujoco_keep_the_clearance(tmp_path: Path, stated: str, rat
     limits = {"velocity": 2.5, "acceleration": 25, "jerk": "none"}
     centre = {"j2": -0.6, "j3": 1.0}
     changes: dict[str, Any] = {"limits": limits, "centre": centre, "collisions": collisions}
-    found = design(file, duration=6, harmonics=3, criterion="d_optimal", **changes)
+    found = design(file, duration=6, harmonics=3, **changes)
     assert found.safe
     assert list(found.trajectory.coordinates) == ["j1", "j2", "j3", "j4"]
     model = mujoco.MjModel.from_xml_string(ARM)

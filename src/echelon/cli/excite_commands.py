@@ -109,7 +109,8 @@ def excite(
     with steps() as step, stop_asked("ending with the best motion so far; once more ends at once") as asked:
         step("reading logs")
         information = information_of_logs(robot, prior_log) if prior_log else None
-        found = exciting_trajectory(robot, prior_information=information, on_step=step, stopped=asked.stopped, **changed)
+        changed |= {"on_step": step, "stopped": asked.stopped}
+        found = exciting_trajectory(robot, prior_information=information, **changed)
         step("writing")
         # nothing is written unless all of it can be
         files: dict[str, str | bytes] = {}

@@ -22,7 +22,8 @@ def _own(shape: Shape, extent: float) -> list[Floats]:
     """Curves in the shape's own frame."""
     if shape.kind is Kind.PLANE:
         ends = np.array([[-extent, 0.0, 0.0], [extent, 0.0, 0.0]])
-        across = [ends + [0.0, k * extent / CROSSES, 0.0] for k in range(-CROSSES, CROSSES + 1)]
+        steps = [np.array([0.0, k * extent / CROSSES, 0.0]) for k in range(-CROSSES, CROSSES + 1)]
+        across = [ends + step for step in steps]
         return [*across, *(line[:, [1, 0, 2]] for line in across)]
     if shape.kind is Kind.BOX:
         pairs = [(a, b) for a in CORNERS for b in CORNERS if tuple(a) < tuple(b) and np.abs(a - b).sum() == 2]
@@ -33,10 +34,10 @@ def _own(shape: Shape, extent: float) -> list[Floats]:
         circles = [_circle(axes, 0.0) for axes in ((0, 1), (1, 2), (2, 0))]
         return [circle * (shape.size[0] if shape.kind is Kind.SPHERE else np.array(shape.size)) for circle in circles]
     radius, half = shape.size
-    rings = [radius * _circle((0, 1), 0.0) + [0.0, 0.0, end] for end in (-half, half)]
-    corners = [radius * np.array([np.cos(turn), np.sin(turn), 0.0]) for turn in TURN[:-1:8]]
-    sides = [np.array([corner + [0.0, 0.0, -half], corner + [0.0, 0.0, half]]) for corner in corners]
-    return [*rings, *sides]
+    circle = radius * _circle((0, 1), 0.0)
+    up = np.array([0.0, 0.0, half])
+    sides = [np.stack([corner - up, corner + up]) for corner in circle[:-1:8]]
+    return [circle - up, circle + up, *sides]
 
 
 def _circle(axes: tuple[int, int], height: float) -> Floats:

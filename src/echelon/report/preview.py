@@ -211,7 +211,14 @@ def _limits(found: ExcitingTrajectory) -> Context:
     """What every limit allows, what the trajectory reaches, and the room between, the least room first."""
     rows = sorted((_limit(margin) for margin in found.margins), key=_urgency)
     counts = {state: sum(row["state"] == state for row in rows) for state in ("broken", "active", "kept")}
-    return {"distances": found.closeness is not None, "rows": rows, "counts": counts, "near": f"{100 * ACTIVE:g}", "when": when_kept(found.margins)}
+    checked = found.closeness is not None
+    return {
+        "distances": checked,
+        "rows": rows,
+        "counts": counts,
+        "near": f"{100 * ACTIVE:g}",
+        "when": when_kept(found.margins),
+    }
 
 
 def _limit(margin: Margin) -> Context:

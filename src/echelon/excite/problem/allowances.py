@@ -131,7 +131,8 @@ def _depth(obstacle: Shape, points: Sequence[Floats]) -> float:
 def _holds(obstacle: Shape) -> str:
     if obstacle.kind is Kind.PLANE:
         normal = ", ".join(f"{-x + 0:.3g}" for x in obstacle.placement[:3, 2])
-        return f"the base is below '{obstacle.name}', whose normal points away from it: write plane: [{normal}], or move it away"
+        turned = f"write plane: [{normal}], or move it away"
+        return f"the base is below '{obstacle.name}', whose normal points away from it: {turned}"
     return (
         f"'{obstacle.name}' holds the base: obstacles are solid, so a crate around the robot is a floor and four walls"
     )

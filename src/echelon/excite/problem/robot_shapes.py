@@ -321,9 +321,8 @@ def entry_shapes(
         try:
             found.append(_stated(entry, number, mechanism, directory or Path()))
         except InputError as error:
-            problem = error.problem
-            if isinstance(entry, Mapping) and "name" in entry:
-                problem = f"'{entry['name']}': {problem}"
+            named = entry.get("name") if hasattr(entry, "get") else None
+            problem = error.problem if named is None else f"'{named}': {error.problem}"
             if refused is not None:
                 raise refused(number - 1, problem) from None
             raise InputError(problem, source=error.source, element=f"shapes, entry {number}") from None

@@ -179,7 +179,7 @@ class Search:
         weights = (self.duals / now.slacks).sum(axis=0) / problem.sizes**2
         curvature = self.curvature + problem.curvature(now.slopes, weights)
         slope = self._slope()
-        step: Floats = -np.linalg.solve(curvature, slope)
+        step = np.asarray(-np.linalg.solve(curvature, slope), dtype=np.float64)
         change = problem.along(now.slopes, step) / problem.sizes
         return step, np.stack([change, -change])
 
