@@ -161,7 +161,7 @@ def gradient_seconds(setup: ec.Setup, changes: dict[str, Any]) -> float:
     from threadpoolctl import threadpool_limits
 
     problem = designed(task_of(setup, changed(setup.excitation, changes, setup.source))).problem
-    x, times = problem.start(np.random.default_rng(0)), []
+    x, times = problem.random(np.random.default_rng(0)), []
     with threadpool_limits(1):
         for _ in range(60):
             begun = perf_counter()
@@ -248,7 +248,7 @@ PEER = ["search", "ended", "iterations", "time", "condition number, Echelon's co
 
 def page(rows: list[list[Any]], peer: list[str]) -> str:
     """The results with what they were measured on."""
-    names = ("numpy", "casadi", "mujoco", "pin")
+    names = ("numpy", "mujoco", "pin")
     versions = ", ".join(f"{name} {version(name)}" for name in names)
     return "\n\n".join(
         [

@@ -16,7 +16,7 @@ from echelon.errors import EchelonError, InputError
 from echelon.excite.problem.allowances import without_touching
 from echelon.excite.problem.clearance import Clearance, Engine, checked_pairs, clearance_of
 from echelon.excite.problem.robot_shapes import entry_shapes, mesh_shape, read_geometry
-from echelon.excite.problem.shapes import Kind, Shape, plane_gaps
+from echelon.excite.problem.shapes import Shape, ShapeKind, plane_gaps
 from echelon.excite.problem.task import ResolvedLimits, task_of
 from echelon.excite.solve.design import start_pose
 from echelon.excite.verify import LeastClearances
@@ -126,7 +126,7 @@ def test_fixed_parts_of_the_robot_are_the_world() -> None:
     )
 
 
-def floating(*shapes: tuple[Kind, tuple[float, ...]]) -> tuple[Shape, ...]:
+def floating(*shapes: tuple[ShapeKind, tuple[float, ...]]) -> tuple[Shape, ...]:
     """Shapes that are not on any body: their frames are given."""
     return tuple(Shape(f"s{k}", -1, kind, size, np.eye(4)) for k, (kind, size) in enumerate(shapes))
 
@@ -161,12 +161,12 @@ def test_spheres_and_planes() -> None:
     rng = np.random.default_rng(0)
     places = random_places(rng, 50, 2, 0.5)
     apart = np.linalg.norm(places[:, 0, :, 3] - places[:, 1, :, 3], axis=1)
-    found = measured(floating((Kind.SPHERE, (0.2,)), (Kind.SPHERE, (0.3,))), places)[0]
+    found = measured(floating((ShapeKind.SPHERE, (0.2,)), (ShapeKind.SPHERE, (0.3,))), places)[0]
     np.testing.assert_allclose(found, apart - 0.5, atol=1e-12)
     assert (found < 0).any()
     assert (found > 0).any()
     heights = np.einsum("ni,ni->n", places[:, 0, :, 2], places[:, 1, :, 3] - places[:, 0, :, 3])
-    found = measured(floating((Kind.PLANE, ()), (Kind.SPHERE, (0.2,))), places)[0]
+    found = measured(floating((ShapeKind.PLANE, ()), (ShapeKind.SPHERE, (0.2,))), places)[0]
     np.testing.assert_allclose(found, heights - 0.2, atol=1e-12)
 
 
@@ -176,43 +176,43 @@ def test_capsules_are_segments_with_a_radius() -> None:
         [places[:, s, :, 3] + side * half * places[:, s, :, 2] for side in (-1, 1)] for s, half in ((0, 0.3), (1, 0.2))
     ]
     expected = [segment_distance(*(ends[s][k][n] for s in (0, 1) for k in (0, 1))) - 0.15 for n in range(20)]
-    found = measured(floating((Kind.CAPSULE, (0.1, 0.3)), (Kind.CAPSULE, (0.05, 0.2))), places)[0]
+    found = measured(floating((ShapeKind.CAPSULE, (0.1, 0.3)), (ShapeKind.CAPSULE, (0.05, 0.2))), places)[0]
     np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
-@pytest.mark.parametrize("other", [(Kind.SPHERE, (0.1,)), (Kind.CAPSULE, (0.1, 0.3))])
-def test_boxes_outside(other: tuple[Kind, tuple[float, ...]]) -> None:
+@pytest.mark.parametrize("other", [(ShapeKind.SPHERE, (0.1,)), (ShapeKind.CAPSULE, (0.1, 0.3))])
+def test_boxes_outside(other: tuple[ShapeKind, tuple[float, ...]]) -> None:
     places = random_places(np.random.default_rng(2), 300, 2, 0.6)
     half = np.array([0.1, 0.2, 0.3])
     along = np.linspace(-1, 1, 4001)[:, None] * (other[1][1] if len(other[1]) > 1 else 0.0)
     points = places[:, 1, None, :, 3] + along * places[:, 1, None, :, 2]
     inside = np.einsum("nij,nki->nkj", places[:, 0, :, :3], points - places[:, 0, None, :, 3])
     expected = np.linalg.norm(np.maximum(np.abs(inside) - half, 0), axis=2).min(axis=1) - 0.1
-    found = measured(floating((Kind.BOX, tuple(half)), other), places)[0]
+    found = measured(floating((ShapeKind.BOX, tuple(half)), other), places)[0]
     clear = expected > -0.1 + 1e-9  # the axis stays outside
     np.testing.assert_allclose(found[clear], expected[clear], atol=2e-6)
     assert np.all(found[~clear] < 0)
 
 
 SIZES = {
-    Kind.SPHERE: (0.12,),
-    Kind.CAPSULE: (0.06, 0.2),
-    Kind.CYLINDER: (0.1, 0.15),
-    Kind.BOX: (0.1, 0.2, 0.05),
-    Kind.ELLIPSOID: (0.1, 0.2, 0.15),
+    ShapeKind.SPHERE: (0.12,),
+    ShapeKind.CAPSULE: (0.06, 0.2),
+    ShapeKind.CYLINDER: (0.1, 0.15),
+    ShapeKind.BOX: (0.1, 0.2, 0.05),
+    ShapeKind.ELLIPSOID: (0.1, 0.2, 0.15),
 }
 
 
-def solid(name: str, kind: Kind) -> Shape:
-    if kind is Kind.MESH:
+def solid(name: str, kind: ShapeKind) -> Shape:
+    if kind is ShapeKind.MESH:
         points = np.random.default_rng(5).normal(size=(40, 3)) * [0.05, 0.1, 0.15] + [0.1, 0, 0.2]
         return mesh_shape(name, -1, np.eye(4), points)
     return Shape(name, -1, kind, SIZES.get(kind, ()), np.eye(4))
 
 
-@pytest.mark.parametrize("first", list(Kind))
-@pytest.mark.parametrize("second", [kind for kind in Kind if kind is not Kind.PLANE])
-def test_planes_between_confirm_distances(first: Kind, second: Kind) -> None:
+@pytest.mark.parametrize("first", list(ShapeKind))
+@pytest.mark.parametrize("second", [kind for kind in ShapeKind if kind is not ShapeKind.PLANE])
+def test_planes_between_confirm_distances(first: ShapeKind, second: ShapeKind) -> None:
     """A distance of two points is an upper bound, planes between are a lower one: where they meet both are right."""
     shapes = solid("first", first), solid("second", second)
     places = random_places(np.random.default_rng(3), 100, 2, 0.3)
@@ -229,8 +229,8 @@ def test_planes_between_confirm_distances(first: Kind, second: Kind) -> None:
 
 def test_values_stop_at_the_reach() -> None:
     places = random_places(np.random.default_rng(0), 50, 2, 1.0)
-    far, _ = measured(floating((Kind.SPHERE, (0.1,)), (Kind.SPHERE, (0.1,))), places)
-    near, _ = measured(floating((Kind.SPHERE, (0.1,)), (Kind.SPHERE, (0.1,))), places, 0.3)
+    far, _ = measured(floating((ShapeKind.SPHERE, (0.1,)), (ShapeKind.SPHERE, (0.1,))), places)
+    near, _ = measured(floating((ShapeKind.SPHERE, (0.1,)), (ShapeKind.SPHERE, (0.1,))), places, 0.3)
     np.testing.assert_allclose(near, np.minimum(far, 0.3))
     assert (far > 0.3).any()
 
@@ -238,7 +238,7 @@ def test_values_stop_at_the_reach() -> None:
 def test_old_versions_of_mujoco_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mujoco, "__version__", "3.9.1")
     with pytest.raises(EchelonError, match=r"MuJoCo 3\.9\.1 gives wrong distances.*3\.12 or later"):
-        Engine(floating((Kind.SPHERE, (1.0,))))
+        Engine(floating((ShapeKind.SPHERE, (1.0,))))
 
 
 def differences(clearance: Clearance, q: Floats, step: float) -> Floats:

@@ -152,7 +152,7 @@ _COARSE, _MOST = 200, 1_000_000  # samples of a limit of the motion, at least an
 
 
 def motion_margins(trajectory: Trajectory, limits: Iterable[MotionLimit]) -> list[Margin]:
-    """How far positions and their derivatives stay from limits."""
+    """Margins of positions and their derivatives."""
     return [_motion_margin(trajectory, limit) for limit in limits]
 
 
@@ -179,7 +179,7 @@ SAMPLES_PER_PERIOD = 200
 
 
 def loop_margins(trajectory: Trajectory, limits: LoopLimits) -> list[Margin]:
-    """How far a trajectory stays from the limits at samples, in their order.
+    """Margins of a trajectory with closed loops, at samples, in the order of the limits.
 
     Where the loops cannot be closed, or another way of assembly turns up, no margin is left to singular poses, and all
     others count as broken.
@@ -222,7 +222,7 @@ def _peaks(values: Floats) -> Floats:
 
 
 class MotionBounds:
-    """How far points can move against each other per speed of each coordinate, at any pose.
+    """Bounds of the speed of points against each other per speed of each coordinate, at any pose.
 
     A rigid motion of both shapes changes no distance, so only joints between their bodies and the nearest body that
     carries both count.  A joint moves a point by its distance from the axis: at most the lengths of all placements
@@ -259,7 +259,7 @@ class MotionBounds:
         return total
 
     def _length(self, step: Step) -> float:
-        """How far a step can bring the frame."""
+        """The largest distance by which a step moves the frame, m."""
         if isinstance(step, Placement):
             return float(np.linalg.norm(placement_matrix(step, self._symbols)[:3, 3]))
         if step.kind is MotionKind.TRANSLATION:
@@ -388,7 +388,7 @@ class LeastClearances:
 
 
 def margins_of(trajectory: Trajectory, task: Task) -> list[Margin]:
-    """How far a trajectory stays from all limits, first those of the motion, then those of the state in their order."""
+    """Margins of a trajectory to all limits, first those of the motion, then those of the state in their order."""
     found = motion_margins(trajectory, task.limits.motion)
     for constraint in task.constraints:
         if isinstance(constraint, Enclosed):

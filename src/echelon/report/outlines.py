@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.excite.problem.shapes import CORNERS, Kind, Shape
+from echelon.excite.problem.shapes import CORNERS, Shape, ShapeKind
 from echelon.extras import extra
 
 TURN = np.linspace(0.0, 2 * np.pi, 33)  # a circle in 32 lines, which is round at the size of a picture
@@ -20,19 +20,19 @@ def outline(shape: Shape, extent: float) -> list[Floats]:
 
 def _own(shape: Shape, extent: float) -> list[Floats]:
     """Curves in the shape's own frame."""
-    if shape.kind is Kind.PLANE:
+    if shape.kind is ShapeKind.PLANE:
         ends = np.array([[-extent, 0.0, 0.0], [extent, 0.0, 0.0]])
         steps = [np.array([0.0, k * extent / CROSSES, 0.0]) for k in range(-CROSSES, CROSSES + 1)]
         across = [ends + step for step in steps]
         return [*across, *(line[:, [1, 0, 2]] for line in across)]
-    if shape.kind is Kind.BOX:
+    if shape.kind is ShapeKind.BOX:
         pairs = [(a, b) for a in CORNERS for b in CORNERS if tuple(a) < tuple(b) and np.abs(a - b).sum() == 2]
         return [np.array(pair) * shape.size for pair in pairs]
-    if shape.kind is Kind.MESH:
+    if shape.kind is ShapeKind.MESH:
         return _edges(shape)
-    if shape.kind in (Kind.SPHERE, Kind.ELLIPSOID):
+    if shape.kind in (ShapeKind.SPHERE, ShapeKind.ELLIPSOID):
         circles = [_circle(axes, 0.0) for axes in ((0, 1), (1, 2), (2, 0))]
-        return [circle * (shape.size[0] if shape.kind is Kind.SPHERE else np.array(shape.size)) for circle in circles]
+        return [circle * (shape.size[0] if shape.kind is ShapeKind.SPHERE else np.array(shape.size)) for circle in circles]
     radius, half = shape.size
     circle = radius * _circle((0, 1), 0.0)
     up = np.array([0.0, 0.0, half])

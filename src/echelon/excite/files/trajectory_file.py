@@ -59,11 +59,11 @@ EXPLANATION = (
 Length = Annotated[float, Field(ge=DURATIONS[0], le=DURATIONS[1])]
 
 
-class _Strict(Schema):
+class _TrajectoryPart(Schema):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
-class FourierCoefficients(_Strict):
+class FourierCoefficients(_TrajectoryPart):
     """One coordinate's coefficients, in its unit."""
 
     constant: float
@@ -71,7 +71,7 @@ class FourierCoefficients(_Strict):
     cos: list[float] = Field(description="Of cos(2πkt/duration), k = 1, 2, …, harmonics.")
 
 
-class FourierRecord(_Strict):
+class FourierRecord(_TrajectoryPart):
     """A finite Fourier series."""
 
     family: Literal["fourier"]
@@ -81,7 +81,7 @@ class FourierRecord(_Strict):
     coefficients: dict[str, FourierCoefficients] = Field(description="By coordinate.")
 
 
-class SplinesRecord(_Strict):
+class SplinesRecord(_TrajectoryPart):
     """B-splines on knots that all coordinates share."""
 
     family: Literal["splines"]
@@ -95,7 +95,7 @@ class SplinesRecord(_Strict):
     )
 
 
-class SumRecord(_Strict):
+class SumRecord(_TrajectoryPart):
     """Motions of one duration on top of one another."""
 
     family: Literal["sum"]
@@ -106,7 +106,7 @@ class SumRecord(_Strict):
 Motion = Annotated[FourierRecord | SplinesRecord | SumRecord, Discriminator("family")]
 
 
-class TrajectoryRecord(_Strict):
+class TrajectoryRecord(_TrajectoryPart):
     """A trajectory; keys that are not named here say where it comes from and do not change it."""
 
     model_config = ConfigDict(extra="allow", title="Echelon trajectory")

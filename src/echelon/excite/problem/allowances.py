@@ -17,7 +17,7 @@ import numpy as np
 from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
 from echelon.excite.problem.clearance import Clearance, Engine, clearance_of_pairs
-from echelon.excite.problem.shapes import Kind, Shape, bounding_sphere, placed
+from echelon.excite.problem.shapes import Shape, ShapeKind, bounding_sphere, placed
 from echelon.mechanism.joint import GROUND
 
 POSES = 512  # random poses: of six joints, a half that one joint decides is met with certainty, a tenth of it as well
@@ -121,7 +121,7 @@ def _centre(shape: Shape, frame: Floats) -> Floats:
 
 def _depth(obstacle: Shape, points: Sequence[Floats]) -> float:
     """The largest depth of some points inside an obstacle, m; negative outside."""
-    engine = Engine((obstacle, Shape("point", GROUND, Kind.SPHERE, (PROBE,), np.eye(4))))
+    engine = Engine((obstacle, Shape("point", GROUND, ShapeKind.SPHERE, (PROBE,), np.eye(4))))
     places = np.stack([np.stack([obstacle.placement[:3], placed(np.eye(3), point)[:3]]) for point in points])
     asked = np.array([(k, 0, 1) for k in range(len(points))], dtype=np.intp)
     distances = engine.measure(places, asked, 1.0).distances
@@ -129,7 +129,7 @@ def _depth(obstacle: Shape, points: Sequence[Floats]) -> float:
 
 
 def _holds(obstacle: Shape) -> str:
-    if obstacle.kind is Kind.PLANE:
+    if obstacle.kind is ShapeKind.PLANE:
         normal = ", ".join(f"{-x + 0:.3g}" for x in obstacle.placement[:3, 2])
         turned = f"write plane: [{normal}], or move it away"
         return f"the base is below '{obstacle.name}', whose normal points away from it: {turned}"

@@ -27,7 +27,7 @@ import numpy as np
 from echelon.arrays import Floats, Integers
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import EchelonError, InputError
-from echelon.excite.problem.shapes import WORLD, BoundingSpheres, Kind, Owner, Shape, placed
+from echelon.excite.problem.shapes import WORLD, BoundingSpheres, Owner, Shape, ShapeKind, placed
 from echelon.excite.problem.state_limits import Slopes, StateConstraint
 from echelon.formats.mjcf.mjcf_model import import_mujoco
 from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
@@ -91,8 +91,8 @@ class Engine:
         spec = mujoco.MjSpec()
         spec.option.ccd_tolerance, spec.option.ccd_iterations = _TOLERANCE, _ITERATIONS
         for k, shape in enumerate(self.shapes):
-            if shape.core is None or shape.kind in (Kind.SPHERE, Kind.CAPSULE):
-                size = (*shape.size, 0.0, 0.0, 0.0)[:3] if shape.kind is not Kind.PLANE else (0.0, 0.0, 1.0)
+            if shape.core is None or shape.kind in (ShapeKind.SPHERE, ShapeKind.CAPSULE):
+                size = (*shape.size, 0.0, 0.0, 0.0)[:3] if shape.kind is not ShapeKind.PLANE else (0.0, 0.0, 1.0)
                 spec.worldbody.add_geom(type=getattr(mujoco.mjtGeom, f"mjGEOM_{shape.kind.upper()}"), size=size)
             else:
                 mesh = spec.add_mesh(name=f"mesh{k}", uservert=shape.core[0].ravel())
@@ -101,7 +101,7 @@ class Engine:
         try:
             return spec.compile()
         except (ValueError, mujoco.FatalError) as error:
-            names = ", ".join(f"'{shape.name}'" for shape in self.shapes if shape.kind is Kind.MESH)
+            names = ", ".join(f"'{shape.name}'" for shape in self.shapes if shape.kind is ShapeKind.MESH)
             raise InputError(f"MuJoCo refuses one of the meshes {names}: {error}") from None
 
 

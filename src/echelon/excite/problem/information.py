@@ -35,7 +35,7 @@ ADJOINT = "adjoint"
 
 
 @dataclass(frozen=True)
-class Rows:
+class OutputEntries:
     """Entries of one output."""
 
     entries: slice  # where they are among all entries
@@ -67,11 +67,11 @@ class StateRegressor:
         return len(self.function.entries)
 
     @property
-    def rows(self) -> list[Rows]:
+    def rows(self) -> list[OutputEntries]:
         """The entries of each output."""
         indices = np.array(list(self.function.entries), dtype=np.intp).reshape(-1, 2)
         cuts = np.searchsorted(indices[:, 0], np.arange(self.function.shape[0] + 1)).tolist()
-        return [Rows(slice(a, b), indices[a:b, 1]) for a, b in pairwise(cuts)]
+        return [OutputEntries(slice(a, b), indices[a:b, 1]) for a, b in pairwise(cuts)]
 
     def entries(self, state: Mapping[str, Floats]) -> Floats:
         """Values of all entries, shape (N, size)."""

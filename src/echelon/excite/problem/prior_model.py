@@ -1,4 +1,4 @@
-"""What is known before a trajectory is run: information of logs at hand, and the model that predicts efforts."""
+"""Knowledge before a trajectory is run: information of logs at hand, and the model that predicts efforts."""
 
 from __future__ import annotations
 

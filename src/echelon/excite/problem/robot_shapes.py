@@ -28,7 +28,7 @@ import numpy.typing as npt
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.exact.polynomial import Rational
-from echelon.excite.problem.shapes import SIZES, WORLD, Kind, Shape, placed, z_along
+from echelon.excite.problem.shapes import SIZES, WORLD, Shape, ShapeKind, placed, z_along
 from echelon.extras import extra
 from echelon.formats.literal import LiteralPlacement, LiteralTree, numeric_placement, rotation_matrix
 from echelon.formats.mjcf.mjcf_model import (
@@ -54,7 +54,7 @@ STAND_IN = "shapes of the set-up can stand in for it"  # advice for a shape that
 
 
 @dataclass(frozen=True)
-class Geometry:
+class FileShapes:
     """Shapes of a file."""
 
     shapes: tuple[Shape, ...]
@@ -138,10 +138,10 @@ def mesh_shape(name: str, body: int, placement: Floats, vertices: Floats, link: 
     except QhullError:
         problem = "its vertices lie in a plane: a thin box can stand in for it"
         raise InputError(problem, element=f"shape '{name}'") from None
-    return Shape(name, body, Kind.MESH, (), placement, vertices[kept], link)
+    return Shape(name, body, ShapeKind.MESH, (), placement, vertices[kept], link)
 
 
-def urdf_geometry(mechanism: Mechanism, file: RobotFile, tolerant: bool = False) -> Geometry:
+def urdf_geometry(mechanism: Mechanism, file: RobotFile, tolerant: bool = False) -> FileShapes:
     """Shapes of all ``<collision>`` elements; see :func:`read_geometry`."""
     tree = file.tree(mimics=False)
     placement = {link.name: where for link, where in zip(tree.links, carrying_bodies(tree, mechanism), strict=True)}
@@ -158,7 +158,7 @@ def urdf_geometry(mechanism: Mechanism, file: RobotFile, tolerant: bool = False)
                 if not tolerant:
                     raise
                 notes.append(f"left out: {error}")
-    return Geometry(tuple(shapes), notes=tuple(notes))
+    return FileShapes(tuple(shapes), notes=tuple(notes))
 
 
 def _collision(element: Any, name: str, link: str, place: tuple[int, Floats], file: RobotFile) -> Shape:
@@ -180,18 +180,18 @@ def _collision(element: Any, name: str, link: str, place: tuple[int, Floats], fi
             return mesh_shape(name, body, placement, vertices, link)
         case "box":
             x, y, z = map(float, xml.triple(form.get("size", ""), (0, 0, 0), f"{where} size"))
-            return Shape(name, body, Kind.BOX, (x / 2, y / 2, z / 2), placement, link=link)
+            return Shape(name, body, ShapeKind.BOX, (x / 2, y / 2, z / 2), placement, link=link)
         case "sphere":
-            return Shape(name, body, Kind.SPHERE, (number("radius"),), placement, link=link)
+            return Shape(name, body, ShapeKind.SPHERE, (number("radius"),), placement, link=link)
         case "cylinder" | "capsule" as kind:
-            return Shape(name, body, Kind(kind), (number("radius"), number("length") / 2), placement, link=link)
+            return Shape(name, body, ShapeKind(kind), (number("radius"), number("length") / 2), placement, link=link)
         case other:
             shown = other if form is None else f"<{other}>"
             problem = f"its geometry is {shown}; expected <box>, <cylinder>, <capsule>, <sphere> or <mesh>"
             raise xml.error(problem, where)
 
 
-def mjcf_geometry(mechanism: Mechanism, file: RobotFile, tolerant: bool = False) -> Geometry:
+def mjcf_geometry(mechanism: Mechanism, file: RobotFile, tolerant: bool = False) -> FileShapes:
     """Shapes of all geoms that collide with something; see :func:`read_geometry`."""
     source, tree = file.source, file.tree(mimics=False)
     spec = parse_spec(file.mjcf)
@@ -212,7 +212,7 @@ def mjcf_geometry(mechanism: Mechanism, file: RobotFile, tolerant: bool = False)
             if not tolerant:
                 raise error.located(source) from None
             notes.append(f"left out: {error.located(source)}")
-    return Geometry(tuple(shapes), excluded, tuple(notes))
+    return FileShapes(tuple(shapes), excluded, tuple(notes))
 
 
 def _remove_others(spec: Any, directory: Path) -> list[tuple[str, str]]:
@@ -253,16 +253,16 @@ def _geom(model: Any, geom: int, link: str, body: int, place: Floats) -> Shape:
         first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
         vertices = np.asarray(model.mesh_vert[first : first + count], dtype=float)
         return mesh_shape(name, body, placement, vertices, link)
-    problem = "" if kind in list(Kind) else f"shapes of type '{kind}' are not convex solids"
+    problem = "" if kind in list(ShapeKind) else f"shapes of type '{kind}' are not convex solids"
     if kind == "plane" and body != GROUND:
         problem = "a plane on a moving body is not supported"
     if problem:
         raise InputError(f"{problem}; {STAND_IN}", element=f"geom '{name}' of body '{link}'")
-    sizes = tuple(float(v) for v in model.geom_size[geom][: len(SIZES[Kind(kind)])])
-    return Shape(name, body, Kind(kind), sizes, placement, link=link)
+    sizes = tuple(float(v) for v in model.geom_size[geom][: len(SIZES[ShapeKind(kind)])])
+    return Shape(name, body, ShapeKind(kind), sizes, placement, link=link)
 
 
-def read_geometry(mechanism: Mechanism, file: RobotFile, *, tolerant: bool = False) -> Geometry:
+def read_geometry(mechanism: Mechanism, file: RobotFile, *, tolerant: bool = False) -> FileShapes:
     """Collision shapes of a URDF or MJCF file; with ``tolerant``, those that cannot be read are noted."""
     tag = file.root.tag
     if tag == "robot":
@@ -288,7 +288,7 @@ def inertia_boxes(mechanism: Mechanism, shaped: Collection[int]) -> tuple[Shape,
         # a uniform box of half length a has the variance a²/3
         half = np.maximum(np.sqrt(3 * np.maximum(variances, 0.0)), THINNEST)
         axes[:, 0] *= np.linalg.det(axes)
-        found.append(Shape(f"{body.name}:inertia", index, Kind.BOX, tuple(half.tolist()), placed(axes, centre)))
+        found.append(Shape(f"{body.name}:inertia", index, ShapeKind.BOX, tuple(half.tolist()), placed(axes, centre)))
     return tuple(found)
 
 
@@ -296,13 +296,13 @@ def inertia_boxes(mechanism: Mechanism, shaped: Collection[int]) -> tuple[Shape,
 
 _POSED = ("at", "rpy")
 _ALLOWED = {
-    Kind.SPHERE: ("at",),
-    Kind.CAPSULE: ("from", "to"),
-    Kind.CYLINDER: ("from", "to"),
-    Kind.BOX: _POSED,
-    Kind.ELLIPSOID: _POSED,
-    Kind.PLANE: ("through",),
-    Kind.MESH: (*_POSED, "scale"),
+    ShapeKind.SPHERE: ("at",),
+    ShapeKind.CAPSULE: ("from", "to"),
+    ShapeKind.CYLINDER: ("from", "to"),
+    ShapeKind.BOX: _POSED,
+    ShapeKind.ELLIPSOID: _POSED,
+    ShapeKind.PLANE: ("through",),
+    ShapeKind.MESH: (*_POSED, "scale"),
 }
 
 
@@ -335,13 +335,13 @@ def _stated(entry: Mapping[str, Any], number: int, mechanism: Mechanism, directo
     body = _body(entry.get("body"), mechanism)
     unnamed = f"{kind} {number}" if body == GROUND else f"{entry['body']}:{kind}{number}"
     name = str(entry.get("name", unnamed))
-    if kind is Kind.PLANE:
+    if kind is ShapeKind.PLANE:
         normal = _direction(_numbers(entry, kind.value, 3), "the normal")
         return Shape(name, body, kind, (), placed(z_along(normal), _triple(entry, "through")))
-    if kind in (Kind.CAPSULE, Kind.CYLINDER):
+    if kind in (ShapeKind.CAPSULE, ShapeKind.CYLINDER):
         return _between(entry, name, body, kind)
     pose = placed(rotation_matrix(*_triple(entry, "rpy")), _triple(entry, "at"))
-    if kind is Kind.MESH:
+    if kind is ShapeKind.MESH:
         if not isinstance(entry["mesh"], str):
             raise InputError(f"'mesh' needs the name of a file, got {entry['mesh']!r}")
         scale = _numbers(entry, "scale", 3) if "scale" in entry else [1.0, 1.0, 1.0]
@@ -349,14 +349,14 @@ def _stated(entry: Mapping[str, Any], number: int, mechanism: Mechanism, directo
     return Shape(name, body, kind, tuple(_numbers(entry, kind.value, len(SIZES[kind]))), pose)
 
 
-def _kind(entry: Mapping[str, Any]) -> Kind:
+def _kind(entry: Mapping[str, Any]) -> ShapeKind:
     """The kind of an entry, which has no keys that mean nothing to it."""
     if not isinstance(entry, Mapping):
         raise InputError(f"expected a mapping such as {{body: link3, sphere: 0.06}}, got {entry!r}")
-    kinds = [kind for kind in Kind if kind.value in entry]
+    kinds = [kind for kind in ShapeKind if kind.value in entry]
     if len(kinds) != 1:
         found = " and ".join(kinds) if kinds else "none"
-        raise InputError(f"it needs exactly one of {', '.join(Kind)}; found {found}")
+        raise InputError(f"it needs exactly one of {', '.join(ShapeKind)}; found {found}")
     valid = ("body", "name", kinds[0].value, *_ALLOWED[kinds[0]])
     strange = next((key for key in entry if key not in valid), None)
     if strange is not None:
@@ -372,7 +372,7 @@ def _body(name: object, mechanism: Mechanism) -> int:
     raise InputError(f"{problem} (valid: {', '.join((*names, WORLD[0]))})")
 
 
-def _between(entry: Mapping[str, Any], name: str, body: int, kind: Kind) -> Shape:
+def _between(entry: Mapping[str, Any], name: str, body: int, kind: ShapeKind) -> Shape:
     """A capsule or cylinder between the ends of its axis."""
     for key in ("from", "to"):
         if key not in entry:

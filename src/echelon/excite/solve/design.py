@@ -21,7 +21,7 @@ from echelon.excite.problem.optimisation import Problem
 from echelon.excite.problem.state_limits import StateConstraint
 from echelon.excite.problem.task import ResolvedLimits, Task, names_of
 from echelon.excite.problem.trajectory import Basis, Combined, Fourier, Trajectory, resting_ends, uniform_splines
-from echelon.excite.solve.solver import TOLERANCE, Search, Solution, Watch
+from echelon.excite.solve.solver import TOLERANCE, Search, SearchResult, Watch
 from echelon.excite.verify import Margin, margins_of, motion_margins
 from echelon.extras import extra
 from echelon.formats.schema.schema_excite import ExcitationEntry
@@ -258,11 +258,11 @@ class Chance:
 class Searched:
     """Motions that keep their limits at samples, and how they were found."""
 
-    starts: tuple[Solution, ...]
+    starts: tuple[SearchResult, ...]
     motions: tuple[Floats, ...]  # random ones
 
     @property
-    def best_first(self) -> list[Solution]:
+    def best_first(self) -> list[SearchResult]:
         """The solutions by their criterion."""
         return sorted(self.starts, key=lambda solution: solution.value)
 
@@ -290,7 +290,7 @@ def searched(design: Design, watch: Watch) -> Searched:
     return Searched(tuple(solutions), tuple(motions))
 
 
-def _finished(problem: Problem, search: Search, most: int, watch: Watch) -> Solution:
+def _finished(problem: Problem, search: Search, most: int, watch: Watch) -> SearchResult:
     """The search to its end, and again from a little off its limits as long as that finds something better."""
     # where many limits are near, steps are short; a little off them the way along them is free
     found = search.run(most, watch, "the best start").solution
@@ -319,7 +319,7 @@ MUCH_LESS = (0.97, 0.9, 0.75, 0.5)  # shares that are better than nothing
 SAFE_STEPS = 30  # of a solver that starts next to its goal
 
 
-def safe(design: Design, solutions: Sequence[Solution], watch: Watch) -> tuple[Floats, list[Margin]]:
+def safe(design: Design, solutions: Sequence[SearchResult], watch: Watch) -> tuple[Floats, list[Margin]]:
     """The best solution, changed so that every limit holds at every time, and the margins."""
     # a slightly smaller motion makes up for what is missing between samples.  Where that costs too much, the broken
     # limits are tightened and the search goes on

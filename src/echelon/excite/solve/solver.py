@@ -56,7 +56,7 @@ class Watch:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class SearchResult:
     """The result of one search."""
 
     x: Floats  # the best coefficients, which keep all limits at the samples
@@ -106,7 +106,7 @@ class Search:
     curvature: Floats  # shape (size, size)
     resets: int = 0
     best: Floats = field(default_factory=lambda: np.zeros(0))
-    status: str = ""  # see :attr:`Solution.status`; empty while it goes on
+    status: str = ""  # see :attr:`SearchResult.status`; empty while it goes on
     history: list[float] = field(default_factory=list)
     values: list[float] = field(default_factory=list)  # of all steps
 
@@ -124,9 +124,9 @@ class Search:
         return search
 
     @property
-    def solution(self) -> Solution:
+    def solution(self) -> SearchResult:
         """The best motion so far."""
-        return Solution(self.best, self.history[-1], self.status, len(self.values) - 1, tuple(self.history))
+        return SearchResult(self.best, self.history[-1], self.status, len(self.values) - 1, tuple(self.history))
 
     def run(self, most: int, watch: Watch, name: str) -> Search:
         """Go on until a number of steps is reached, or something else ends the search."""
