@@ -9,6 +9,7 @@ whole, from the file to margins at every time.
 
 from __future__ import annotations
 
+import os
 import sys
 import sysconfig
 from dataclasses import dataclass
@@ -21,10 +22,24 @@ import echelon as ec
 from tabular import table
 
 ROOT = Path(__file__).resolve().parent.parent
-STOCK = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
+STOCK = (
+    Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
+)
+DESCRIPTIONS = Path(
+    os.environ.get("ROBOT_DESCRIPTIONS_CACHE", "~/.cache/robot_descriptions")
+).expanduser()
 TABLE: dict[str, Any] = {"obstacles": [{"name": "table", "plane": [0, 0, 1]}]}
 LEG = ["FR_hip_joint", "FR_thigh_joint", "FR_calf_joint"]
-HEAD = ("robot", "ends", "coordinates / base", "condition", "scaled", "worst deviation", "random's best", "CPU time")
+HEAD = (
+    "robot",
+    "ends",
+    "coordinates / base",
+    "condition",
+    "scaled",
+    "worst deviation",
+    "random's best",
+    "CPU time",
+)
 
 
 @dataclass(frozen=True)
@@ -39,12 +54,16 @@ class Task:
         for folder in (STOCK, ROOT / "examples"):
             if (folder / self.file).is_file():
                 return folder / self.file
+        if not DESCRIPTIONS.is_dir():
+            raise FileNotFoundError(f"{self.file} is not on this machine")
         from importlib import import_module
 
         return Path(import_module(f"robot_descriptions.{self.file}").URDF_PATH)
 
 
-STANFORD = {"limits": {"position": {"j3": [0.2, 0.6]}, "velocity": {"all": 2, "j3": 0.5}}}
+STANFORD = {
+    "limits": {"position": {"j3": [0.2, 0.6]}, "velocity": {"all": 2, "j3": 0.5}}
+}
 TASKS = {
     "UR3": Task("ur_description/urdf/ur3_robot.urdf", {"collisions": TABLE}),
     "UR5": Task("ur_description/urdf/ur5_robot.urdf", {"collisions": TABLE}),
@@ -53,7 +72,8 @@ TASKS = {
     "xArm7": Task("xarm_description/urdf/xarm7.urdf", {"collisions": TABLE}),
     "Kinova": Task("kinova_description/robots/kinova.urdf", {"collisions": TABLE}),
     "Kinova, boxes": Task(
-        "kinova_description/robots/kinova.urdf", {"collisions": {**TABLE, "unreadable": "boxes"}}
+        "kinova_description/robots/kinova.urdf",
+        {"collisions": {**TABLE, "unreadable": "boxes"}},
     ),
     "SO-101": Task("so_arm_description/urdf/so101.urdf", {"collisions": TABLE}),
     "Z1": Task("z1_description/urdf/z1.urdf", {"collisions": TABLE}),
@@ -71,7 +91,12 @@ def measured(name: str) -> list[Any]:
     try:
         found = ec.exciting_trajectory(opened(task.path()), **task.changes)
     except (ec.EchelonError, ImportError, OSError) as error:
-        return [name, str(error).split(": ", 1)[-1][:90], *[""] * 5, f"{process_time() - begun:.1f} s"]
+        return [
+            name,
+            str(error).split(": ", 1)[-1][:90],
+            *[""] * 5,
+            f"{process_time() - begun:.1f} s",
+        ]
     shown, chance = found.conditioning, found.chance
     worst = f"{max(shown.std):.2g} {found.base.units[shown.worst]}"
     return [
@@ -81,7 +106,9 @@ def measured(name: str) -> list[Any]:
         f"{shown.condition:.3g}",
         f"{shown.scaled_condition:.3g}",
         worst,
-        "" if chance is None else f"{chance.scaled_condition:.3g}, {chance.worst_std:.2g}",
+        ""
+        if chance is None
+        else f"{chance.scaled_condition:.3g}, {chance.worst_std:.2g}",
         f"{process_time() - begun:.1f} s",
     ]
 
@@ -91,13 +118,18 @@ def opened(path: Path) -> ec.Setup:
     if path.suffix == ".urdf":
         with TemporaryDirectory() as folder:
             task = Path(folder) / "task.yaml"
-            task.write_text(f"echelon: 1\nname: {path.stem}\nrobot: {path}\n", encoding="utf-8")
+            task.write_text(
+                f"echelon: 1\nname: {path.stem}\nrobot: {path}\n", encoding="utf-8"
+            )
             return ec.load_setup(task)
     if "d2: null" not in path.read_text(encoding="utf-8"):
         return ec.load_setup(path)
     with TemporaryDirectory() as folder:
         stated = Path(folder) / path.name
-        stated.write_text(path.read_text(encoding="utf-8").replace("d2: null", "d2: 0.15"), encoding="utf-8")
+        stated.write_text(
+            path.read_text(encoding="utf-8").replace("d2: null", "d2: 0.15"),
+            encoding="utf-8",
+        )
         return ec.load_setup(stated)
 
 

@@ -12,13 +12,25 @@ import pytest
 
 from support.paths import EXAMPLES
 
-LONG = "excite", str(EXAMPLES / "panda.yaml"), "-o", "motion", "--budget", "1000", "--starts", "400", "--verbose"
+LONG = (
+    "excite",
+    str(EXAMPLES / "panda.yaml"),
+    "-o",
+    "motion",
+    "--budget",
+    "1000",
+    "--starts",
+    "400",
+    "--verbose",
+)
 
 
 def searching(folder: Path) -> subprocess.Popen[str]:
     """A command that has begun to search."""
     command = [sys.executable, "-m", "echelon", *LONG]
-    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
     assert process.stderr is not None
     for line in process.stderr:
         if "start 1 of" in line:
@@ -27,12 +39,17 @@ def searching(folder: Path) -> subprocess.Popen[str]:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_the_first_signal_ends_with_a_motion_that_was_checked(tmp_path: Path, number: signal.Signals) -> None:
+def test_the_first_signal_ends_with_a_motion_that_was_checked(
+    tmp_path: Path, number: signal.Signals
+) -> None:
     process = searching(tmp_path)
     process.send_signal(number)
     out, _ = process.communicate(timeout=120)
     assert process.returncode == 128 + number
-    assert "the search ended early, because somebody stopped it: better motions may exist" in " ".join(out.split())
+    assert (
+        "the search ended early, because somebody stopped it: better motions may exist"
+        in " ".join(out.split())
+    )
     document = json.loads((tmp_path / "motion" / "trajectory.json").read_text())
     assert document["safe"]
     assert {start["status"] for start in document["starts"]} == {"stopped"}

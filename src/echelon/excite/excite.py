@@ -40,7 +40,9 @@ class MotionConditioning:
     scaled_condition: float  # the same with columns of norm 1
     log_det: float  # of the information matrix
     std: tuple[float, ...]  # standard deviation of each base parameter, SI units
-    over_time: tuple[tuple[float, float], ...]  # time, s, and the scaled condition number of all samples up to it
+    over_time: tuple[
+        tuple[float, float], ...
+    ]  # time, s, and the scaled condition number of all samples up to it
 
     @property
     def worst(self) -> int:
@@ -48,21 +50,34 @@ class MotionConditioning:
         return int(np.argmax(self.std))
 
 
-def conditioning_of(task: Task, trajectory: Trajectory, prior: Floats | None = None) -> MotionConditioning:
+def conditioning_of(
+    task: Task, trajectory: Trajectory, prior: Floats | None = None
+) -> MotionConditioning:
     """Conditioning along a trajectory, with friction that is not smoothed; ``prior`` is information of shape (r, r)."""
     blocks = _information_over_time(task, [trajectory], prior, MOMENTS)
     times, matrices = next(blocks)
-    moments = [(time, _scaled_condition(F)) for time, F in zip(times, matrices, strict=True)]
+    moments = [
+        (time, _scaled_condition(F)) for time, F in zip(times, matrices, strict=True)
+    ]
     F = matrices[-1]
     std = _deviations(F)
     conditions = condition_number(F), _scaled_condition(F)
-    return MotionConditioning(*conditions, log_det(F), tuple(std.tolist()), tuple(moments))
+    return MotionConditioning(
+        *conditions, log_det(F), tuple(std.tolist()), tuple(moments)
+    )
 
 
-def chance_of(task: Task, motions: Sequence[Trajectory], prior: Floats | None = None) -> Chance:
+def chance_of(
+    task: Task, motions: Sequence[Trajectory], prior: Floats | None = None
+) -> Chance:
     """The best that some motions reach, each figure by itself."""
-    matrices = [found[-1] for _, found in _information_over_time(task, motions, prior, 1)]
-    conditions, worst = [_scaled_condition(F) for F in matrices], [float(_deviations(F).max()) for F in matrices]
+    matrices = [
+        found[-1] for _, found in _information_over_time(task, motions, prior, 1)
+    ]
+    conditions, worst = (
+        [_scaled_condition(F) for F in matrices],
+        [float(_deviations(F).max()) for F in matrices],
+    )
     return Chance(len(motions), min(conditions), min(worst))
 
 
@@ -74,8 +89,12 @@ def _information_over_time(
     regressor = state_regressor(base.mechanism, base.matrix.pivots)
     for motion in motions:
         times = sample_times(motion.duration, task.entry.rate)
-        entries = regressor.entries(dict(zip(("q", "qd", "qdd"), motion.states(times), strict=True)))
-        cuts = np.unique(np.linspace(0, len(times), moments + 1).astype(int)[1:]).tolist()
+        entries = regressor.entries(
+            dict(zip(("q", "qd", "qdd"), motion.states(times), strict=True))
+        )
+        cuts = np.unique(
+            np.linspace(0, len(times), moments + 1).astype(int)[1:]
+        ).tolist()
         F = np.zeros((base.rank, base.rank)) if prior is None else prior.copy()
         matrices = []
         for first, end in zip([0, *cuts[:-1]], cuts, strict=True):
@@ -131,11 +150,17 @@ def closeness_of(task: Task, trajectory: Trajectory) -> Closeness | None:
     if not found:
         return None
     clearance, motion = found[0]
-    time = np.linspace(0.0, trajectory.duration, round(DISTANCE_RATE * trajectory.duration) + 1)
+    time = np.linspace(
+        0.0, trajectory.duration, round(DISTANCE_RATE * trajectory.duration) + 1
+    )
     q = trajectory(time)
-    distances = clearance.nearest(q if motion is None else motion.positioned(q).q).distances
+    distances = clearance.nearest(
+        q if motion is None else motion.positioned(q).q
+    ).distances
     least = distances.argmin(axis=1)
-    return Closeness(time, distances.min(axis=1), tuple(clearance.labels[k] for k in least))
+    return Closeness(
+        time, distances.min(axis=1), tuple(clearance.labels[k] for k in least)
+    )
 
 
 def _clearances(task: Task) -> Iterator[tuple[Clearance, LoopMotion | None]]:
@@ -256,15 +281,26 @@ def exciting_trajectory(
     design = designed(task, prior)
     found = searched(design, watch)
     x, margins = safe(design, found.best_first, watch)
-    starts = [Start(k, s.status, s.value, s.iterations, s.history) for k, s in enumerate(found.starts)]
+    starts = [
+        Start(k, s.status, s.value, s.iterations, s.history)
+        for k, s in enumerate(found.starts)
+    ]
     on_step("conditioning")
-    chance = chance_of(task, [design.trajectory(motion) for motion in found.motions], prior)
-    centre = dict(zip(task.mechanism.independent_velocities, design.centre.tolist(), strict=True))
-    return _result(task, design.trajectory(x), margins, prior, starts, chance, centre=centre)
+    chance = chance_of(
+        task, [design.trajectory(motion) for motion in found.motions], prior
+    )
+    centre = dict(
+        zip(task.mechanism.independent_velocities, design.centre.tolist(), strict=True)
+    )
+    return _result(
+        task, design.trajectory(x), margins, prior, starts, chance, centre=centre
+    )
 
 
 @public
-def judged_trajectory(setup: Setup | Readable, trajectory: Trajectory, **changes: Any) -> ExcitingTrajectory:
+def judged_trajectory(
+    setup: Setup | Readable, trajectory: Trajectory, **changes: Any
+) -> ExcitingTrajectory:
     """Judge a trajectory made elsewhere by the limits and the criterion of a set-up.
 
     Parameters
@@ -289,8 +325,14 @@ def judged_trajectory(setup: Setup | Readable, trajectory: Trajectory, **changes
     setup = with_file_effects(setup_of(setup))
     task = task_of(setup, changed(setup.excitation, changes, setup.source))
     if trajectory.coordinates != task.mechanism.independent_velocities:
-        moves, should = ", ".join(trajectory.coordinates), ", ".join(task.mechanism.independent_velocities)
-        raise InputError(f"the trajectory moves {moves}; the set-up lets {should} move", source=setup.source)
+        moves, should = (
+            ", ".join(trajectory.coordinates),
+            ", ".join(task.mechanism.independent_velocities),
+        )
+        raise InputError(
+            f"the trajectory moves {moves}; the set-up lets {should} move",
+            source=setup.source,
+        )
     return _result(task, trajectory, margins_of(trajectory, task))
 
 
@@ -299,7 +341,9 @@ def _checked(information: npt.ArrayLike | None) -> Floats | None:
         return None
     F = np.asarray(information, dtype=float)
     if F.ndim != 2 or F.shape[0] != F.shape[1] or not np.isfinite(F).all():
-        raise InputError(f"prior_information has shape {F.shape}; expected a square matrix of finite numbers")
+        raise InputError(
+            f"prior_information has shape {F.shape}; expected a square matrix of finite numbers"
+        )
     return F
 
 
@@ -324,7 +368,12 @@ def _result(
         starts=tuple(starts),
         chance=chance,
         closeness=closeness_of(task, trajectory),
-        obstacles=tuple(shape for part, _ in _clearances(task) for shape in part.shapes if shape.obstacle),
+        obstacles=tuple(
+            shape
+            for part, _ in _clearances(task)
+            for shape in part.shapes
+            if shape.obstacle
+        ),
         findings=(*_warnings(task, conditioning, starts), *task.findings),
         settings={
             "echelon": __version__,
@@ -336,15 +385,25 @@ def _result(
     )
 
 
-def _warnings(task: Task, conditioning: MotionConditioning, starts: Sequence[Start]) -> list[Finding]:
+def _warnings(
+    task: Task, conditioning: MotionConditioning, starts: Sequence[Start]
+) -> list[Finding]:
     """Reasons why a trajectory is of little use."""
     texts = []
     if not isfinite(conditioning.scaled_condition):
-        texts.append("this motion does not determine all base parameters: give it more time, or wider limits")
+        texts.append(
+            "this motion does not determine all base parameters: give it more time, or wider limits"
+        )
     ended = {start.status for start in starts}
     if ended & {"stopped", "budget"}:
-        why = "somebody stopped it" if "stopped" in ended else f"its budget of {task.entry.budget:g} was used up"
+        why = (
+            "somebody stopped it"
+            if "stopped" in ended
+            else f"its budget of {task.entry.budget:g} was used up"
+        )
         texts.append(f"the search ended early, because {why}: better motions may exist")
     elif starts and "converged" not in ended:
-        texts.append(f"no start of the solver converged ({', '.join(sorted(ended))}): better motions may exist")
+        texts.append(
+            f"no start of the solver converged ({', '.join(sorted(ended))}): better motions may exist"
+        )
     return [warning("design", task.setup.source, text) for text in texts]

@@ -31,7 +31,12 @@ from echelon.arrays import Floats, Integers
 from echelon.errors import EchelonError, InputError
 from echelon.exact.polynomial import Polynomial
 from echelon.excite.problem.clearance import Clearance
-from echelon.excite.problem.closed_loops import FULL_WEIGHT, Closed, LoopLimits, LoopMotion
+from echelon.excite.problem.closed_loops import (
+    FULL_WEIGHT,
+    Closed,
+    LoopLimits,
+    LoopMotion,
+)
 from echelon.excite.problem.shapes import Shape, extent, plane_gaps
 from echelon.excite.problem.state_limits import Enclosed, MotionLimit, StateConstraint
 from echelon.excite.problem.task import Task
@@ -55,7 +60,9 @@ class Margin:
     high: float
     least: float  # bounds of what the trajectory reaches at any time: it goes neither below nor above
     largest: float
-    sampled: bool = False  # whether they are those of samples only, as with closed loops
+    sampled: bool = (
+        False  # whether they are those of samples only, as with closed loops
+    )
 
     @property
     def margin(self) -> float:
@@ -69,7 +76,11 @@ class Margin:
     def relative(self) -> float:
         """The margin as a share of the limit's range, or of its size where it has one end only."""
         span = self.high - self.low
-        size = span if abs(span) < inf else abs(self.low if abs(self.low) < inf else self.high)
+        size = (
+            span
+            if abs(span) < inf
+            else abs(self.low if abs(self.low) < inf else self.high)
+        )
         return self.margin / size if size else self.margin
 
     @property
@@ -90,29 +101,47 @@ def when_kept(margins: Iterable[Margin]) -> str:
     return "at every time"
 
 
-SHARP = 1e-3  # share of a limit's range by which bounds may be wider than what is reached
+SHARP = (
+    1e-3  # share of a limit's range by which bounds may be wider than what is reached
+)
 _SHARE = 0.25  # share of the distance to a limit by which bounds may be wider than what is reached, where that is more
 PER_PERIOD = 10  # cells per period of the highest frequency, at first
 _HALVINGS = 12
 
 
-def margins_between(limits: StateConstraint, least: Floats, largest: Floats, **known: Any) -> list[Margin]:
+def margins_between(
+    limits: StateConstraint, least: Floats, largest: Floats, **known: Any
+) -> list[Margin]:
     """Margins of functions of the state, from what they reach, each of shape (m,)."""
-    ends = (part.tolist() for part in (known.pop("low", limits.low), limits.high, least, largest))
-    return [Margin(*fields, **known) for fields in zip(limits.labels, limits.units, *ends, strict=True)]
+    ends = (
+        part.tolist()
+        for part in (known.pop("low", limits.low), limits.high, least, largest)
+    )
+    return [
+        Margin(*fields, **known)
+        for fields in zip(limits.labels, limits.units, *ends, strict=True)
+    ]
 
 
 def reach(trajectory: Trajectory, limits: Enclosed) -> tuple[Floats, Floats]:
     """Bounds of functions of the state at any time, each of shape (m,)."""
-    count = max(int(np.ceil(PER_PERIOD * trajectory.basis.frequency * trajectory.duration)), 1)
+    count = max(
+        int(np.ceil(PER_PERIOD * trajectory.basis.frequency * trajectory.duration)), 1
+    )
     edges = np.linspace(0.0, trajectory.duration, count + 1)
     middles, halves = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
     m = len(limits.labels)
-    least, largest = np.full(m, np.inf), np.full(m, -np.inf)  # of cells that need not be halved
+    least, largest = (
+        np.full(m, np.inf),
+        np.full(m, -np.inf),
+    )  # of cells that need not be halved
     met = np.full(m, np.inf), np.full(m, -np.inf)
     for halving in range(_HALVINGS + 1):
         points = limits.enclosures(ranges(trajectory, middles, 0 * halves))
-        met = np.minimum(met[0], points[0].min(axis=0)), np.maximum(met[1], points[1].max(axis=0))
+        met = (
+            np.minimum(met[0], points[0].min(axis=0)),
+            np.maximum(met[1], points[1].max(axis=0)),
+        )
         low, high = limits.enclosures(ranges(trajectory, middles, halves))
         below, above = _tolerances(limits, *met)
         vague = np.any((high > met[1] + above) | (low < met[0] - below), axis=1)
@@ -122,25 +151,40 @@ def reach(trajectory: Trajectory, limits: Enclosed) -> tuple[Floats, Floats]:
         if not vague.any():
             break
         halves = np.repeat(halves[vague] / 2, 2)
-        middles = np.repeat(middles[vague], 2) + halves * np.tile([-1.0, 1.0], len(halves) // 2)
+        middles = np.repeat(middles[vague], 2) + halves * np.tile(
+            [-1.0, 1.0], len(halves) // 2
+        )
     return least, largest
 
 
 def _tolerances(limits: Enclosed, low: Floats, high: Floats) -> tuple[Floats, Floats]:
     """By how much bounds may be wider than what was met: far from a limit, kept or broken, by much."""
     span = limits.high - limits.low
-    sharp = SHARP * np.where(np.isfinite(span), span, np.maximum(np.abs(np.nan_to_num(limits.low, neginf=0.0)), 1.0))
-    room = np.nan_to_num(low - limits.low, posinf=np.inf), np.nan_to_num(limits.high - high, posinf=np.inf)
-    return np.maximum(sharp, _SHARE * np.abs(room[0])), np.maximum(sharp, _SHARE * np.abs(room[1]))
+    sharp = SHARP * np.where(
+        np.isfinite(span),
+        span,
+        np.maximum(np.abs(np.nan_to_num(limits.low, neginf=0.0)), 1.0),
+    )
+    room = (
+        np.nan_to_num(low - limits.low, posinf=np.inf),
+        np.nan_to_num(limits.high - high, posinf=np.inf),
+    )
+    return np.maximum(sharp, _SHARE * np.abs(room[0])), np.maximum(
+        sharp, _SHARE * np.abs(room[1])
+    )
 
 
-def ranges(trajectory: Trajectory, middles: Floats, halves: Floats) -> dict[str, Interval]:
+def ranges(
+    trajectory: Trajectory, middles: Floats, halves: Floats
+) -> dict[str, Interval]:
     """Intervals of q, q̇ and q̈ in cells of time, by Taylor's theorem."""
     h = halves[:, None]
     found: dict[str, Interval] = {}
     for order, name in enumerate(("q", "qd", "qdd")):
         centre = trajectory(middles, order)
-        reach = h * np.abs(trajectory(middles, order + 1)) + h**2 / 2 * trajectory.bounds(order + 2)
+        reach = h * np.abs(
+            trajectory(middles, order + 1)
+        ) + h**2 / 2 * trajectory.bounds(order + 2)
         found[name] = (centre - reach, centre + reach)
     return found
 
@@ -148,10 +192,15 @@ def ranges(trajectory: Trajectory, middles: Floats, halves: Floats) -> dict[str,
 _SHARPER = (SHARP, SHARP / 100, SHARP / 10_000)
 """Share of a limit's range by which bounds may be wider than what is reached: one after the other where that decides
 whether a limit is kept."""
-_COARSE, _MOST = 200, 1_000_000  # samples of a limit of the motion, at least and at most
+_COARSE, _MOST = (
+    200,
+    1_000_000,
+)  # samples of a limit of the motion, at least and at most
 
 
-def motion_margins(trajectory: Trajectory, limits: Iterable[MotionLimit]) -> list[Margin]:
+def motion_margins(
+    trajectory: Trajectory, limits: Iterable[MotionLimit]
+) -> list[Margin]:
     """Margins of positions and their derivatives."""
     return [_motion_margin(trajectory, limit) for limit in limits]
 
@@ -160,18 +209,32 @@ def _motion_margin(trajectory: Trajectory, limit: MotionLimit) -> Margin:
     combined = trajectory.coefficients @ limit.weights[:, None]
     curvature = float(trajectory.basis.bounds(combined, limit.order + 2)[0])
     span = limit.high - limit.low
-    size = span if np.isfinite(span) else max(abs(x) for x in (limit.low, limit.high) if np.isfinite(x))
+    size = (
+        span
+        if np.isfinite(span)
+        else max(abs(x) for x in (limit.low, limit.high) if np.isfinite(x))
+    )
     for sharp in _SHARPER:
-        step = np.sqrt(8 * sharp * size / curvature) if curvature > 0 and size > 0 else np.inf
+        step = (
+            np.sqrt(8 * sharp * size / curvature)
+            if curvature > 0 and size > 0
+            else np.inf
+        )
         count = int(np.clip(trajectory.duration / step, _COARSE, _MOST))
         times = np.linspace(0.0, trajectory.duration, count + 1)
         values = trajectory.basis.motion(times, combined, limit.order)
         more = curvature * (trajectory.duration / count) ** 2 / 8
         least, largest = float(values.min()), float(values.max())
         # where the bound breaks a limit that the samples keep, more samples decide
-        if least < limit.low or largest > limit.high or (least - more >= limit.low and largest + more <= limit.high):
+        if (
+            least < limit.low
+            or largest > limit.high
+            or (least - more >= limit.low and largest + more <= limit.high)
+        ):
             break
-    return Margin(limit.label, limit.unit, limit.low, limit.high, least - more, largest + more)
+    return Margin(
+        limit.label, limit.unit, limit.low, limit.high, least - more, largest + more
+    )
 
 
 SAMPLES_PER_PERIOD = 200
@@ -184,7 +247,14 @@ def loop_margins(trajectory: Trajectory, limits: LoopLimits) -> list[Margin]:
     Where the loops cannot be closed, or another way of assembly turns up, no margin is left to singular poses, and all
     others count as broken.
     """
-    count = max(int(np.ceil(SAMPLES_PER_PERIOD * trajectory.basis.frequency * trajectory.duration)), 2)
+    count = max(
+        int(
+            np.ceil(
+                SAMPLES_PER_PERIOD * trajectory.basis.frequency * trajectory.duration
+            )
+        ),
+        2,
+    )
     times = np.linspace(0.0, trajectory.duration, count + 1)
     states = trajectory.states(times)
     low = np.array([FULL_WEIGHT, *limits.low[1:]])
@@ -192,9 +262,13 @@ def loop_margins(trajectory: Trajectory, limits: LoopLimits) -> list[Margin]:
     if not connected(limits.motion, closed, states[1], times[1]):
         nothing = np.full(len(low), -np.inf)
         nothing[0] = 0.0
-        return margins_between(limits, nothing, np.full(len(low), np.inf), low=low, sampled=True)
+        return margins_between(
+            limits, nothing, np.full(len(low), np.inf), low=low, sampled=True
+        )
     values = limits.values(*states)
-    return margins_between(limits, -_peaks(-values), _peaks(values), low=low, sampled=True)
+    return margins_between(
+        limits, -_peaks(-values), _peaks(values), low=low, sampled=True
+    )
 
 
 def connected(motion: LoopMotion, closed: Closed, qd: Floats, step: float) -> bool:
@@ -233,11 +307,24 @@ class MotionBounds:
         self.mechanism = mechanism
         self._column = {name: k for k, name in enumerate(mechanism.velocities)}
         used = {s for body in mechanism.bodies for s in body.joint.symbols()}
-        functions = [function for coupling in mechanism.couplings for _, function in coupling.terms]
-        used |= {s for function in functions for value in function.expressions for s in value.symbols()}
+        functions = [
+            function
+            for coupling in mechanism.couplings
+            for _, function in coupling.terms
+        ]
+        used |= {
+            s
+            for function in functions
+            for value in function.expressions
+            for s in value.symbols()
+        }
         self._symbols = symbol_values(mechanism, sorted(used))
-        self._weights = {m.name: self._weighted(m.name, positions) for m in mechanism.motions}
-        self._most = {name: float(weights @ positions) for name, weights in self._weights.items()}
+        self._weights = {
+            m.name: self._weighted(m.name, positions) for m in mechanism.motions
+        }
+        self._most = {
+            name: float(weights @ positions) for name, weights in self._weights.items()
+        }
 
     def between(self, first: Shape, second: Shape) -> Floats:
         """Bounds of the speed of points of one shape against those of another per |q̇_k|, shape (n,), m per rad or m."""
@@ -249,11 +336,17 @@ class MotionBounds:
         total = np.zeros(len(self._column))
         path = [body for body in self._up(shape.body) if body not in carried]
         length = extent(shape) if path else 0.0
-        for step in (step for body in path for step in reversed(self.mechanism.bodies[body].joint.steps)):
+        for step in (
+            step
+            for body in path
+            for step in reversed(self.mechanism.bodies[body].joint.steps)
+        ):
             if isinstance(step, Motion):
                 # of points at most a length away from the moved frame's origin, per speed of the coordinate
                 slides = step.kind is MotionKind.TRANSLATION
-                speed = 1.0 if slides else float(np.hypot(length, self._number(step.pitch)))
+                speed = (
+                    1.0 if slides else float(np.hypot(length, self._number(step.pitch)))
+                )
                 total += speed * self._weights[step.name]
             length += self._length(step)
         return total
@@ -269,14 +362,18 @@ class MotionBounds:
     def _weighted(self, name: str, positions: Floats) -> Floats:
         """Upper bounds of |dq/dq_k| of a coordinate by the independent ones."""
         weights = np.zeros(len(self._column))
-        coupling = next((c for c in self.mechanism.couplings if c.coordinate == name), None)
+        coupling = next(
+            (c for c in self.mechanism.couplings if c.coordinate == name), None
+        )
         if coupling is None:
             motion = next(m for m in self.mechanism.motions if m.name == name)
             weights[[self._column[velocity] for velocity in motion.velocities]] = 1.0
             return weights
         for leader, function in coupling.terms:
             column = self._column[leader]
-            weights[column] += function.steepest(float(positions[column]), self._symbols)
+            weights[column] += function.steepest(
+                float(positions[column]), self._symbols
+            )
         return weights
 
     def _number(self, value: Polynomial) -> float:
@@ -303,18 +400,33 @@ class LeastClearances:
     matters, quick where it does not.
     """
 
-    def __init__(self, clearance: Clearance, trajectory: Trajectory, tolerance: float) -> None:
+    def __init__(
+        self, clearance: Clearance, trajectory: Trajectory, tolerance: float
+    ) -> None:
         if trajectory.coordinates != clearance.mechanism.positions:
-            wanted, got = ", ".join(clearance.mechanism.positions), ", ".join(trajectory.coordinates)
-            raise InputError(f"the trajectory must move the positions {wanted}, in this order; it moves {got}")
-        self.clearance, self.trajectory, self.tolerance = clearance, trajectory, tolerance
+            wanted, got = (
+                ", ".join(clearance.mechanism.positions),
+                ", ".join(trajectory.coordinates),
+            )
+            raise InputError(
+                f"the trajectory must move the positions {wanted}, in this order; it moves {got}"
+            )
+        self.clearance, self.trajectory, self.tolerance = (
+            clearance,
+            trajectory,
+            tolerance,
+        )
         self.most = [trajectory.bounds(order) for order in range(3)]
         bounds = MotionBounds(clearance.mechanism, self.most[0])
         shapes, pairs = clearance.shapes, clearance.pairs.tolist()
         n = len(clearance.mechanism.velocities)
-        self.motion_bounds = np.array([bounds.between(shapes[i], shapes[j]) for i, j in pairs]).reshape(-1, n)
+        self.motion_bounds = np.array(
+            [bounds.between(shapes[i], shapes[j]) for i, j in pairs]
+        ).reshape(-1, n)
         count = len(clearance.owners)
-        self.bounds = np.full(count, clearance.reach)  # no distance is smaller at any time, m; at most the reach
+        self.bounds = np.full(
+            count, clearance.reach
+        )  # no distance is smaller at any time, m; at most the reach
         self.found = self.bounds.copy()  # the smallest distances that were measured, m
         self.times = np.zeros(count)  # when, s; 0 where none was smaller than the reach
         self._run()
@@ -326,23 +438,33 @@ class LeastClearances:
         pair = np.tile(np.arange(len(self.motion_bounds)), _FIRST)
         while len(middle):
             parts = [slice(k, k + _BATCH) for k in range(0, len(middle), _BATCH)]
-            left = np.concatenate([self._examined(middle[part], pair[part], half) for part in parts])
+            left = np.concatenate(
+                [self._examined(middle[part], pair[part], half) for part in parts]
+            )
             half /= 2
             middle = np.concatenate([middle[left] - half, middle[left] + half])
             order = np.argsort(middle, kind="stable")
             middle, pair = middle[order], np.tile(pair[left], 2)[order]
 
-    def _examined(self, middle: Floats, pair: Integers, half: float) -> npt.NDArray[np.bool_]:
+    def _examined(
+        self, middle: Floats, pair: Integers, half: float
+    ) -> npt.NDArray[np.bool_]:
         """Bound distances over intervals about some times; True for those that have to be halved."""
         times, at = np.unique(middle, return_inverse=True)
         places = self.clearance.places(self.trajectory(times))
-        falls = half * np.einsum("kn,kn->k", self.motion_bounds[pair], self._speeds(times, half)[at])
+        falls = half * np.einsum(
+            "kn,kn->k", self.motion_bounds[pair], self._speeds(times, half)[at]
+        )
         lower = self.clearance.spheres.gaps(places, self.clearance.pairs)[at, pair]
         group = self.clearance.groups[pair]
         asked = np.flatnonzero(lower - falls < self._goals()[group])
-        lower[asked] = np.maximum(lower[asked], self._measured(places, times, at[asked], pair[asked]))
+        lower[asked] = np.maximum(
+            lower[asked], self._measured(places, times, at[asked], pair[asked])
+        )
         # half of the tolerance ends every search, also where a distance could not be confirmed
-        good = (lower - falls >= self._goals()[group]) | (falls <= self._slack()[group] / 2)
+        good = (lower - falls >= self._goals()[group]) | (
+            falls <= self._slack()[group] / 2
+        )
         np.minimum.at(self.bounds, group[good], (lower - falls)[good])
         return np.asarray(~good)
 
@@ -361,12 +483,19 @@ class LeastClearances:
         least = np.where(room > 0, FINEST * self.tolerance, self.tolerance)
         return np.asarray(np.maximum(least, SPARE * np.abs(room)))
 
-    def _measured(self, places: Floats, times: Floats, at: Integers, pair: Integers) -> Floats:
+    def _measured(
+        self, places: Floats, times: Floats, at: Integers, pair: Integers
+    ) -> Floats:
         """Confirmed distances of pairs of shapes at some of the times; smallest ones are kept."""
         ends, shapes = self.clearance.pairs[pair], self.clearance.shapes
         # nothing is further away than this
-        far = 2 * float(np.abs(places[..., 3]).max() + self.clearance.spheres.size) + self.clearance.reach
-        measured = self.clearance.engine.measure(places, np.column_stack([at, ends]), far)
+        far = (
+            2 * float(np.abs(places[..., 3]).max() + self.clearance.spheres.size)
+            + self.clearance.reach
+        )
+        measured = self.clearance.engine.measure(
+            places, np.column_stack([at, ends]), far
+        )
         self._keep(measured.distances, times[at], self.clearance.groups[pair])
         lower = np.empty(len(pair))
         for one in np.unique(pair).tolist():
@@ -381,7 +510,10 @@ class LeastClearances:
         group, first = np.unique(groups[order], return_index=True)
         least, when = distances[order][first], times[order][first]
         better = least < self.found[group]
-        self.found[group[better]], self.times[group[better]] = least[better], when[better]
+        self.found[group[better]], self.times[group[better]] = (
+            least[better],
+            when[better],
+        )
 
 
 # -- all limits --------------------------------------------------------------------------------------------------------
@@ -400,5 +532,7 @@ def margins_of(trajectory: Trajectory, task: Task) -> list[Margin]:
         elif isinstance(constraint, LoopLimits):
             found += loop_margins(trajectory, constraint)
         else:
-            raise EchelonError(f"nothing bounds {', '.join(constraint.labels[:3])} between samples")
+            raise EchelonError(
+                f"nothing bounds {', '.join(constraint.labels[:3])} between samples"
+            )
     return found

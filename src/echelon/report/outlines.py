@@ -8,7 +8,9 @@ from echelon.arrays import Floats
 from echelon.excite.problem.shapes import CORNERS, Shape, ShapeKind
 from echelon.extras import extra
 
-TURN = np.linspace(0.0, 2 * np.pi, 33)  # a circle in 32 lines, which is round at the size of a picture
+TURN = np.linspace(
+    0.0, 2 * np.pi, 33
+)  # a circle in 32 lines, which is round at the size of a picture
 CROSSES = 4  # lines to either side of the middle of a plane
 
 
@@ -22,17 +24,26 @@ def _own(shape: Shape, extent: float) -> list[Floats]:
     """Curves in the shape's own frame."""
     if shape.kind is ShapeKind.PLANE:
         ends = np.array([[-extent, 0.0, 0.0], [extent, 0.0, 0.0]])
-        steps = [np.array([0.0, k * extent / CROSSES, 0.0]) for k in range(-CROSSES, CROSSES + 1)]
+        steps = [
+            np.array([0.0, k * extent / CROSSES, 0.0])
+            for k in range(-CROSSES, CROSSES + 1)
+        ]
         across = [ends + step for step in steps]
         return [*across, *(line[:, [1, 0, 2]] for line in across)]
     if shape.kind is ShapeKind.BOX:
-        pairs = [(a, b) for a in CORNERS for b in CORNERS if tuple(a) < tuple(b) and np.abs(a - b).sum() == 2]
+        pairs = [
+            (a, b)
+            for a in CORNERS
+            for b in CORNERS
+            if tuple(a) < tuple(b) and np.abs(a - b).sum() == 2
+        ]
         return [np.array(pair) * shape.size for pair in pairs]
     if shape.kind is ShapeKind.MESH:
         return _edges(shape)
     if shape.kind in (ShapeKind.SPHERE, ShapeKind.ELLIPSOID):
+        radii = np.array(shape.size)  # one, or one along each axis
         circles = [_circle(axes, 0.0) for axes in ((0, 1), (1, 2), (2, 0))]
-        return [circle * (shape.size[0] if shape.kind is ShapeKind.SPHERE else np.array(shape.size)) for circle in circles]
+        return [circle * radii for circle in circles]
     radius, half = shape.size
     circle = radius * _circle((0, 1), 0.0)
     up = np.array([0.0, 0.0, half])
@@ -53,5 +64,7 @@ def _edges(shape: Shape) -> list[Floats]:
 
     assert shape.vertices is not None
     triangles = ConvexHull(shape.vertices).simplices
-    edges = {tuple(sorted((int(t[k]), int(t[k - 1])))) for t in triangles for k in range(3)}
+    edges = {
+        tuple(sorted((int(t[k]), int(t[k - 1])))) for t in triangles for k in range(3)
+    }
     return [shape.vertices[list(edge)] for edge in sorted(edges)]

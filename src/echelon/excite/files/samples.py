@@ -24,7 +24,13 @@ from pydantic import BaseModel as Schema
 
 from echelon.arrays import Floats
 from echelon.errors import InputError, locating, one_line
-from echelon.excite.problem.trajectory import DEGREE, LARGEST, SHORTEST_STEP, Splines, Trajectory
+from echelon.excite.problem.trajectory import (
+    DEGREE,
+    LARGEST,
+    SHORTEST_STEP,
+    Splines,
+    Trajectory,
+)
 from echelon.extras import extra
 from echelon.hints import in_quotes
 from echelon.inputs import parse_yaml
@@ -37,7 +43,11 @@ if TYPE_CHECKING:
 
 FEWEST = 6  # samples that a quintic spline goes through
 
-PREFIXES = ("q", "qd", "qdd")  # prefixes of the names of columns, by the order of the derivative
+PREFIXES = (
+    "q",
+    "qd",
+    "qdd",
+)  # prefixes of the names of columns, by the order of the derivative
 
 _MOST = 5_000_000
 _AT_ONCE = 4_000_000
@@ -53,8 +63,12 @@ class MotionSamples:
     # shape (N, n); positions (rad, m), velocities and accelerations; the last two NaN in columns that are not
     # known, or None
     states: tuple[Floats, Floats | None, Floats | None]
-    resolution: float = 0.0  # steps of the time stamps, s; 0 if they are those of floats
-    names: tuple[str, ...] = ()  # what the columns of positions are called in the file, if not ``q_<name>``
+    resolution: float = (
+        0.0  # steps of the time stamps, s; 0 if they are those of floats
+    )
+    names: tuple[
+        str, ...
+    ] = ()  # what the columns of positions are called in the file, if not ``q_<name>``
 
     def column(self, order: int, coordinate: int) -> str:
         """The name of a column, ``"qd_j3"``."""
@@ -78,8 +92,13 @@ def places(names: Sequence[str], coordinates: Sequence[str], element: str) -> li
         raise InputError(f"a joint occurs twice: {there}", element=element)
     for name in coordinates:
         if name not in names:
-            raise InputError(f"the coordinate '{name}' is missing; there are {there or 'none'}", element=element)
-    surplus = ", ".join(f"'{one_line(name)}'" for name in names if name not in coordinates)
+            raise InputError(
+                f"the coordinate '{name}' is missing; there are {there or 'none'}",
+                element=element,
+            )
+    surplus = ", ".join(
+        f"'{one_line(name)}'" for name in names if name not in coordinates
+    )
     if surplus:
         problem = f"there is no coordinate for {surplus}; valid are {', '.join(map(repr, coordinates))}"
         raise InputError(problem, element=element)
@@ -93,11 +112,17 @@ def sampled(trajectory: Trajectory, rate: float, repeats: int = 1) -> MotionSamp
     """
     check_repeats(trajectory, repeats)
     if not (math.isfinite(rate) and rate > 0):
-        raise InputError(f"{rate!r} Hz is not a sampling rate; it is a positive number", element="rate")
+        raise InputError(
+            f"{rate!r} Hz is not a sampling rate; it is a positive number",
+            element="rate",
+        )
     end = trajectory.duration * repeats
     steps = end * rate
     if steps > _MOST:
-        raise InputError(f"{rate:g} Hz gives {steps:.3g} samples; at most {_MOST} are written", element="rate")
+        raise InputError(
+            f"{rate:g} Hz gives {steps:.3g} samples; at most {_MOST} are written",
+            element="rate",
+        )
     whole = round(steps) if abs(steps - round(steps)) < _ON_GRID else math.floor(steps)
     t = np.arange(whole + 1) / rate
     t = np.append(t, end) if steps - whole >= _ON_GRID else np.append(t[:-1], end)
@@ -111,13 +136,17 @@ def sampled(trajectory: Trajectory, rate: float, repeats: int = 1) -> MotionSamp
 def _evaluated(trajectory: Trajectory, t: Floats, order: int) -> Floats:
     """Derivatives at times, evaluated in pieces, because all functions of a basis are evaluated at once."""
     rows = max(1, _AT_ONCE // trajectory.basis.size)
-    return np.concatenate([trajectory(t[k : k + rows], order) for k in range(0, len(t), rows)])
+    return np.concatenate(
+        [trajectory(t[k : k + rows], order) for k in range(0, len(t), rows)]
+    )
 
 
 def check_repeats(trajectory: Trajectory, repeats: int) -> None:
     """Only what ends as it began can follow itself."""
     if repeats < 1:
-        raise InputError(f"{repeats} is not a number of runs; it is 1 or more", element="repeats")
+        raise InputError(
+            f"{repeats} is not a number of runs; it is 1 or more", element="repeats"
+        )
     if repeats > 1 and not trajectory.basis.periodic:
         problem = f"a motion that is not periodic cannot be run {repeats} times without a jump; valid is 1"
         raise InputError(problem, element="repeats")
@@ -134,7 +163,9 @@ def csv_text(samples: MotionSamples) -> str:
     columns = _columns(samples)
     stream = io.StringIO()
     csv.writer(stream, lineterminator="\n").writerow(columns)
-    np.savetxt(stream, np.column_stack(list(columns.values())), fmt="%.17g", delimiter=",")
+    np.savetxt(
+        stream, np.column_stack(list(columns.values())), fmt="%.17g", delimiter=","
+    )
     return stream.getvalue()
 
 
@@ -145,13 +176,18 @@ def parquet_bytes(samples: MotionSamples, units: Sequence[str]) -> bytes:
         import pyarrow.parquet as pq
     stated = _units(samples.coordinates, units)
     columns = _columns(samples)
-    fields = [pa.field(name, pa.float64(), metadata={_UNIT: stated[name].encode()}) for name in columns]
+    fields = [
+        pa.field(name, pa.float64(), metadata={_UNIT: stated[name].encode()})
+        for name in columns
+    ]
     sink = io.BytesIO()
     pq.write_table(pa.table(list(columns.values()), schema=pa.schema(fields)), sink)
     return sink.getvalue()
 
 
-def read_samples(path: str | os.PathLike[str], coordinates: Sequence[str], units: Sequence[str]) -> MotionSamples:
+def read_samples(
+    path: str | os.PathLike[str], coordinates: Sequence[str], units: Sequence[str]
+) -> MotionSamples:
     """Samples from a table with the columns ``t`` and, for each coordinate, ``q_<name>`` or its name alone.
 
     Columns ``qd_<name>`` and ``qdd_<name>`` need not be there.
@@ -160,7 +196,11 @@ def read_samples(path: str | os.PathLike[str], coordinates: Sequence[str], units
     positions = _positions(log.names, coordinates, log.source)
     wanted = dict(zip(coordinates, positions, strict=True))
     _check_surplus(log.names, wanted, log.source)
-    _check_units(path, log.source, _units(coordinates, units) | dict(zip(positions, units, strict=True)))
+    _check_units(
+        path,
+        log.source,
+        _units(coordinates, units) | dict(zip(positions, units, strict=True)),
+    )
     read = read_table(path, [name for name in log.names if name in _known(wanted)])
     if read.left_out:  # a log may lose rows, a motion that is to be executed may not
         raise InputError(read.left_out[0], source=log.source)
@@ -168,25 +208,40 @@ def read_samples(path: str | os.PathLike[str], coordinates: Sequence[str], units
     unknown = np.full(len(table[TIME]), np.nan)
 
     def stacked(order: int) -> Floats:
-        return np.column_stack([table.get(f"{PREFIXES[order]}_{name}", unknown) for name in coordinates])
+        return np.column_stack(
+            [table.get(f"{PREFIXES[order]}_{name}", unknown) for name in coordinates]
+        )
 
-    states = np.column_stack([table[column] for column in positions]), stacked(1), stacked(2)
-    return MotionSamples(tuple(coordinates), table[TIME], states, names=tuple(positions))
+    states = (
+        np.column_stack([table[column] for column in positions]),
+        stacked(1),
+        stacked(2),
+    )
+    return MotionSamples(
+        tuple(coordinates), table[TIME], states, names=tuple(positions)
+    )
 
 
 def _columns(samples: MotionSamples) -> dict[str, Floats]:
     found = {TIME: samples.t}
-    return found | {samples.column(order, j): values for order, j, values in samples.columns()}
+    return found | {
+        samples.column(order, j): values for order, j, values in samples.columns()
+    }
 
 
 def _units(coordinates: Sequence[str], units: Sequence[str]) -> dict[str, str]:
     found = {TIME: "s"}
     for prefix, per in zip(PREFIXES, _PER, strict=True):
-        found |= {f"{prefix}_{name}": unit + per for name, unit in zip(coordinates, units, strict=True)}
+        found |= {
+            f"{prefix}_{name}": unit + per
+            for name, unit in zip(coordinates, units, strict=True)
+        }
     return found
 
 
-def _positions(names: Sequence[str], coordinates: Sequence[str], source: str) -> list[str]:
+def _positions(
+    names: Sequence[str], coordinates: Sequence[str], source: str
+) -> list[str]:
     """Columns with positions: all with a prefix, or all without."""
     if TIME not in names:
         problem = f"the column of times is missing; there are {in_quotes(map(one_line, names))}"
@@ -197,11 +252,14 @@ def _positions(names: Sequence[str], coordinates: Sequence[str], source: str) ->
     if all(name in names and name != TIME for name in coordinates):
         return list(coordinates)
     style = prefixed if any(column in names for column in prefixed) else coordinates
-    lacking = next(k for k, column in enumerate(style) if column not in names or column == TIME)
-    problem = (
-        f"no column '{prefixed[lacking]}' or '{coordinates[lacking]}'; there are {in_quotes(map(one_line, names))}"
+    lacking = next(
+        k for k, column in enumerate(style) if column not in names or column == TIME
     )
-    raise InputError(one_line(problem), source=source, element=f"coordinate '{coordinates[lacking]}'")
+    there = in_quotes(map(one_line, names))
+    problem = f"no column '{prefixed[lacking]}' or '{coordinates[lacking]}'; there are {there}"
+    raise InputError(
+        one_line(problem), source=source, element=f"coordinate '{coordinates[lacking]}'"
+    )
 
 
 def _known(wanted: dict[str, str]) -> set[str]:
@@ -220,7 +278,9 @@ def _check_surplus(names: Sequence[str], wanted: dict[str, str], source: str) ->
         raise InputError(problem, source=source, element="columns")
 
 
-def _check_units(path: str | os.PathLike[str], source: str, valid: dict[str, str]) -> None:
+def _check_units(
+    path: str | os.PathLike[str], source: str, valid: dict[str, str]
+) -> None:
     """Units in the metadata of a Parquet file, where they are stated."""
     with open(path, "rb") as stream:
         if stream.read(4) != b"PAR1":
@@ -232,7 +292,11 @@ def _check_units(path: str | os.PathLike[str], source: str, valid: dict[str, str
         schema = pq.read_schema(path)
     for field in schema:
         stated = (field.metadata or {}).get(_UNIT)
-        if stated is not None and field.name in valid and stated.decode(errors="replace") != valid[field.name]:
+        if (
+            stated is not None
+            and field.name in valid
+            and stated.decode(errors="replace") != valid[field.name]
+        ):
             problem = f"is in {one_line(stated.decode(errors='replace'))}; needs {valid[field.name]}"
             raise InputError(problem, source=source, element=f"column '{field.name}'")
 
@@ -245,8 +309,19 @@ def yaml_text(samples: MotionSamples) -> str:
     """The message as YAML."""
     import yaml
 
-    names = yaml.safe_dump(list(samples.coordinates), default_flow_style=True, width=float("inf"), allow_unicode=True)
-    lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''", f"joint_names: {names.strip()}", "points:"]
+    names = yaml.safe_dump(
+        list(samples.coordinates),
+        default_flow_style=True,
+        width=float("inf"),
+        allow_unicode=True,
+    )
+    lines = [
+        "header:",
+        "  stamp: {sec: 0, nanosec: 0}",
+        "  frame_id: ''",
+        f"joint_names: {names.strip()}",
+        "points:",
+    ]
     states = [values for values in samples.states if values is not None]
     for time, *state in zip(samples.t.tolist(), *states, strict=True):
         sec, nanosec = divmod(round(time * _NANO), _NANO)
@@ -254,7 +329,10 @@ def yaml_text(samples: MotionSamples) -> str:
             f"{mark} {field}: [{', '.join(map(_number, values.tolist()))}]"
             for mark, field, values in zip("-  ", _STATES, state, strict=True)
         ]
-        lines += ["  effort: []", f"  time_from_start: {{sec: {sec}, nanosec: {nanosec}}}"]
+        lines += [
+            "  effort: []",
+            f"  time_from_start: {{sec: {sec}, nanosec: {nanosec}}}",
+        ]
     return "\n".join(lines) + "\n"
 
 
@@ -269,8 +347,12 @@ _SHAPE = "a JointTrajectory with joint_names and points"
 
 
 class _Stamp(Schema):
-    sec: int = Field(gt=-_LATEST, lt=_LATEST, validation_alias=AliasChoices("sec", "secs"))
-    nanosec: int = Field(ge=0, lt=_NANO, validation_alias=AliasChoices("nanosec", "nsec", "nsecs"))
+    sec: int = Field(
+        gt=-_LATEST, lt=_LATEST, validation_alias=AliasChoices("sec", "secs")
+    )
+    nanosec: int = Field(
+        ge=0, lt=_NANO, validation_alias=AliasChoices("nanosec", "nsec", "nsecs")
+    )
 
 
 class _Point(Schema):
@@ -287,16 +369,22 @@ class _Message(Schema):
 
 def from_yaml(content: bytes, source: str, coordinates: Sequence[str]) -> MotionSamples:
     """Samples from a message as YAML."""
-    documents = [found.data for found in parse_yaml(content, source) if found.data is not None]
+    documents = [
+        found.data for found in parse_yaml(content, source) if found.data is not None
+    ]
     if len(documents) != 1:
-        raise InputError(f"holds {len(documents)} messages; needs one: {_SHAPE}", source=source)
+        raise InputError(
+            f"holds {len(documents)} messages; needs one: {_SHAPE}", source=source
+        )
     message = checked(_Message, documents[0], source, _SHAPE)
     with locating(source):
         order = places(message.joint_names, coordinates, "joint_names")
         values = [_values(message.points, name, len(order)) for name in _STATES]
     q, qd, qdd = (None if block is None else block[:, order] for block in values)
     if q is None:
-        raise InputError("holds no points with positions", source=source, element="points")
+        raise InputError(
+            "holds no points with positions", source=source, element="points"
+        )
     stamps = [point.time_from_start for point in message.points]
     t = np.array([stamp.sec * _NANO + stamp.nanosec for stamp in stamps]) / _NANO
     return MotionSamples(tuple(coordinates), t, (q, qd, qdd), 1 / _NANO)
@@ -319,7 +407,9 @@ def _values(points: Sequence[_Point], name: str, width: int) -> Floats | None:
 GROSS = 0.2  # root mean square of a difference, relative to that of what differs, that cannot come from interpolating
 
 
-def interpolated(samples: MotionSamples, units: Sequence[str], source: str, row: str = "row") -> Trajectory:
+def interpolated(
+    samples: MotionSamples, units: Sequence[str], source: str, row: str = "row"
+) -> Trajectory:
     """The quintic spline through samples, from time 0 on."""
     with extra("excite"):
         from scipy.interpolate import BSpline, make_interp_spline
@@ -332,20 +422,32 @@ def interpolated(samples: MotionSamples, units: Sequence[str], source: str, row:
     breaks = spline.t[DEGREE : len(spline.t) - DEGREE]
     points: Floats = np.ascontiguousarray(spline.c, dtype=float)
     _check_derivatives(samples, BSpline(spline.t, points, DEGREE), t, source)
-    return Trajectory(samples.coordinates, tuple(units), Splines(tuple(breaks.tolist())), points)
+    return Trajectory(
+        samples.coordinates, tuple(units), Splines(tuple(breaks.tolist())), points
+    )
 
 
 def _check_numbers(samples: MotionSamples, source: str, row: str) -> None:
     count = len(samples.t)
     if count < FEWEST:
-        raise InputError(f"holds {count} samples; a trajectory needs at least {FEWEST}", source=source)
-    columns = [("t", samples.t), *((samples.column(order, j), values) for order, j, values in samples.columns())]
+        raise InputError(
+            f"holds {count} samples; a trajectory needs at least {FEWEST}",
+            source=source,
+        )
+    columns = [
+        ("t", samples.t),
+        *((samples.column(order, j), values) for order, j, values in samples.columns()),
+    ]
     for name, values in columns:
         sound = np.abs(values) <= LARGEST
         if not np.all(sound):
             k = int(np.argmin(sound))
             problem = f"is not a finite number up to {LARGEST:.0e}, in SI units"
-            raise InputError(f"{values[k]} {problem}", source=source, element=f"column '{name}', {row} {k}")
+            raise InputError(
+                f"{values[k]} {problem}",
+                source=source,
+                element=f"column '{name}', {row} {k}",
+            )
 
 
 def _check_times(t: Floats, stated: Floats, source: str, row: str) -> None:
@@ -357,7 +459,9 @@ def _check_times(t: Floats, stated: Floats, source: str, row: str) -> None:
         raise InputError(problem, source=source, element=f"column 't', {row} {k + 1}")
 
 
-def _check_derivatives(samples: MotionSamples, spline: BSpline, t: Floats, source: str) -> None:
+def _check_derivatives(
+    samples: MotionSamples, spline: BSpline, t: Floats, source: str
+) -> None:
     """Velocities and accelerations that the file states; differences that rounding explains do not count."""
     speeds, step = spline(t, nu=1), float(np.min(np.diff(t)))
     stamps = samples.resolution + float(np.spacing(np.abs(samples.t).max()))
@@ -365,7 +469,9 @@ def _check_derivatives(samples: MotionSamples, spline: BSpline, t: Floats, sourc
         if order == 0:
             continue
         found: Floats = spline(t, nu=order)[:, j]
-        rounding = 4 * float(np.spacing(np.abs(samples.states[0][:, j]).max())) + stamps * _rms(speeds[:, j])
+        rounding = 4 * float(
+            np.spacing(np.abs(samples.states[0][:, j]).max())
+        ) + stamps * _rms(speeds[:, j])
         difference, scale = _rms(stated - found), max(_rms(stated), _rms(found))
         # of what the steps can show, the fastest oscillation makes the most of an error
         if difference > GROSS * scale + rounding * (np.pi / step) ** order:
@@ -374,7 +480,9 @@ def _check_derivatives(samples: MotionSamples, spline: BSpline, t: Floats, sourc
                 f"its {_STATES[order]} are not those of the positions, from which they differ by {share} (rms): "
                 "steps are too long, positions have too few digits, or units differ"
             )
-            raise InputError(problem, source=source, element=f"column '{samples.column(order, j)}'")
+            raise InputError(
+                problem, source=source, element=f"column '{samples.column(order, j)}'"
+            )
 
 
 def _rms(values: Floats) -> float:

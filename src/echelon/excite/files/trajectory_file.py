@@ -34,7 +34,15 @@ from echelon.excite.files.samples import (
     sampled,
     yaml_text,
 )
-from echelon.excite.problem.trajectory import DURATIONS, LARGEST, Basis, Combined, Fourier, Splines, Trajectory
+from echelon.excite.problem.trajectory import (
+    DURATIONS,
+    LARGEST,
+    Basis,
+    Combined,
+    Fourier,
+    Splines,
+    Trajectory,
+)
 from echelon.files import write_atomically
 from echelon.inputs import parse_json, plain_data, published_schema, read_content
 from echelon.logs.files.log_file import existing_file
@@ -60,15 +68,21 @@ Length = Annotated[float, Field(ge=DURATIONS[0], le=DURATIONS[1])]
 
 
 class _TrajectoryPart(Schema):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False
+    )
 
 
 class FourierCoefficients(_TrajectoryPart):
     """One coordinate's coefficients, in its unit."""
 
     constant: float
-    sin: list[float] = Field(description="Of sin(2πkt/duration), k = 1, 2, …, harmonics.")
-    cos: list[float] = Field(description="Of cos(2πkt/duration), k = 1, 2, …, harmonics.")
+    sin: list[float] = Field(
+        description="Of sin(2πkt/duration), k = 1, 2, …, harmonics."
+    )
+    cos: list[float] = Field(
+        description="Of cos(2πkt/duration), k = 1, 2, …, harmonics."
+    )
 
 
 class FourierRecord(_TrajectoryPart):
@@ -128,13 +142,22 @@ _KEY = "echelon_trajectory"
 
 def trajectory_to_json(trajectory: Trajectory, **extra: Any) -> dict[str, Any]:
     """A trajectory as JSON-able data, a document of :func:`trajectory_schema`; extra keys go with it."""
-    names, coefficients = trajectory.coordinates, np.asarray(trajectory.coefficients, dtype=float)
+    names, coefficients = (
+        trajectory.coordinates,
+        np.asarray(trajectory.coefficients, dtype=float),
+    )
     if not np.all(np.isfinite(coefficients)):
         name = names[int(np.argmin(np.isfinite(coefficients).all(axis=0)))]
-        raise InputError("a coefficient is not finite, so that no file can hold it", element=f"coordinate '{name}'")
+        raise InputError(
+            "a coefficient is not finite, so that no file can hold it",
+            element=f"coordinate '{name}'",
+        )
     for key in extra:
         if key in TrajectoryRecord.model_fields:
-            raise InputError("is a key of the format itself; choose another name", element=f"key '{key}'")
+            raise InputError(
+                "is a key of the format itself; choose another name",
+                element=f"key '{key}'",
+            )
     record = TrajectoryRecord.model_construct(
         echelon_trajectory=VERSION,
         coordinates=list(names),
@@ -153,12 +176,16 @@ def trajectory_from_json(data: Any, source: str) -> Trajectory:
     names = tuple(record.coordinates)
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise InputError(f"'{one_line(twice)}' occurs twice", source=source, element="coordinates")
+        raise InputError(
+            f"'{one_line(twice)}' occurs twice", source=source, element="coordinates"
+        )
     if len(record.units) != len(names):
         problem = f"has {len(record.units)} entries for {len(names)} coordinates; needs one for each"
         raise InputError(problem, source=source, element="units")
     with locating(source):
-        return Trajectory(names, tuple(record.units), *_read_motion(record.motion, names, "motion"))
+        return Trajectory(
+            names, tuple(record.units), *_read_motion(record.motion, names, "motion")
+        )
 
 
 def text_of(document: Mapping[str, Any]) -> str:
@@ -176,62 +203,94 @@ def _written(basis: Basis, coefficients: Floats, names: tuple[str, ...]) -> Moti
         return parts[0] if len(parts) == 1 else SumRecord(family="sum", parts=parts)
     if isinstance(basis, Fourier):
         found = {
-            name: FourierCoefficients(constant=float(c[0]), sin=c[1::2].tolist(), cos=c[2::2].tolist())
+            name: FourierCoefficients(
+                constant=float(c[0]), sin=c[1::2].tolist(), cos=c[2::2].tolist()
+            )
             for name, c in columns.items()
         }
         return FourierRecord.model_construct(
-            family="fourier", duration=float(basis.duration), harmonics=basis.harmonics, coefficients=found
+            family="fourier",
+            duration=float(basis.duration),
+            harmonics=basis.harmonics,
+            coefficients=found,
         )
     if isinstance(basis, Splines):
-        knots = [0.0] * basis.degree, map(float, basis.breaks), [float(basis.duration)] * basis.degree
+        knots = (
+            [0.0] * basis.degree,
+            map(float, basis.breaks),
+            [float(basis.duration)] * basis.degree,
+        )
         points = {name: column.tolist() for name, column in columns.items()}
         return SplinesRecord(
-            family="splines", degree=basis.degree, knots=[k for part in knots for k in part], control_points=points
+            family="splines",
+            degree=basis.degree,
+            knots=[k for part in knots for k in part],
+            control_points=points,
         )
-    raise InputError(f"the format knows no motions of the family {type(basis).__name__}; write samples instead")
+    raise InputError(
+        f"the format knows no motions of the family {type(basis).__name__}; write samples instead"
+    )
 
 
 # -- reading -----------------------------------------------------------------------------------------------------------
 
 
-def _read_motion(record: Motion, names: tuple[str, ...], path: str) -> tuple[Basis, Floats]:
+def _read_motion(
+    record: Motion, names: tuple[str, ...], path: str
+) -> tuple[Basis, Floats]:
     if record.family == "fourier":
         return _read_fourier(record, names, path)
     if record.family == "splines":
         return _read_splines(record, names, path)
-    found = [_read_motion(part, names, f"{path}.parts[{k}]") for k, part in enumerate(record.parts)]
+    found = [
+        _read_motion(part, names, f"{path}.parts[{k}]")
+        for k, part in enumerate(record.parts)
+    ]
     durations = [basis.duration for basis, _ in found]
     for k, duration in enumerate(durations):
         if duration != durations[0]:
             problem = f"lasts {duration!r} s, the first part {durations[0]!r} s; parts of a sum last equally long"
             raise InputError(problem, element=f"{path}.parts[{k}]")
-    return Combined(tuple(basis for basis, _ in found)), np.vstack([coefficients for _, coefficients in found])
+    return Combined(tuple(basis for basis, _ in found)), np.vstack(
+        [coefficients for _, coefficients in found]
+    )
 
 
-def _read_fourier(record: FourierRecord, names: tuple[str, ...], path: str) -> tuple[Basis, Floats]:
+def _read_fourier(
+    record: FourierRecord, names: tuple[str, ...], path: str
+) -> tuple[Basis, Floats]:
     places(list(record.coefficients), names, f"{path}.coefficients")
     for name in names:
         found = record.coefficients[name]
         for key, values in {"sin": found.sin, "cos": found.cos}.items():
             if len(values) != record.harmonics:
                 problem = f"has {len(values)} entries; needs {record.harmonics}, one for each harmonic"
-                raise InputError(problem, element=f"{path}.coefficients.{one_line(name)}.{key}")
-    columns = np.zeros((1 + 2 * record.harmonics, len(names)))  # as long as the lists that were just counted
+                raise InputError(
+                    problem, element=f"{path}.coefficients.{one_line(name)}.{key}"
+                )
+    columns = np.zeros(
+        (1 + 2 * record.harmonics, len(names))
+    )  # as long as the lists that were just counted
     for j, name in enumerate(names):
         found = record.coefficients[name]
-        columns[0, j], columns[1::2, j], columns[2::2, j] = found.constant, found.sin, found.cos
+        columns[0, j], columns[1::2, j], columns[2::2, j] = (
+            found.constant,
+            found.sin,
+            found.cos,
+        )
     return Fourier(record.duration, record.harmonics), columns
 
 
-def _read_splines(record: SplinesRecord, names: tuple[str, ...], path: str) -> tuple[Basis, Floats]:
+def _read_splines(
+    record: SplinesRecord, names: tuple[str, ...], path: str
+) -> tuple[Basis, Floats]:
     degree, knots = record.degree, np.array(record.knots, dtype=float)
     breaks = knots[degree : len(knots) - degree]
     ends = [*knots[:degree], *knots[len(knots) - degree :]]
     clamped = len(breaks) >= 2 and ends == [0.0] * degree + [breaks[-1]] * degree
     if not clamped or breaks[0] != 0 or np.any(np.diff(breaks) <= 0):
-        problem = (
-            f"of degree {degree} begin with {degree + 1} times 0, rise, and end with {degree + 1} times the duration"
-        )
+        ends_with = f"end with {degree + 1} times the duration"
+        problem = f"of degree {degree} begin with {degree + 1} times 0, rise, and {ends_with}"
         raise InputError(problem, element=f"{path}.knots")
     places(list(record.control_points), names, f"{path}.control_points")
     basis = Splines(tuple(breaks.tolist()), degree)
@@ -240,25 +299,36 @@ def _read_splines(record: SplinesRecord, names: tuple[str, ...], path: str) -> t
         if count != basis.size:
             problem = f"has {count} entries; {len(knots)} knots of degree {degree} need {basis.size}"
             raise InputError(problem, element=f"{path}.control_points.{one_line(name)}")
-    return basis, np.array([record.control_points[name] for name in names], dtype=float).T
+    return basis, np.array(
+        [record.control_points[name] for name in names], dtype=float
+    ).T
 
 
 # -- files of every kind -----------------------------------------------------------------------------------------------
 
-SUFFIXES = (".json", ".csv", ".parquet", ".yaml")  # suffixes of trajectories' files; .yml counts as .yaml
+SUFFIXES = (
+    ".json",
+    ".csv",
+    ".parquet",
+    ".yaml",
+)  # suffixes of trajectories' files; .yml counts as .yaml
 
 
 def kind_of(path: str | os.PathLike[str]) -> str:
     """The suffix that says what a file holds."""
     suffix = Path(path).suffix.lower().replace(".yml", ".yaml")
     if suffix not in SUFFIXES:
-        problem = f"'{suffix}' names no kind of trajectory; valid are {', '.join(SUFFIXES)}"
+        problem = (
+            f"'{suffix}' names no kind of trajectory; valid are {', '.join(SUFFIXES)}"
+        )
         raise InputError(one_line(problem), source=os.fspath(path))
     return suffix
 
 
 @public
-def read_trajectory(path: str | os.PathLike[str], coordinates: Sequence[str], units: Sequence[str]) -> Trajectory:
+def read_trajectory(
+    path: str | os.PathLike[str], coordinates: Sequence[str], units: Sequence[str]
+) -> Trajectory:
     """A trajectory from a file.
 
     Coefficients (JSON) give the motion itself.  Samples, of a table or a message, give the spline of degree 5 through
@@ -295,38 +365,69 @@ def read_trajectory(path: str | os.PathLike[str], coordinates: Sequence[str], un
     return trajectory
 
 
-def _read(path: str | os.PathLike[str], coordinates: Sequence[str], units: Sequence[str]) -> Trajectory:
+def _read(
+    path: str | os.PathLike[str], coordinates: Sequence[str], units: Sequence[str]
+) -> Trajectory:
     kind, source = kind_of(path), os.fspath(path)
     found = existing_file(path)
     if kind == ".json":
-        trajectory = trajectory_from_json(parse_json(read_content(found), source), source)
+        trajectory = trajectory_from_json(
+            parse_json(read_content(found), source), source
+        )
         return _arranged(trajectory, coordinates, units, source)
     if kind == ".yaml":
-        return interpolated(from_yaml(read_content(found), source, coordinates), units, source, "point")
+        return interpolated(
+            from_yaml(read_content(found), source, coordinates), units, source, "point"
+        )
     return interpolated(read_samples(path, coordinates, units), units, source)
 
 
-def _arranged(trajectory: Trajectory, coordinates: Sequence[str], units: Sequence[str], source: str) -> Trajectory:
+def _arranged(
+    trajectory: Trajectory,
+    coordinates: Sequence[str],
+    units: Sequence[str],
+    source: str,
+) -> Trajectory:
     """The motion with its coordinates in the order asked for."""
     with locating(source):
         order = places(trajectory.coordinates, coordinates, "coordinates")
     for name, unit, place in zip(coordinates, units, order, strict=True):
         if trajectory.units[place] != unit:
-            raise InputError(f"'{name}' is in {trajectory.units[place]}; needs {unit}", source=source, element="units")
-    return Trajectory(tuple(coordinates), tuple(units), trajectory.basis, trajectory.coefficients[:, order])
+            raise InputError(
+                f"'{name}' is in {trajectory.units[place]}; needs {unit}",
+                source=source,
+                element="units",
+            )
+    return Trajectory(
+        tuple(coordinates),
+        tuple(units),
+        trajectory.basis,
+        trajectory.coefficients[:, order],
+    )
 
 
 def design_to_json(found: ExcitingTrajectory) -> dict[str, Any]:
     """Everything about a designed or judged trajectory, JSON-able; it reads back as its trajectory."""
-    conditioning, names = found.conditioning, [expression.name for expression in found.base.expressions]
+    conditioning, names = (
+        found.conditioning,
+        [expression.name for expression in found.base.expressions],
+    )
     margins = [
-        {**asdict(margin), "margin": margin.margin, "kept": margin.kept, "active": margin.active}
+        {
+            **asdict(margin),
+            "margin": margin.margin,
+            "kept": margin.kept,
+            "active": margin.active,
+        }
         for margin in found.margins
     ]
     about = {
         "safe": found.safe,
         "criterion": found.criterion,
-        "condition_numbers": {"plain": conditioning.condition, "scaled": conditioning.scaled_condition},
+        "condition_numbers": {
+            "plain": conditioning.condition,
+            "scaled": conditioning.scaled_condition,
+        },
         "log_det": conditioning.log_det,
         "standard_deviations": dict(zip(names, conditioning.std, strict=True)),
         "scaled_condition_over_time": conditioning.over_time,
@@ -340,7 +441,9 @@ def design_to_json(found: ExcitingTrajectory) -> dict[str, Any]:
 
 
 @public
-def write_trajectory(trajectory: Trajectory, path: str | os.PathLike[str], rate: float, repeats: int = 1) -> None:
+def write_trajectory(
+    trajectory: Trajectory, path: str | os.PathLike[str], rate: float, repeats: int = 1
+) -> None:
     """Write a trajectory to a file, whole or not at all.
 
     Parameters
@@ -365,7 +468,9 @@ def write_trajectory(trajectory: Trajectory, path: str | os.PathLike[str], rate:
     write_atomically(path, trajectory_content(trajectory, kind_of(path), rate, repeats))
 
 
-def trajectory_content(trajectory: Trajectory, kind: str, rate: float, repeats: int = 1) -> str | bytes:
+def trajectory_content(
+    trajectory: Trajectory, kind: str, rate: float, repeats: int = 1
+) -> str | bytes:
     """Content of a trajectory's file; the kind is its suffix."""
     check_repeats(trajectory, repeats)
     if kind == ".json":

@@ -45,12 +45,20 @@ def allowances_of(stated: Clearance, poses: Floats) -> Allowances:
     still = np.ptp(distances, axis=0) < STILL
     _check_obstacles(stated, still & (distances.max(axis=0) < stated.reach))
     touching = distances.max(axis=0) <= 0
-    unchecked = [_touching(stated, pair, distances[:, pair]) for pair in np.flatnonzero(touching).tolist()]
+    unchecked = [
+        _touching(stated, pair, distances[:, pair])
+        for pair in np.flatnonzero(touching).tolist()
+    ]
     found = _without(stated, touching)
     reached = found.nearest(poses).distances
-    never = reached.max(axis=0) <= 0  # several shapes, one of which touches in every pose
+    never = (
+        reached.max(axis=0) <= 0
+    )  # several shapes, one of which touches in every pose
     groups = np.flatnonzero(never).tolist()
-    unchecked += [_touching(found, int(found.starts[group]), reached[:, group]) for group in groups]
+    unchecked += [
+        _touching(found, int(found.starts[group]), reached[:, group])
+        for group in groups
+    ]
     found, reached = _without(found, never[found.groups]), reached[:, ~never]
     largest = reached.max(axis=0)
     kept = np.floor(KEPT_SHARE * largest / MILLIMETRE) * MILLIMETRE
@@ -60,7 +68,9 @@ def allowances_of(stated: Clearance, poses: Floats) -> Allowances:
     lowered = []
     for k in np.flatnonzero(lower).tolist():
         when = "whatever the pose" if np.ptp(reached[:, k]) < STILL else "at most"
-        lowered.append(f"{found.labels[k]}: {largest[k]:.4f} m {when}, so {low[k]:.3f} m is kept")
+        lowered.append(
+            f"{found.labels[k]}: {largest[k]:.4f} m {when}, so {low[k]:.3f} m is kept"
+        )
     return Allowances(replace(found, low=low), tuple(lowered), tuple(unchecked))
 
 
@@ -68,7 +78,10 @@ def without_touching(stated: Clearance, pose: Floats) -> Allowances:
     """The clearance without pairs of shapes that are too near each other at a pose."""
     near = stated.of_pairs(pose[None]).distances[0] < stated.low[stated.groups]
     pairs = stated.pairs[near].tolist()
-    texts = [f"{_names(stated, i, j)} are not checked: they are too near where motions start" for i, j in pairs]
+    texts = [
+        f"{_names(stated, i, j)} are not checked: they are too near where motions start"
+        for i, j in pairs
+    ]
     return Allowances(_without(stated, near), unchecked=tuple(texts))
 
 
@@ -77,7 +90,13 @@ def _without(stated: Clearance, left_out: Flags) -> Clearance:
     if not left_out.any():
         return stated
     clearance = float(stated.low.max(initial=0.0))
-    return clearance_of_pairs(stated.mechanism, stated.shapes, stated.pairs[~left_out], clearance, stated.reach)
+    return clearance_of_pairs(
+        stated.mechanism,
+        stated.shapes,
+        stated.pairs[~left_out],
+        clearance,
+        stated.reach,
+    )
 
 
 def _names(stated: Clearance, first: int, second: int) -> str:
@@ -86,7 +105,10 @@ def _names(stated: Clearance, first: int, second: int) -> str:
 
 def _touching(stated: Clearance, pair: int, distances: Floats) -> str:
     """A sentence about shapes that overlap in all poses; obstacles may do so only where no motion changes it."""
-    label, names = stated.labels[stated.groups[pair]], _names(stated, *stated.pairs[pair].tolist())
+    label, names = (
+        stated.labels[stated.groups[pair]],
+        _names(stated, *stated.pairs[pair].tolist()),
+    )
     largest = float(distances.max())
     shapes = [stated.shapes[k] for k in stated.pairs[pair]]
     if any(shape.obstacle for shape in shapes) and np.ptp(distances) >= STILL:
@@ -101,14 +123,28 @@ def _touching(stated: Clearance, pair: int, distances: Floats) -> str:
 
 def _check_obstacles(stated: Clearance, still: Flags) -> None:
     """Refuse obstacles that hold what does not move."""
-    fixed = [shape for shape in stated.shapes if shape.body == GROUND and not shape.obstacle]
+    fixed = [
+        shape for shape in stated.shapes if shape.body == GROUND and not shape.obstacle
+    ]
     for number, obstacle in enumerate(stated.shapes):
         if not obstacle.obstacle:
             continue
-        beside = [pair for pair in np.flatnonzero(still).tolist() if number in stated.pairs[pair]]
-        others = [stated.shapes[k] for pair in beside for k in stated.pairs[pair].tolist() if k != number]
+        beside = [
+            pair
+            for pair in np.flatnonzero(still).tolist()
+            if number in stated.pairs[pair]
+        ]
+        others = [
+            stated.shapes[k]
+            for pair in beside
+            for k in stated.pairs[pair].tolist()
+            if k != number
+        ]
         frames = stated.places(np.zeros((1, len(stated.mechanism.positions))))[0]
-        points = [_centre(shape, frames[stated.shapes.index(shape)]) for shape in (*fixed, *others)]
+        points = [
+            _centre(shape, frames[stated.shapes.index(shape)])
+            for shape in (*fixed, *others)
+        ]
         depth = _depth(obstacle, points or [np.zeros(3)])
         if depth > HELD_DEPTH:
             raise InputError(_holds(obstacle), element="collisions")
@@ -121,8 +157,15 @@ def _centre(shape: Shape, frame: Floats) -> Floats:
 
 def _depth(obstacle: Shape, points: Sequence[Floats]) -> float:
     """The largest depth of some points inside an obstacle, m; negative outside."""
-    engine = Engine((obstacle, Shape("point", GROUND, ShapeKind.SPHERE, (PROBE,), np.eye(4))))
-    places = np.stack([np.stack([obstacle.placement[:3], placed(np.eye(3), point)[:3]]) for point in points])
+    engine = Engine(
+        (obstacle, Shape("point", GROUND, ShapeKind.SPHERE, (PROBE,), np.eye(4)))
+    )
+    places = np.stack(
+        [
+            np.stack([obstacle.placement[:3], placed(np.eye(3), point)[:3]])
+            for point in points
+        ]
+    )
     asked = np.array([(k, 0, 1) for k in range(len(points))], dtype=np.intp)
     distances = engine.measure(places, asked, 1.0).distances
     return float(-(distances.min() + PROBE))
@@ -133,6 +176,5 @@ def _holds(obstacle: Shape) -> str:
         normal = ", ".join(f"{-x + 0:.3g}" for x in obstacle.placement[:3, 2])
         turned = f"write plane: [{normal}], or move it away"
         return f"the base is below '{obstacle.name}', whose normal points away from it: {turned}"
-    return (
-        f"'{obstacle.name}' holds the base: obstacles are solid, so a crate around the robot is a floor and four walls"
-    )
+    ways = "obstacles are solid, so a crate around the robot is a floor and four walls"
+    return f"'{obstacle.name}' holds the base: {ways}"

@@ -27,7 +27,14 @@ import numpy as np
 from echelon.arrays import Floats, Integers
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import EchelonError, InputError
-from echelon.excite.problem.shapes import WORLD, BoundingSpheres, Owner, Shape, ShapeKind, placed
+from echelon.excite.problem.shapes import (
+    WORLD,
+    BoundingSpheres,
+    Owner,
+    Shape,
+    ShapeKind,
+    placed,
+)
 from echelon.excite.problem.state_limits import Slopes, StateConstraint
 from echelon.formats.mjcf.mjcf_model import import_mujoco
 from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
@@ -63,8 +70,13 @@ class Engine:
         """Frames of all shapes in the base frame, (N, shapes, 3, 4), from those of the bodies, (N, bodies, 3, 4)."""
         world = np.broadcast_to(np.eye(3, 4), (len(frames), 1, 3, 4))
         # the world is body −1, the last one
-        bodies = np.concatenate([frames, world], axis=1)[:, [shape.body for shape in self.shapes]]
-        return _behind(bodies, np.array([shape.placement for shape in self.shapes]).reshape(-1, 4, 4))
+        bodies = np.concatenate([frames, world], axis=1)[
+            :, [shape.body for shape in self.shapes]
+        ]
+        return _behind(
+            bodies,
+            np.array([shape.placement for shape in self.shapes]).reshape(-1, 4, 4),
+        )
 
     def measure(self, places: Floats, asked: Integers, reach: float) -> Measured:
         """Signed distances, for rows (state, first, second shape), (K, 3), equal states one after another."""
@@ -76,7 +88,11 @@ class Engine:
         distance, model, now = self._mujoco.mj_geomDistance, self._model, -1
         for k, (state, first, second) in enumerate(asked.tolist()):
             if state != now:
-                data.geom_xpos[:], data.geom_xmat[:], now = origins[state], rotations[state], state
+                data.geom_xpos[:], data.geom_xmat[:], now = (
+                    origins[state],
+                    rotations[state],
+                    state,
+                )
             distances[k] = distance(model, data, first, second, reach, points[k])
         return Measured(distances, points.reshape(-1, 2, 3))
 
@@ -84,25 +100,47 @@ class Engine:
     def _offsets(self) -> Floats:
         """Geoms in their shapes' frames: MuJoCo centres meshes and turns them to their principal axes."""
         poses = zip(self._model.geom_quat, self._model.geom_pos, strict=True)
-        return np.array([placed(quaternion_matrix(quat), pos) for quat, pos in poses]).reshape(-1, 4, 4)
+        return np.array(
+            [placed(quaternion_matrix(quat), pos) for quat, pos in poses]
+        ).reshape(-1, 4, 4)
 
     def _compiled(self) -> Any:
         mujoco = self._mujoco
         spec = mujoco.MjSpec()
         spec.option.ccd_tolerance, spec.option.ccd_iterations = _TOLERANCE, _ITERATIONS
         for k, shape in enumerate(self.shapes):
-            if shape.core is None or shape.kind in (ShapeKind.SPHERE, ShapeKind.CAPSULE):
-                size = (*shape.size, 0.0, 0.0, 0.0)[:3] if shape.kind is not ShapeKind.PLANE else (0.0, 0.0, 1.0)
-                spec.worldbody.add_geom(type=getattr(mujoco.mjtGeom, f"mjGEOM_{shape.kind.upper()}"), size=size)
+            if shape.core is None or shape.kind in (
+                ShapeKind.SPHERE,
+                ShapeKind.CAPSULE,
+            ):
+                size = (
+                    (*shape.size, 0.0, 0.0, 0.0)[:3]
+                    if shape.kind is not ShapeKind.PLANE
+                    else (0.0, 0.0, 1.0)
+                )
+                spec.worldbody.add_geom(
+                    type=getattr(mujoco.mjtGeom, f"mjGEOM_{shape.kind.upper()}"),
+                    size=size,
+                )
             else:
                 mesh = spec.add_mesh(name=f"mesh{k}", uservert=shape.core[0].ravel())
-                mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # a thin mesh has hardly a volume
-                spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"mesh{k}")
+                mesh.inertia = (
+                    mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+                )  # a thin mesh has hardly a volume
+                spec.worldbody.add_geom(
+                    type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"mesh{k}"
+                )
         try:
             return spec.compile()
         except (ValueError, mujoco.FatalError) as error:
-            names = ", ".join(f"'{shape.name}'" for shape in self.shapes if shape.kind is ShapeKind.MESH)
-            raise InputError(f"MuJoCo refuses one of the meshes {names}: {error}") from None
+            names = ", ".join(
+                f"'{shape.name}'"
+                for shape in self.shapes
+                if shape.kind is ShapeKind.MESH
+            )
+            raise InputError(
+                f"MuJoCo refuses one of the meshes {names}: {error}"
+            ) from None
 
 
 def _recent_mujoco() -> Any:
@@ -110,7 +148,9 @@ def _recent_mujoco() -> Any:
     version = str(mujoco.__version__)
     if tuple(int(part) for part in version.split(".")[:2]) < _OLDEST:
         oldest = ".".join(map(str, _OLDEST))
-        raise EchelonError(f"MuJoCo {version} gives wrong distances; clearances need version {oldest} or later")
+        raise EchelonError(
+            f"MuJoCo {version} gives wrong distances; clearances need version {oldest} or later"
+        )
     return mujoco
 
 
@@ -121,7 +161,11 @@ def _behind(frames: Floats, placements: Floats) -> Floats:
     return moved
 
 
-def checked_pairs(mechanism: Mechanism, shapes: Sequence[Shape], exclude: Sequence[tuple[str, str]] = ()) -> Integers:
+def checked_pairs(
+    mechanism: Mechanism,
+    shapes: Sequence[Shape],
+    exclude: Sequence[tuple[str, str]] = (),
+) -> Integers:
     """Pairs of shapes, shape (P, 2), on bodies that are neither rigidly connected nor neighbours.
 
     Planes come first, and pairs of the same owners are next to each other.  Exclusions name bodies, links or shapes.
@@ -132,11 +176,17 @@ def checked_pairs(mechanism: Mechanism, shapes: Sequence[Shape], exclude: Sequen
         # planes belong to the world, whose index is the least
         first, second = sorted(pair, key=lambda k: (shapes[k].body, k))
         if not _neighbours(mechanism, shapes[first], shapes[second]) and not any(
-            (first in a and second in b) or (first in b and second in a) for a, b in excluded
+            (first in a and second in b) or (first in b and second in a)
+            for a, b in excluded
         ):
             found.append((first, second))
-    order = {owner: k for k, owner in enumerate(dict.fromkeys(shape.owner for shape in shapes))}
-    found.sort(key=lambda pair: [(shapes[k].body, order[shapes[k].owner]) for k in pair])
+    order = {
+        owner: k
+        for k, owner in enumerate(dict.fromkeys(shape.owner for shape in shapes))
+    }
+    found.sort(
+        key=lambda pair: [(shapes[k].body, order[shapes[k].owner]) for k in pair]
+    )
     return np.array(found, dtype=np.intp).reshape(-1, 2)
 
 
@@ -158,7 +208,10 @@ def _neighbours(mechanism: Mechanism, first: Shape, second: Shape) -> bool:
     ends = [moving_body(mechanism, shape.body) for shape in (first, second)]
     if ends[0] == ends[1] or first.obstacle or second.obstacle:
         return ends[0] == ends[1]
-    above = [GROUND if e == GROUND else moving_body(mechanism, mechanism.bodies[e].parent) for e in ends]
+    above = [
+        GROUND if e == GROUND else moving_body(mechanism, mechanism.bodies[e].parent)
+        for e in ends
+    ]
     return above[0] == ends[1] or above[1] == ends[0]
 
 
@@ -177,10 +230,18 @@ def _meant(mechanism: Mechanism, shapes: Sequence[Shape], name: str) -> frozense
     bodies = [body.name for body in mechanism.bodies]
     known = {name for shape in shapes for name in (shape.name, shape.link) if name}
     fixed = set(WORLD) - known  # an obstacle that is called ground stands for itself
-    body = bodies.index(name) if name in bodies else GROUND if name == WORLD[0] or name in fixed else None
+    body = (
+        bodies.index(name)
+        if name in bodies
+        else GROUND
+        if name == WORLD[0] or name in fixed
+        else None
+    )
     if body is None and name not in known:
         valid = ", ".join(dict.fromkeys((*bodies, WORLD[0], *sorted(known))))
-        raise InputError(f"there is no body, link or shape '{name}' to exclude (valid: {valid})")
+        raise InputError(
+            f"there is no body, link or shape '{name}' to exclude (valid: {valid})"
+        )
     return frozenset(
         k
         for k, shape in enumerate(shapes)
@@ -204,6 +265,7 @@ class Clearance(StateConstraint):
     shapes: tuple[Shape, ...]
     pairs: Integers  # shape (P, 2); indices of shapes that are checked, pairs of the same owners next to each other
     reach: float  # larger distances are not told apart: values stop here and slopes are zero, m
+
     @property
     def seconds(self) -> float:
         """Work of all distances and their slopes at a sample, s."""
@@ -229,7 +291,10 @@ class Clearance(StateConstraint):
         slopes = np.zeros((*found.distances.shape, np.shape(q)[1]))
         if len(states):
             frames, moved = self.kinematics.frames(q), self.kinematics.slopes(q)
-            points, distances = found.points[states, columns], found.distances[states, columns]
+            points, distances = (
+                found.points[states, columns],
+                found.distances[states, columns],
+            )
             normals = _normals(points, distances)
             for side, sign in ((0, -1.0), (1, 1.0)):
                 bodies = np.array([pair[side][0] for pair in self.owners])[columns]
@@ -238,12 +303,16 @@ class Clearance(StateConstraint):
                 arms = points[some, side] - frames[at, on, :, 3]
                 inside = np.einsum("kij,ki->kj", frames[at, on, :, :3], arms)
                 arm = np.concatenate([inside, np.ones((len(some), 1))], axis=1)
-                slopes[at, columns[some]] += np.einsum("ki,kicj,kc->kj", n, moved[at, on], arm)
+                slopes[at, columns[some]] += np.einsum(
+                    "ki,kicj,kc->kj", n, moved[at, on], arm
+                )
         return slopes, None, None
 
     def nearest(self, q: Floats) -> Measured:
         """The nearest shapes of all pairs of owners."""
-        last = next((found for at, found in tuple(self._last) if np.array_equal(at, q)), None)
+        last = next(
+            (found for at, found in tuple(self._last) if np.array_equal(at, q)), None
+        )
         if last is None:
             last = self._nearest(q)
             self._last.append((np.array(q), last))
@@ -255,7 +324,12 @@ class Clearance(StateConstraint):
             return pairs
         ends = [*self.starts[1:].tolist(), len(self.pairs)]
         groups = zip(self.starts.tolist(), ends, strict=True)
-        least = np.column_stack([first + pairs.distances[:, first:end].argmin(axis=1) for first, end in groups])
+        least = np.column_stack(
+            [
+                first + pairs.distances[:, first:end].argmin(axis=1)
+                for first, end in groups
+            ]
+        )
         rows = np.arange(len(least))[:, None]
         return Measured(pairs.distances[rows, least], pairs.points[rows, least])
 
@@ -263,7 +337,9 @@ class Clearance(StateConstraint):
         """Distances of all pairs of shapes, (N, P), m, at most the reach: only near bounding spheres are measured."""
         places = self.places(q)
         asked = np.argwhere(self.spheres.gaps(places, self.pairs) < self.reach)
-        measured = self.engine.measure(places, np.column_stack([asked[:, 0], self.pairs[asked[:, 1]]]), self.reach)
+        measured = self.engine.measure(
+            places, np.column_stack([asked[:, 0], self.pairs[asked[:, 1]]]), self.reach
+        )
         distances = np.full((len(places), len(self.pairs)), self.reach)
         distances[asked[:, 0], asked[:, 1]] = np.minimum(measured.distances, self.reach)
         points = np.zeros((*distances.shape, 2, 3))
@@ -300,7 +376,9 @@ class Clearance(StateConstraint):
     def groups(self) -> Integers:
         """For every pair of shapes, the index of its pair of owners, shape (P,)."""
         index = {pair: k for k, pair in enumerate(self.owners)}
-        return np.array([index[pair] for pair in _owners(self.shapes, self.pairs)], dtype=np.intp)
+        return np.array(
+            [index[pair] for pair in _owners(self.shapes, self.pairs)], dtype=np.intp
+        )
 
     @cached_property
     def starts(self) -> Integers:
@@ -318,27 +396,44 @@ def clearance_of(
 ) -> Clearance:
     """The constraint that bodies stay a distance apart from each other and from what is around them."""
     if not (np.isfinite(clearance) and clearance >= 0):
-        raise InputError(f"the clearance must be a distance in m, 0 or more, got {clearance}")
+        raise InputError(
+            f"the clearance must be a distance in m, 0 or more, got {clearance}"
+        )
     farthest = clearance + REACH if reach is None else reach
     if not (np.isfinite(farthest) and farthest > clearance):
-        raise InputError(f"the reach must be larger than the clearance of {clearance} m, got {farthest}")
-    balls = [motion.name for motion in mechanism.motions if motion.kind is MotionKind.BALL]
+        raise InputError(
+            f"the reach must be larger than the clearance of {clearance} m, got {farthest}"
+        )
+    balls = [
+        motion.name for motion in mechanism.motions if motion.kind is MotionKind.BALL
+    ]
     if balls:
-        raise InputError(f"distances are not computed with ball joints: '{balls[0]}' rotates freely")
+        raise InputError(
+            f"distances are not computed with ball joints: '{balls[0]}' rotates freely"
+        )
     pairs = checked_pairs(mechanism, shapes, exclude)
     return clearance_of_pairs(mechanism, tuple(shapes), pairs, clearance, farthest)
 
 
 def clearance_of_pairs(
-    mechanism: Mechanism, shapes: tuple[Shape, ...], pairs: Integers, clearance: float, reach: float
+    mechanism: Mechanism,
+    shapes: tuple[Shape, ...],
+    pairs: Integers,
+    clearance: float,
+    reach: float,
 ) -> Clearance:
     """The constraint for some pairs of shapes."""
     # what does not move comes last: "distance of link3 and table"
-    owners = [two[::-1] if two[0][0] == GROUND else two for two in dict.fromkeys(_owners(shapes, pairs))]
+    owners = [
+        two[::-1] if two[0][0] == GROUND else two
+        for two in dict.fromkeys(_owners(shapes, pairs))
+    ]
     names = [[owner_name(mechanism, owner) for owner in two] for two in owners]
     labels = tuple(f"distance of {first} and {second}" for first, second in names)
     low, high = np.full(len(labels), float(clearance)), np.full(len(labels), np.inf)
-    return Clearance(labels, ("m",) * len(labels), low, high, mechanism, shapes, pairs, float(reach))
+    return Clearance(
+        labels, ("m",) * len(labels), low, high, mechanism, shapes, pairs, float(reach)
+    )
 
 
 def _owners(shapes: Sequence[Shape], pairs: Integers) -> list[tuple[Owner, Owner]]:
@@ -353,5 +448,7 @@ def _normals(points: Floats, distances: Floats) -> Floats:
     # of overlapping shapes the points lie the other way round
     signs = np.where(distances < 0, -1.0, 1.0)[:, None]
     # points of faces that lie on each other need not be opposite: the distance then changes otherwise, or not at all
-    told = (lengths > _TOUCHING) & (np.abs(lengths - np.abs(distances)[:, None]) < MISLED)
+    told = (lengths > _TOUCHING) & (
+        np.abs(lengths - np.abs(distances)[:, None]) < MISLED
+    )
     return np.where(told, signs * apart / np.maximum(lengths, _TOUCHING), 0.0)

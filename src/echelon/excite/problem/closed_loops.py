@@ -28,14 +28,23 @@ from echelon.errors import InputError
 from echelon.exact.field import DEFAULT_SEED, random_generator
 from echelon.excite.problem.information import ADJOINT, StateRegressor, pullback
 from echelon.excite.problem.state_limits import Slopes, StateConstraint
-from echelon.loops import LARGEST_CORRECTION, STRIDE, DependentMotion, largest, normalised, position_rates
+from echelon.loops import (
+    LARGEST_CORRECTION,
+    STRIDE,
+    DependentMotion,
+    largest,
+    normalised,
+    position_rates,
+)
 from echelon.machine.kernel import Kernel
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Function
 from echelon.program.tape import Program
 
-_SHORTEST = 2e-3  # of a step on the way to a configuration, rad or characteristic lengths
+_SHORTEST = (
+    2e-3  # of a step on the way to a configuration, rad or characteristic lengths
+)
 _REMEMBERED = 4  # sets of samples: those of the criterion and of the constraints
 _POSES = 64  # that tell what openness is usual
 _SINGULAR = 1e-9  # openness; beyond this dependent rates are of no use
@@ -60,7 +69,14 @@ class Closed:
 def openness(mechanism: Mechanism, _pivots: object) -> Function:
     """Record :attr:`DependentMotion.openness`."""
     motion = DependentMotion(mechanism, Program())
-    return motion_function("openness", motion, [motion.openness], ("openness",), "q", "distance from singular poses")
+    return motion_function(
+        "openness",
+        motion,
+        [motion.openness],
+        ("openness",),
+        "q",
+        "distance from singular poses",
+    )
 
 
 class LoopMotion(CompiledAssembly):
@@ -107,8 +123,12 @@ class LoopMotion(CompiledAssembly):
         done = (gone >= 1) & (open_ > _SINGULAR)
         missing = np.where(gone[:, None] < 1, away, 0.0)
         closed = Closed(q, done, missing, np.where(done, open_, 0.0))
-        others = [(count, last) for count, last in self._last.items() if count != len(wanted)]
-        self._last = dict([*others[1 - _REMEMBERED :], (len(wanted), (wanted.copy(), closed))])
+        others = [
+            (count, last) for count, last in self._last.items() if count != len(wanted)
+        ]
+        self._last = dict(
+            [*others[1 - _REMEMBERED :], (len(wanted), (wanted.copy(), closed))]
+        )
         return closed
 
     def _stepped(self, last: Closed, wanted: Floats) -> tuple[Floats, Flags]:
@@ -117,9 +137,13 @@ class LoopMotion(CompiledAssembly):
         done = last.done & (largest(change / self.independent_units) < STRIDE)
         change[~done] = 0.0
         rates = self.velocities(last, change)
-        guess = normalised(self.mechanism, last.q + position_rates(self.mechanism, last.q, rates))
+        guess = normalised(
+            self.mechanism, last.q + position_rates(self.mechanism, last.q, rates)
+        )
         found, closed = self.near(guess)
-        return found, done & closed & (largest((found - guess) / self.position_units) < LARGEST_CORRECTION)
+        return found, done & closed & (
+            largest((found - guess) / self.position_units) < LARGEST_CORRECTION
+        )
 
     def velocities(self, closed: Closed, qd: Floats) -> Floats:
         """Velocities of all coordinates from independent ones; zero where the loops are not closed."""
@@ -130,38 +154,64 @@ class LoopMotion(CompiledAssembly):
     def along(self, closed: Closed, by_q: Floats) -> Floats:
         """Derivatives along the motions of the independent coordinates, (N, k), from those by all positions."""
         rates = np.zeros((len(by_q), len(self._independent)))
-        return self._pulled("position_rates", closed, by_q, qd=rates)[:, closed.q.shape[1] :]
+        return self._pulled("position_rates", closed, by_q, qd=rates)[
+            :, closed.q.shape[1] :
+        ]
 
     def openness_slopes(self, closed: Closed, weights: Floats) -> Floats:
         """Derivatives of openness by all positions, times weights of shape (N,); shape (N, positions)."""
         return self._pulled("openness", closed, weights[:, None])
 
-    def _pulled(self, name: str, closed: Closed, adjoint: Floats, **state: Floats) -> Floats:
+    def _pulled(
+        self, name: str, closed: Closed, adjoint: Floats, **state: Floats
+    ) -> Floats:
         kernel, geometry = self._pullbacks[name]
-        given = {"q": closed.q, **state, **geometry, ADJOINT: np.ascontiguousarray(adjoint)}
+        given = {
+            "q": closed.q,
+            **state,
+            **geometry,
+            ADJOINT: np.ascontiguousarray(adjoint),
+        }
         return closed.counted(kernel(given))
 
     @cached_property
     def _pullbacks(self) -> dict[str, tuple[Kernel, Mapping[str, Floats]]]:
         """Machine code of the pullbacks, with the geometry that it takes."""
-        made = {f.name: pullback(f) for f in (openness(self.mechanism, ()), _position_rates(self.mechanism))}
-        return {n: (Kernel(f), geometry_values(self.mechanism, f.arguments)) for n, f in made.items()}
+        made = {
+            f.name: pullback(f)
+            for f in (openness(self.mechanism, ()), _position_rates(self.mechanism))
+        }
+        return {
+            n: (Kernel(f), geometry_values(self.mechanism, f.arguments))
+            for n, f in made.items()
+        }
 
 
 def _position_rates(mechanism: Mechanism) -> Function:
     """Rates of all positions; linear in the independent velocities."""
     motion = DependentMotion(mechanism, Program())
-    found = motion.position_rates({name: motion.given()[f"qd[{name}]"] for name in mechanism.velocities})
+    found = motion.position_rates(
+        {name: motion.given()[f"qd[{name}]"] for name in mechanism.velocities}
+    )
     nodes = [motion.program.input(f"q[{name}]").node for name in mechanism.positions]
     values = [found.get(node, motion.program.zero) for node in nodes]
-    return motion_function("position_rates", motion, values, mechanism.positions, "q qd", "rates of all positions")
+    return motion_function(
+        "position_rates",
+        motion,
+        values,
+        mechanism.positions,
+        "q qd",
+        "rates of all positions",
+    )
 
 
 NO_WEIGHT, FULL_WEIGHT = 0.05, 0.1
 """Openness, as a share of :attr:`LoopMotion.reference`, below which samples do not count and above which they do."""
 
 
-def state_regressor(mechanism: Mechanism, pivots: Sequence[int], smooth: float | None = None) -> StateRegressor:
+def state_regressor(
+    mechanism: Mechanism, pivots: Sequence[int], smooth: float | None = None
+) -> StateRegressor:
     """The regressor of a mechanism as a function of its independent coordinates."""
     made = LoopRegressor if mechanism.dependent_velocities else StateRegressor
     return made(mechanism, pivots, smooth)
@@ -174,11 +224,18 @@ def loop_motion(mechanism: Mechanism) -> LoopMotion | None:
 
 def passive_motions(mechanism: Mechanism) -> list[Motion]:
     """Motions without a motor of their own: those of floating bases and of balls."""
-    floating = [m for body in mechanism.bodies if body.joint.kind == "floating" for m in body.joint.motions]
+    floating = [
+        m
+        for body in mechanism.bodies
+        if body.joint.kind == "floating"
+        for m in body.joint.motions
+    ]
     return [*floating, *(m for m in mechanism.motions if m.kind is MotionKind.BALL)]
 
 
-def check_loops(mechanism: Mechanism, move: Sequence[str] | None, hold: Collection[str], source: str) -> None:
+def check_loops(
+    mechanism: Mechanism, move: Sequence[str] | None, hold: Collection[str], source: str
+) -> None:
     """Refuse what is not possible with loops: to hold coordinates, and to move what has no motor of its own."""
     names = mechanism.independent_velocities
     if hold or (move is not None and set(move) != set(names)):
@@ -197,17 +254,26 @@ class LoopRegressor(StateRegressor):
     Its states q, q̇ and q̈ are those of the independent coordinates, each of shape (N, k).
     """
 
-    def __init__(self, mechanism: Mechanism, pivots: Sequence[int], smooth: float | None = None) -> None:
+    def __init__(
+        self, mechanism: Mechanism, pivots: Sequence[int], smooth: float | None = None
+    ) -> None:
         super().__init__(mechanism, pivots, smooth)
         self.motion = LoopMotion(mechanism)
-        self.motion.virtual_velocities(self.motion.pose[None])  # refuses outputs that the motion does not determine
+        self.motion.virtual_velocities(
+            self.motion.pose[None]
+        )  # refuses outputs that the motion does not determine
 
     def entries(self, state: Mapping[str, Floats]) -> Floats:
         """Values of all entries, shape (N, size); zero for samples whose loops cannot be closed."""
         closed = self.motion.positioned(state["q"])
-        return self._whole_entries(closed, {**state, "q": closed.q}) * self._sample_weights(closed)[0][:, None]
+        return (
+            self._whole_entries(closed, {**state, "q": closed.q})
+            * self._sample_weights(closed)[0][:, None]
+        )
 
-    def pulled(self, state: Mapping[str, Floats], adjoint: Floats) -> tuple[Floats, Floats, Floats]:
+    def pulled(
+        self, state: Mapping[str, Floats], adjoint: Floats
+    ) -> tuple[Floats, Floats, Floats]:
         """Derivatives by q, q̇ and q̈, each of shape (N, k), from those by the entries, of shape (N, size)."""
         closed = self.motion.positioned(state["q"])
         whole, (counted, slope) = {**state, "q": closed.q}, self._sample_weights(closed)
@@ -216,7 +282,9 @@ class LoopRegressor(StateRegressor):
         places, count = closed.q.shape[1], state["qd"].shape[1]
         by_q, by_qd, by_qdd = np.split(found, [places, places + count], axis=1)
         if slope.any():
-            weights = slope * np.sum(adjoint * self._whole_entries(closed, whole), axis=1)
+            weights = slope * np.sum(
+                adjoint * self._whole_entries(closed, whole), axis=1
+            )
             by_q = by_q + self.motion.openness_slopes(closed, weights)
         return self.motion.along(closed, by_q), by_qd, by_qdd
 
@@ -226,13 +294,17 @@ class LoopRegressor(StateRegressor):
     def _sample_weights(self, closed: Closed) -> tuple[Floats, Floats]:
         """Weights of the samples, and their derivatives by openness."""
         scale = 1 / (self.motion.reference * (FULL_WEIGHT - NO_WEIGHT))
-        share = np.clip(closed.openness * scale - NO_WEIGHT / (FULL_WEIGHT - NO_WEIGHT), 0.0, 1.0)
+        share = np.clip(
+            closed.openness * scale - NO_WEIGHT / (FULL_WEIGHT - NO_WEIGHT), 0.0, 1.0
+        )
         return share**2 * (3 - 2 * share), 6 * share * (1 - share) * scale
 
 
 SECONDS_TO_CLOSE = 2e-4  # work of closing loops at a sample, with derivatives, as measured with a Delta robot
 
-OPEN = 0.15  # least openness that a solver has to keep, as a share of LoopMotion.reference
+OPEN = (
+    0.15  # least openness that a solver has to keep, as a share of LoopMotion.reference
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,7 +316,9 @@ class LoopLimits(StateConstraint):
     """
 
     motion: LoopMotion
-    parts: tuple[StateConstraint, ...]  # of all positions, and the independent velocities and accelerations
+    parts: tuple[
+        StateConstraint, ...
+    ]  # of all positions, and the independent velocities and accelerations
 
     @property
     def seconds(self) -> float:
@@ -256,31 +330,47 @@ class LoopLimits(StateConstraint):
         closed = self.motion.positioned(q)
         away = np.linalg.norm(closed.missing, axis=1)
         share = np.where(closed.done, closed.openness / self.motion.reference, -away)
-        found = np.column_stack([share, *(part.values(closed.q, qd, qdd) for part in self.parts)])
+        found = np.column_stack(
+            [share, *(part.values(closed.q, qd, qdd) for part in self.parts)]
+        )
         kept = np.clip(0.0, self.low, self.high)
         return np.where(closed.done[:, None] | (np.arange(len(kept)) == 0), found, kept)
 
     def slopes(self, q: Floats, qd: Floats, qdd: Floats) -> Slopes:
         """Derivatives of the functions, each of shape (N, m, k)."""
         closed = self.motion.positioned(q)
-        opening = self.motion.openness_slopes(closed, np.full(len(q), 1 / self.motion.reference))
+        opening = self.motion.openness_slopes(
+            closed, np.full(len(q), 1 / self.motion.reference)
+        )
         away = np.linalg.norm(closed.missing, axis=1, keepdims=True)
-        back = -closed.missing / np.maximum(away, 1e-300) / self.motion.independent_units
+        back = (
+            -closed.missing / np.maximum(away, 1e-300) / self.motion.independent_units
+        )
         first, nothing = self.motion.along(closed, opening), np.zeros_like(qd)
         rows = [(np.where(closed.done[:, None], first, back), nothing, nothing)]
         for part in self.parts:
             by_q, *by_rates = part.slopes(closed.q, qd, qdd)
             assert by_q is not None
             for row in range(len(part.labels)):
-                by_qd, by_qdd = (nothing if s is None else closed.counted(s[:, row]) for s in by_rates)
+                by_qd, by_qdd = (
+                    nothing if s is None else closed.counted(s[:, row])
+                    for s in by_rates
+                )
                 rows.append((self.motion.along(closed, by_q[:, row]), by_qd, by_qdd))
-        by_q, by_qd, by_qdd = (np.stack([row[order] for row in rows], axis=1) for order in range(3))
+        by_q, by_qd, by_qdd = (
+            np.stack([row[order] for row in rows], axis=1) for order in range(3)
+        )
         return by_q, by_qd, by_qdd
 
 
-def loop_limits(motion: LoopMotion, parts: Sequence[StateConstraint] = ()) -> LoopLimits:
+def loop_limits(
+    motion: LoopMotion, parts: Sequence[StateConstraint] = ()
+) -> LoopLimits:
     """Limits of openness and of the whole state."""
-    labels = ("distance of the loops from singular poses", *(label for part in parts for label in part.labels))
+    labels = (
+        "distance of the loops from singular poses",
+        *(label for part in parts for label in part.labels),
+    )
     units = ("1", *(unit for part in parts for unit in part.units))
     low, high = ([part.low for part in parts], [part.high for part in parts])
     ends = np.concatenate([[OPEN], *low]), np.concatenate([[np.inf], *high])

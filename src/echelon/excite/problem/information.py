@@ -49,14 +49,24 @@ class StateRegressor:
     derivatives everywhere.  With loops, states are all positions, independent velocities and accelerations.
     """
 
-    def __init__(self, mechanism: Mechanism, pivots: Sequence[int], smooth: float | None = None) -> None:
+    def __init__(
+        self, mechanism: Mechanism, pivots: Sequence[int], smooth: float | None = None
+    ) -> None:
         function = robot_function("regressor", mechanism, pivots)
-        function = replace(function, entries=dict(sorted(function.entries.items())))  # row by row
+        function = replace(
+            function, entries=dict(sorted(function.entries.items()))
+        )  # row by row
         if any(argument.name == "inputs" for argument in function.arguments):
-            names = ", ".join(next(a.labels for a in function.arguments if a.name == "inputs"))
-            raise InputError(f"effects need the measured inputs of {names}, which a trajectory does not determine")
+            names = ", ".join(
+                next(a.labels for a in function.arguments if a.name == "inputs")
+            )
+            raise InputError(
+                f"effects need the measured inputs of {names}, which a trajectory does not determine"
+            )
         self.recorded = function  # without smoothing
-        self.function = function if smooth is None else smooth_function(function, smooth)
+        self.function = (
+            function if smooth is None else smooth_function(function, smooth)
+        )
         self._geometry = geometry_values(mechanism, self.function.arguments)
         self._entries = Kernel(self.function, sparse=True)
         self._pullback = Kernel(pullback(self.function))
@@ -70,17 +80,25 @@ class StateRegressor:
     def rows(self) -> list[OutputEntries]:
         """The entries of each output."""
         indices = np.array(list(self.function.entries), dtype=np.intp).reshape(-1, 2)
-        cuts = np.searchsorted(indices[:, 0], np.arange(self.function.shape[0] + 1)).tolist()
+        cuts = np.searchsorted(
+            indices[:, 0], np.arange(self.function.shape[0] + 1)
+        ).tolist()
         return [OutputEntries(slice(a, b), indices[a:b, 1]) for a, b in pairwise(cuts)]
 
     def entries(self, state: Mapping[str, Floats]) -> Floats:
         """Values of all entries, shape (N, size)."""
         return self._entries({**state, **self._geometry})
 
-    def pulled(self, state: Mapping[str, Floats], adjoint: Floats) -> tuple[Floats, Floats, Floats]:
+    def pulled(
+        self, state: Mapping[str, Floats], adjoint: Floats
+    ) -> tuple[Floats, Floats, Floats]:
         """Derivatives by q, q̇ and q̈, each of its shape, from those by the entries, of shape (N, size)."""
         found = self._pullback({**state, **self._geometry, ADJOINT: adjoint})
-        sizes = [len(argument) for argument in self.function.arguments if argument.name in STATE]
+        sizes = [
+            len(argument)
+            for argument in self.function.arguments
+            if argument.name in STATE
+        ]
         by_q, by_qd, by_qdd = np.split(found, np.cumsum(sizes)[:-1], axis=1)
         return by_q, by_qd, by_qdd
 
@@ -96,10 +114,24 @@ def pullback(function: Function) -> Function:
     states = [a for name in STATE for a in function.arguments if a.name == name]
     inputs = [node for argument in states for node in argument.nodes]
     found = derivatives(program, [total.node], inputs, reverse=True)
-    adjoint = Argument(ADJOINT, tuple(w.node for w in weights), tuple(labels), ("1",) * len(labels), "weights")
-    axis = tuple(f"{argument.name}[{label}]" for argument in states for label in argument.labels)
+    adjoint = Argument(
+        ADJOINT,
+        tuple(w.node for w in weights),
+        tuple(labels),
+        ("1",) * len(labels),
+        "weights",
+    )
+    axis = tuple(
+        f"{argument.name}[{label}]" for argument in states for label in argument.labels
+    )
     arguments = (*function.arguments, adjoint)
-    return Function(f"{function.name}_pullback", program, arguments, {(j,): n for (_, j), n in found.items()}, (axis,))
+    return Function(
+        f"{function.name}_pullback",
+        program,
+        arguments,
+        {(j,): n for (_, j), n in found.items()},
+        (axis,),
+    )
 
 
 def sample_times(duration: float, rate: float) -> Floats:
@@ -114,9 +146,22 @@ class Information:
     making it twice.  Only entries that are not structurally zero are made.
     """
 
-    def __init__(self, regressor: StateRegressor, basis: Basis, times: Floats, weights: Floats, prior: Floats) -> None:
-        self.regressor, self.weights, self.prior = regressor, weights, prior  # F₀ has shape (r, r)
-        self.phi = tuple(np.ascontiguousarray(basis.values(times, order)) for order in range(3))
+    def __init__(
+        self,
+        regressor: StateRegressor,
+        basis: Basis,
+        times: Floats,
+        weights: Floats,
+        prior: Floats,
+    ) -> None:
+        self.regressor, self.weights, self.prior = (
+            regressor,
+            weights,
+            prior,
+        )  # F₀ has shape (r, r)
+        self.phi = tuple(
+            np.ascontiguousarray(basis.values(times, order)) for order in range(3)
+        )
         self.rows = regressor.rows
 
     @property
@@ -126,7 +171,9 @@ class Information:
 
     def __call__(self, coefficients: Floats) -> MotionInformation:
         """The information of a motion with coefficients of shape (basis.size, n)."""
-        state = {name: phi @ coefficients for name, phi in zip(STATE, self.phi, strict=True)}
+        state = {
+            name: phi @ coefficients for name, phi in zip(STATE, self.phi, strict=True)
+        }
         entries = self.regressor.entries(state)
         F = self.prior.copy()
         for rows, weight in zip(self.rows, self.weights, strict=True):
@@ -160,7 +207,9 @@ _SHARPNESS = 8
 """Exponent of the norms that stand for the largest and the smallest eigenvalue: high ones follow them closely, low ones
 are smooth.  The result is a bound of the condition number, and reported is the number itself."""
 
-_NOTHING = 1e-100  # information that counts as none: squares of its inverse are still numbers
+_NOTHING = (
+    1e-100  # information that counts as none: squares of its inverse are still numbers
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +233,11 @@ class OptimalityCriterion:
 def condition_number(F: Floats) -> float:
     """Condition number of an observation matrix with this information; infinite if columns depend on one another."""
     values = np.linalg.eigvalsh(F)
-    return float(np.sqrt(values[-1] / values[0])) if values[0] > 1e-15 * values[-1] else float("inf")
+    return (
+        float(np.sqrt(values[-1] / values[0]))
+        if values[0] > 1e-15 * values[-1]
+        else float("inf")
+    )
 
 
 def log_det(F: Floats) -> float:
@@ -220,7 +273,9 @@ def _condition(F: Floats) -> Slope:
 def _spectrum(F: Floats) -> tuple[Floats, Floats]:
     """Eigenvalues, ascending, and eigenvectors; what is lost in rounding counts as the least that is not."""
     values, vectors = np.linalg.eigh(F)
-    return np.maximum(values, max(np.finfo(float).eps * float(values[-1]), _NOTHING)), vectors
+    return np.maximum(
+        values, max(np.finfo(float).eps * float(values[-1]), _NOTHING)
+    ), vectors
 
 
 _FUNCTIONS: dict[str, Callable[[Floats], Slope]] = {

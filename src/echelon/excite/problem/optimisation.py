@@ -28,8 +28,12 @@ SAMPLES_PER_PERIOD = 20
 SMALLEST_SIZE = 0.1
 """Size, SI units, of a limit that has one end only and it next to zero: a tenth of a metre, a newton metre."""
 
-SECONDS_PER_PRODUCT = 1e-9  # work of a product of two numbers with its sum, as measured in one thread
-SECONDS_PER_ENTRY = 6e-8  # work of an entry of the observation matrix with its derivatives, as measured
+SECONDS_PER_PRODUCT = (
+    1e-9  # work of a product of two numbers with its sum, as measured in one thread
+)
+SECONDS_PER_ENTRY = (
+    6e-8  # work of an entry of the observation matrix with its derivatives, as measured
+)
 
 HALVINGS = 16  # of a motion about its centre, after which it is as good as at rest
 
@@ -45,7 +49,9 @@ class Problem:
     limits: tuple[MotionLimit, ...]
     constraints: tuple[StateConstraint, ...]
     centre: Floats  # shape (n,); a pose that keeps all limits
-    ends: Interval | None = None  # least and largest values of all limits, tighter than their own; their own if omitted
+    ends: Interval | None = (
+        None  # least and largest values of all limits, tighter than their own; their own if omitted
+    )
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -60,13 +66,18 @@ class Problem:
     @cached_property
     def grid(self) -> Floats:
         """Samples at which limits are kept, s."""
-        count = int(np.ceil(SAMPLES_PER_PERIOD * self.basis.frequency * self.basis.duration))
+        count = int(
+            np.ceil(SAMPLES_PER_PERIOD * self.basis.frequency * self.basis.duration)
+        )
         return np.linspace(0.0, self.basis.duration, count + 1)
 
     @cached_property
     def phi(self) -> Floats:
         """Derivatives of the basis at the grid, orders 0 to 3, shape (T, 4, basis.size)."""
-        return np.stack([self.basis.values(self.grid, order) for order in range(len(ORDERS))], axis=1)
+        return np.stack(
+            [self.basis.values(self.grid, order) for order in range(len(ORDERS))],
+            axis=1,
+        )
 
     @cached_property
     def at_rest(self) -> Floats:
@@ -82,9 +93,15 @@ class Problem:
     def seconds_per_step(self) -> float:
         """Work of a step of a solver, about what a processor takes for it, s: the same on every machine."""
         samples, (functions, n), limits = len(self.grid), self.shape, len(self.low)
-        products = samples * (limits * (len(ORDERS) * n) ** 2 + (len(ORDERS) * functions * n) ** 2)
+        products = samples * (
+            limits * (len(ORDERS) * n) ** 2 + (len(ORDERS) * functions * n) ** 2
+        )
         seen = self.information.size * SECONDS_PER_ENTRY
-        return products * SECONDS_PER_PRODUCT + seen + samples * sum(c.seconds for c in self.constraints)
+        return (
+            products * SECONDS_PER_PRODUCT
+            + seen
+            + samples * sum(c.seconds for c in self.constraints)
+        )
 
     # -- criterion -------------------------------------------------------------------------------------------------
 
@@ -108,7 +125,15 @@ class Problem:
         """Values of all limits at the grid, shape (T, M)."""
         state = self.states(x)
         moved = np.tensordot(state, self._motion_slopes, axes=([1, 2], [1, 2]))
-        return np.hstack([moved, *(c.values(state[:, 0], state[:, 1], state[:, 2]) for c in self.constraints)])
+        return np.hstack(
+            [
+                moved,
+                *(
+                    c.values(state[:, 0], state[:, 1], state[:, 2])
+                    for c in self.constraints
+                ),
+            ]
+        )
 
     def slopes(self, x: Floats) -> Floats:
         """Derivatives of the values by the derivatives of the positions, shape (T, M, 4, n)."""
@@ -118,7 +143,9 @@ class Problem:
         found[:, :first] = self._motion_slopes
         for constraint in self.constraints:
             last = first + len(constraint.labels)
-            for order, part in enumerate(constraint.slopes(state[:, 0], state[:, 1], state[:, 2])):
+            for order, part in enumerate(
+                constraint.slopes(state[:, 0], state[:, 1], state[:, 2])
+            ):
                 if part is not None:
                     found[:, first:last, order] = part
             first = last
@@ -154,7 +181,10 @@ class Problem:
     def _ends(self) -> Interval:
         if self.ends is not None:
             return self.ends
-        own = [np.array([limit.low for limit in self.limits]), np.array([limit.high for limit in self.limits])]
+        own = [
+            np.array([limit.low for limit in self.limits]),
+            np.array([limit.high for limit in self.limits]),
+        ]
         low = np.concatenate([own[0], *(c.low for c in self.constraints)])
         return low, np.concatenate([own[1], *(c.high for c in self.constraints)])
 
@@ -194,8 +224,14 @@ class Problem:
         for first in range(orders):
             for second in range(orders):
                 functions = self.phi[:, first, :, None] * self.phi[:, second, None, :]
-                total += functions.reshape(samples, -1).T @ by_state[:, first, :, second].reshape(samples, -1)
-        return total.reshape(b, b, n, n).transpose(0, 2, 1, 3).reshape(self.size, self.size)
+                total += functions.reshape(samples, -1).T @ by_state[
+                    :, first, :, second
+                ].reshape(samples, -1)
+        return (
+            total.reshape(b, b, n, n)
+            .transpose(0, 2, 1, 3)
+            .reshape(self.size, self.size)
+        )
 
     # -- starting points -------------------------------------------------------------------------------------------
 
@@ -213,10 +249,17 @@ class Problem:
     def _share_of_motion(self, step: Floats) -> float:
         """The largest multiple of a motion about the centre that the limits of the motion leave."""
         limits = slice(len(self.limits))
-        still = np.tensordot(self.states(self.at_rest), self._motion_slopes, axes=([1, 2], [1, 2]))
-        moved = np.tensordot(self.states(step), self._motion_slopes, axes=([1, 2], [1, 2]))
+        still = np.tensordot(
+            self.states(self.at_rest), self._motion_slopes, axes=([1, 2], [1, 2])
+        )
+        moved = np.tensordot(
+            self.states(step), self._motion_slopes, axes=([1, 2], [1, 2])
+        )
         with np.errstate(divide="ignore", invalid="ignore"):
-            below, above = (self.low[limits] - still) / moved, (self.high[limits] - still) / moved
+            below, above = (
+                (self.low[limits] - still) / moved,
+                (self.high[limits] - still) / moved,
+            )
             room = np.where(moved > 0, above, np.where(moved < 0, below, np.inf))
         return max(float(room.min(initial=np.inf)), 0.0)
 

@@ -29,7 +29,9 @@ from echelon.setup.setup import Setup, setup_of, with_file_effects
 
 
 @public
-def information_of_logs(setup: Setup | Readable, logs: Sequence[str | os.PathLike[str]]) -> Floats:
+def information_of_logs(
+    setup: Setup | Readable, logs: Sequence[str | os.PathLike[str]]
+) -> Floats:
     """The information matrix Σ Wᵀ diag(1/σ²) W of logs, prepared as for an identification.
 
     Parameters
@@ -55,18 +57,24 @@ def information_of_logs(setup: Setup | Readable, logs: Sequence[str | os.PathLik
         problem = "logs determine other parameters than a trajectory that holds coordinates; let all of them move"
         raise InputError(problem, source=setup.source, element="excitation")
     if any(body.joint.kind == "floating" for body in setup.mechanism.bodies):
-        raise InputError("logs move a floating base, and trajectories hold it", source=setup.source)
+        raise InputError(
+            "logs move a floating base, and trajectories hold it", source=setup.source
+        )
     moved = setup.mechanism.velocities
     setup, paths, _ = with_logs(setup, logs, usual=False)
     if setup.mechanism.velocities != moved:
-        absent = listed([name for name in moved if name not in setup.mechanism.velocities])
+        absent = listed(
+            [name for name in moved if name not in setup.mechanism.velocities]
+        )
         problem = f"the logs have nothing of {absent}, so they determine other parameters; lock what does not move"
         raise InputError(problem, source=setup.source, element="locked")
     base = base_parameters(setup.mechanism, seed=setup.seed)
     found = survey(setup, base, paths)
     plan = Plan(base, setup.columns, found.preparation)
     # a row for every sample: the filter averages what decimation leaves out, so that counting rows would count too few
-    every = [replace(some, reduction=None) for path in paths for some in plan.samples(path)]
+    every = [
+        replace(some, reduction=None) for path in paths for some in plan.samples(path)
+    ]
     rows = ModelRows.of(base, every)
     return information_of(rows.observation(), entry.noise)
 
@@ -75,10 +83,14 @@ def information_of(observation: Observation, noise: Mapping[str, float]) -> Floa
     """The information matrix of R-factors, shape (r, r)."""
     layout = observation.layout
     F = np.zeros((len(layout.parameters), len(layout.parameters)))
-    for output, columns, R in zip(layout.outputs, layout.columns, observation.factors, strict=True):
+    for output, columns, R in zip(
+        layout.outputs, layout.columns, observation.factors, strict=True
+    ):
         part = R[:, :-1]
         where = np.asarray(columns, dtype=np.intp)
-        F[np.ix_(where, where)] += part.T @ part / noise.get(output, noise.get(EVERY, 1.0)) ** 2
+        F[np.ix_(where, where)] += (
+            part.T @ part / noise.get(output, noise.get(EVERY, 1.0)) ** 2
+        )
     return F
 
 
@@ -86,7 +98,11 @@ def information_of(observation: Observation, noise: Mapping[str, float]) -> Floa
 
 
 def identified_efforts(
-    setup: Setup, file: str, deviations: float, mechanism: Mechanism, limits: Sequence[EffortLimit]
+    setup: Setup,
+    file: str,
+    deviations: float,
+    mechanism: Mechanism,
+    limits: Sequence[EffortLimit],
 ) -> EffortModel:
     """Identified base parameters in the place of the pivots, with their covariance."""
     found = load_identified(Path(setup.source).parent / file)
@@ -97,15 +113,22 @@ def identified_efforts(
         raise InputError(problem, element="excitation.model")
     check_determined(setup.mechanism, limits, whole.rank, setup.seed)
     parameters = list(mechanism.parameters)
-    columns = [parameters.index(setup.mechanism.parameters[pivot]) for pivot in whole.matrix.pivots]
+    columns = [
+        parameters.index(setup.mechanism.parameters[pivot])
+        for pivot in whole.matrix.pivots
+    ]
     covariance = np.array(found.document["estimate"]["covariance"], dtype=float)
     return EffortModel(found.values, columns, covariance, deviations)
 
 
-def check_determined(mechanism: Mechanism, limits: Sequence[EffortLimit], rank: int, seed: int) -> None:
+def check_determined(
+    mechanism: Mechanism, limits: Sequence[EffortLimit], rank: int, seed: int
+) -> None:
     """Refuse efforts that depend on more than the outputs see: their rows would add to the rank."""
     efforts = (effort_output(mechanism, limit) for limit in limits)
-    named = tuple(replace(output, name=f"effort of {output.name}") for output in efforts)
+    named = tuple(
+        replace(output, name=f"effort of {output.name}") for output in efforts
+    )
     both = replace(mechanism, measured=(*mechanism.outputs, *named))
     if base_parameters(both, seed=seed).rank > rank:
         problem = "the identified model does not determine all torques and forces that are limited"
@@ -119,7 +142,9 @@ def prior_efforts(
     names = setup.mechanism.parameters
     if setup.prior is not None:
         whole = base_parameters(setup.mechanism, seed=setup.seed)
-        given = dict(zip(names, prior_from(whole, setup.prior).values.tolist(), strict=True))
+        given = dict(
+            zip(names, prior_from(whole, setup.prior).values.tolist(), strict=True)
+        )
     else:
         stated = zip(names, setup.mechanism.standard_values(), strict=True)
         given = {name: np.nan if value is None else value for name, value in stated}
@@ -128,7 +153,10 @@ def prior_efforts(
     if np.isnan(values[inertial]).any():
         if entry.limits.effort:
             problem = "limits of torques need inertial values: state them, an identified model under excitation: model,"
-            raise InputError(f"{problem} or a file under identification: prior", element="effort limits")
+            raise InputError(
+                f"{problem} or a file under identification: prior",
+                element="effort limits",
+            )
         text = "torques are not limited, because the robot file states no inertial values to predict them with"
         findings.append(warning("effort", setup.source, text))
         return None

@@ -28,9 +28,21 @@ import numpy.typing as npt
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.exact.polynomial import Rational
-from echelon.excite.problem.shapes import SIZES, WORLD, Shape, ShapeKind, placed, z_along
+from echelon.excite.problem.shapes import (
+    SIZES,
+    WORLD,
+    Shape,
+    ShapeKind,
+    placed,
+    z_along,
+)
 from echelon.extras import extra
-from echelon.formats.literal import LiteralPlacement, LiteralTree, numeric_placement, rotation_matrix
+from echelon.formats.literal import (
+    LiteralPlacement,
+    LiteralTree,
+    numeric_placement,
+    rotation_matrix,
+)
 from echelon.formats.mjcf.mjcf_model import (
     IRRELEVANT,
     absent_meshes,
@@ -50,7 +62,9 @@ from echelon.mechanism.joint import GROUND
 from echelon.mechanism.mechanism import Mechanism
 
 THINNEST = 5e-3  # m, half length of a box that stands for an inertia at least: mass points have none
-STAND_IN = "shapes of the set-up can stand in for it"  # advice for a shape that cannot be read
+STAND_IN = (
+    "shapes of the set-up can stand in for it"  # advice for a shape that cannot be read
+)
 
 
 @dataclass(frozen=True)
@@ -58,13 +72,19 @@ class FileShapes:
     """Shapes of a file."""
 
     shapes: tuple[Shape, ...]
-    excluded: tuple[tuple[str, str], ...] = ()  # pairs of links that the file declares not to collide
+    excluded: tuple[
+        tuple[str, str], ...
+    ] = ()  # pairs of links that the file declares not to collide
     notes: tuple[str, ...] = ()  # what was left out, and why
 
 
-def carrying_bodies(tree: LiteralTree, mechanism: Mechanism) -> tuple[tuple[int, Floats], ...]:
+def carrying_bodies(
+    tree: LiteralTree, mechanism: Mechanism
+) -> tuple[tuple[int, Floats], ...]:
     """For every link of a file, the body that carries it and the link's frame in the body's, shape (4, 4)."""
-    bodies: Mapping[str, int] = {body.name: index for index, body in enumerate(mechanism.bodies)}
+    bodies: Mapping[str, int] = {
+        body.name: index for index, body in enumerate(mechanism.bodies)
+    }
     found: list[tuple[int, Floats]] = []
     for index, link in enumerate(tree.links):
         if link.name in bodies and not (index == 0 and tree.root_is_world):
@@ -74,7 +94,9 @@ def carrying_bodies(tree: LiteralTree, mechanism: Mechanism) -> tuple[tuple[int,
         for step in link.steps:
             if not isinstance(step, LiteralPlacement):
                 problem = "it moves but is not a body of the mechanism; read both from the same file"
-                raise InputError(problem, source=tree.source, element=f"link '{link.name}'")
+                raise InputError(
+                    problem, source=tree.source, element=f"link '{link.name}'"
+                )
             place = place @ numeric_placement(step)
         found.append((body, place))
     return tuple(found)
@@ -92,7 +114,10 @@ def find_mesh(name: str, directory: Path) -> Path | None:
         candidates = iter([directory / (rest if found else name)])
     else:
         package, *inside = PurePosixPath(rest).parts or ("",)
-        candidates = (folder.joinpath(*inside) for folder in _packages(package, directory.resolve()))
+        candidates = (
+            folder.joinpath(*inside)
+            for folder in _packages(package, directory.resolve())
+        )
     return next((file for file in candidates if file.is_file()), None)
 
 
@@ -101,13 +126,19 @@ def _packages(name: str, directory: Path) -> Iterator[Path]:
     above = (directory, *directory.parents)
     yield from (folder for folder in above if folder.name == name)
     yield from (folder / name for folder in above)
-    for folder in map(Path, filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep))):
+    for folder in map(
+        Path, filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep))
+    ):
         yield folder if folder.name == name else folder / name
-    for folder in map(Path, filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))):
+    for folder in map(
+        Path, filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
+    ):
         yield folder / "share" / name
 
 
-def mesh_vertices(name: str, directory: Path, scale: Sequence[float | Rational]) -> Floats:
+def mesh_vertices(
+    name: str, directory: Path, scale: Sequence[float | Rational]
+) -> Floats:
     """Vertices of the mesh that a robot file or a set-up names, in the mesh's own frame, shape (k, 3)."""
     file = find_mesh(name, directory)
     if Path(name).suffix.lower() not in READABLE:
@@ -116,19 +147,29 @@ def mesh_vertices(name: str, directory: Path, scale: Sequence[float | Rational])
         raise InputError(f"mesh '{name}' is not found")
     mujoco = import_mujoco("excite")
     spec = mujoco.MjSpec()
-    mesh = spec.add_mesh(name="mesh", file=str(file.resolve()), scale=list(map(float, scale)))
+    mesh = spec.add_mesh(
+        name="mesh", file=str(file.resolve()), scale=list(map(float, scale))
+    )
     mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="mesh")
     try:
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        reason = str(error).splitlines()[0].removeprefix("Error: ") if str(error) else "no reason given"
+        reason = (
+            str(error).splitlines()[0].removeprefix("Error: ")
+            if str(error)
+            else "no reason given"
+        )
         raise InputError(f"mesh '{name}' cannot be read: {reason}") from None
     # MuJoCo moves vertices to the mesh's centre and principal axes
-    return np.asarray(model.mesh_vert @ quaternion_matrix(model.geom_quat[0]).T + model.geom_pos[0])
+    return np.asarray(
+        model.mesh_vert @ quaternion_matrix(model.geom_quat[0]).T + model.geom_pos[0]
+    )
 
 
-def mesh_shape(name: str, body: int, placement: Floats, vertices: Floats, link: str = "") -> Shape:
+def mesh_shape(
+    name: str, body: int, placement: Floats, vertices: Floats, link: str = ""
+) -> Shape:
     """A mesh as a shape, which keeps the vertices of the convex hull only."""
     with extra("excite"):
         from scipy.spatial import ConvexHull, QhullError
@@ -141,10 +182,17 @@ def mesh_shape(name: str, body: int, placement: Floats, vertices: Floats, link: 
     return Shape(name, body, ShapeKind.MESH, (), placement, vertices[kept], link)
 
 
-def urdf_geometry(mechanism: Mechanism, file: RobotFile, tolerant: bool = False) -> FileShapes:
+def urdf_geometry(
+    mechanism: Mechanism, file: RobotFile, tolerant: bool = False
+) -> FileShapes:
     """Shapes of all ``<collision>`` elements; see :func:`read_geometry`."""
     tree = file.tree(mimics=False)
-    placement = {link.name: where for link, where in zip(tree.links, carrying_bodies(tree, mechanism), strict=True)}
+    placement = {
+        link.name: where
+        for link, where in zip(
+            tree.links, carrying_bodies(tree, mechanism), strict=True
+        )
+    }
     shapes: list[Shape] = []
     notes: list[str] = []
     for link in file.root.findall("link"):
@@ -161,9 +209,15 @@ def urdf_geometry(mechanism: Mechanism, file: RobotFile, tolerant: bool = False)
     return FileShapes(tuple(shapes), notes=tuple(notes))
 
 
-def _collision(element: Any, name: str, link: str, place: tuple[int, Floats], file: RobotFile) -> Shape:
+def _collision(
+    element: Any, name: str, link: str, place: tuple[int, Floats], file: RobotFile
+) -> Shape:
     """A collision element of a link, placed in the frame of the body that carries the link."""
-    xml, where, geometry = ExactXml(file.source), f"collision of link '{link}'", element.find("geometry")
+    xml, where, geometry = (
+        ExactXml(file.source),
+        f"collision of link '{link}'",
+        element.find("geometry"),
+    )
     form: Any = None if geometry is None or len(geometry) == 0 else geometry[0]
     body, placement = place[0], place[1] @ numeric_placement(xml.origin(element, where))
 
@@ -174,34 +228,59 @@ def _collision(element: Any, name: str, link: str, place: tuple[int, Floats], fi
         case "mesh":
             scale = xml.triple(form.get("scale"), (1, 1, 1), f"{where} scale")
             try:
-                vertices = mesh_vertices(form.get("filename", ""), file.directory or Path(), scale)
+                vertices = mesh_vertices(
+                    form.get("filename", ""), file.directory or Path(), scale
+                )
             except InputError as error:
                 raise xml.error(f"{error.problem}; {STAND_IN}", where) from None
             return mesh_shape(name, body, placement, vertices, link)
         case "box":
-            x, y, z = map(float, xml.triple(form.get("size", ""), (0, 0, 0), f"{where} size"))
-            return Shape(name, body, ShapeKind.BOX, (x / 2, y / 2, z / 2), placement, link=link)
+            x, y, z = map(
+                float, xml.triple(form.get("size", ""), (0, 0, 0), f"{where} size")
+            )
+            return Shape(
+                name, body, ShapeKind.BOX, (x / 2, y / 2, z / 2), placement, link=link
+            )
         case "sphere":
-            return Shape(name, body, ShapeKind.SPHERE, (number("radius"),), placement, link=link)
+            return Shape(
+                name, body, ShapeKind.SPHERE, (number("radius"),), placement, link=link
+            )
         case "cylinder" | "capsule" as kind:
-            return Shape(name, body, ShapeKind(kind), (number("radius"), number("length") / 2), placement, link=link)
+            return Shape(
+                name,
+                body,
+                ShapeKind(kind),
+                (number("radius"), number("length") / 2),
+                placement,
+                link=link,
+            )
         case other:
             shown = other if form is None else f"<{other}>"
             problem = f"its geometry is {shown}; expected <box>, <cylinder>, <capsule>, <sphere> or <mesh>"
             raise xml.error(problem, where)
 
 
-def mjcf_geometry(mechanism: Mechanism, file: RobotFile, tolerant: bool = False) -> FileShapes:
+def mjcf_geometry(
+    mechanism: Mechanism, file: RobotFile, tolerant: bool = False
+) -> FileShapes:
     """Shapes of all geoms that collide with something; see :func:`read_geometry`."""
     source, tree = file.source, file.tree(mimics=False)
     spec = parse_spec(file.mjcf)
-    excluded = tuple((str(pair.bodyname1), str(pair.bodyname2)) for pair in spec.excludes)
+    excluded = tuple(
+        (str(pair.bodyname1), str(pair.bodyname2)) for pair in spec.excludes
+    )
     lost = _remove_others(spec, file.directory or Path())
     if lost and not tolerant:
         raise InputError(lost[0][1], source=source, element=lost[0][0])
     model = _compiled(spec, source)
     # bodies have the same order everywhere, but the readers name those without a name
-    links = list(zip((link.name for link in tree.links), carrying_bodies(tree, mechanism), strict=True))
+    links = list(
+        zip(
+            (link.name for link in tree.links),
+            carrying_bodies(tree, mechanism),
+            strict=True,
+        )
+    )
     shapes = []
     notes = [f"left out: {source}: {element}: {problem}" for element, problem in lost]
     for geom in range(model.ngeom):
@@ -218,7 +297,10 @@ def mjcf_geometry(mechanism: Mechanism, file: RobotFile, tolerant: bool = False)
 def _remove_others(spec: Any, directory: Path) -> list[tuple[str, str]]:
     """Remove all but geoms that collide and can be read; those that cannot are returned, with what is wrong."""
     remove_groups(spec, (*IRRELEVANT, "equalities"))  # some refer to what is taken away
-    absent, files = absent_meshes(spec, directory), {mesh_name(mesh): mesh.file for mesh in spec.meshes}
+    absent, files = (
+        absent_meshes(spec, directory),
+        {mesh_name(mesh): mesh.file for mesh in spec.meshes},
+    )
     lost = []
     for geom in list(spec.geoms):
         problem = "a height field is not convex" if geom.hfieldname else ""
@@ -226,7 +308,9 @@ def _remove_others(spec: Any, directory: Path) -> list[tuple[str, str]]:
             problem = f"mesh '{files[geom.meshname]}' is not found"
         collides = bool(geom.contype or geom.conaffinity)
         if problem and collides:
-            lost.append((f"geom of body '{geom.parent.name}'", f"{problem}; {STAND_IN}"))
+            lost.append(
+                (f"geom of body '{geom.parent.name}'", f"{problem}; {STAND_IN}")
+            )
         if problem or not collides:
             spec.delete(geom)
     remove_unused(spec)
@@ -245,24 +329,41 @@ def _compiled(spec: Any, source: str) -> Any:
 
 def _geom(model: Any, geom: int, link: str, body: int, place: Floats) -> Shape:
     mujoco = import_mujoco("excite")
-    name = str(model.geom(geom).name) or f"{link}/{geom - int(model.body_geomadr[model.geom_bodyid[geom]]) + 1}"
-    placement = place @ placed(quaternion_matrix(model.geom_quat[geom]), model.geom_pos[geom])
-    kind = mujoco.mjtGeom(int(model.geom_type[geom])).name.removeprefix("mjGEOM_").lower()
+    name = (
+        str(model.geom(geom).name)
+        or f"{link}/{geom - int(model.body_geomadr[model.geom_bodyid[geom]]) + 1}"
+    )
+    placement = place @ placed(
+        quaternion_matrix(model.geom_quat[geom]), model.geom_pos[geom]
+    )
+    kind = (
+        mujoco.mjtGeom(int(model.geom_type[geom])).name.removeprefix("mjGEOM_").lower()
+    )
     if kind == "mesh":
         mesh = int(model.geom_dataid[geom])
         first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
         vertices = np.asarray(model.mesh_vert[first : first + count], dtype=float)
         return mesh_shape(name, body, placement, vertices, link)
-    problem = "" if kind in list(ShapeKind) else f"shapes of type '{kind}' are not convex solids"
+    problem = (
+        ""
+        if kind in list(ShapeKind)
+        else f"shapes of type '{kind}' are not convex solids"
+    )
     if kind == "plane" and body != GROUND:
         problem = "a plane on a moving body is not supported"
     if problem:
-        raise InputError(f"{problem}; {STAND_IN}", element=f"geom '{name}' of body '{link}'")
-    sizes = tuple(float(v) for v in model.geom_size[geom][: len(SIZES[ShapeKind(kind)])])
+        raise InputError(
+            f"{problem}; {STAND_IN}", element=f"geom '{name}' of body '{link}'"
+        )
+    sizes = tuple(
+        float(v) for v in model.geom_size[geom][: len(SIZES[ShapeKind(kind)])]
+    )
     return Shape(name, body, ShapeKind(kind), sizes, placement, link=link)
 
 
-def read_geometry(mechanism: Mechanism, file: RobotFile, *, tolerant: bool = False) -> FileShapes:
+def read_geometry(
+    mechanism: Mechanism, file: RobotFile, *, tolerant: bool = False
+) -> FileShapes:
     """Collision shapes of a URDF or MJCF file; with ``tolerant``, those that cannot be read are noted."""
     tag = file.root.tag
     if tag == "robot":
@@ -288,7 +389,15 @@ def inertia_boxes(mechanism: Mechanism, shaped: Collection[int]) -> tuple[Shape,
         # a uniform box of half length a has the variance a²/3
         half = np.maximum(np.sqrt(3 * np.maximum(variances, 0.0)), THINNEST)
         axes[:, 0] *= np.linalg.det(axes)
-        found.append(Shape(f"{body.name}:inertia", index, ShapeKind.BOX, tuple(half.tolist()), placed(axes, centre)))
+        found.append(
+            Shape(
+                f"{body.name}:inertia",
+                index,
+                ShapeKind.BOX,
+                tuple(half.tolist()),
+                placed(axes, centre),
+            )
+        )
     return tuple(found)
 
 
@@ -325,19 +434,27 @@ def entry_shapes(
             problem = error.problem if named is None else f"'{named}': {error.problem}"
             if refused is not None:
                 raise refused(number - 1, problem) from None
-            raise InputError(problem, source=error.source, element=f"shapes, entry {number}") from None
+            raise InputError(
+                problem, source=error.source, element=f"shapes, entry {number}"
+            ) from None
     return tuple(found)
 
 
-def _stated(entry: Mapping[str, Any], number: int, mechanism: Mechanism, directory: Path) -> Shape:
+def _stated(
+    entry: Mapping[str, Any], number: int, mechanism: Mechanism, directory: Path
+) -> Shape:
     """An entry as a shape."""
     kind = _kind(entry)
     body = _body(entry.get("body"), mechanism)
-    unnamed = f"{kind} {number}" if body == GROUND else f"{entry['body']}:{kind}{number}"
+    unnamed = (
+        f"{kind} {number}" if body == GROUND else f"{entry['body']}:{kind}{number}"
+    )
     name = str(entry.get("name", unnamed))
     if kind is ShapeKind.PLANE:
         normal = _direction(_numbers(entry, kind.value, 3), "the normal")
-        return Shape(name, body, kind, (), placed(z_along(normal), _triple(entry, "through")))
+        return Shape(
+            name, body, kind, (), placed(z_along(normal), _triple(entry, "through"))
+        )
     if kind in (ShapeKind.CAPSULE, ShapeKind.CYLINDER):
         return _between(entry, name, body, kind)
     pose = placed(rotation_matrix(*_triple(entry, "rpy")), _triple(entry, "at"))
@@ -345,22 +462,32 @@ def _stated(entry: Mapping[str, Any], number: int, mechanism: Mechanism, directo
         if not isinstance(entry["mesh"], str):
             raise InputError(f"'mesh' needs the name of a file, got {entry['mesh']!r}")
         scale = _numbers(entry, "scale", 3) if "scale" in entry else [1.0, 1.0, 1.0]
-        return mesh_shape(name, body, pose, mesh_vertices(entry["mesh"], directory, scale))
-    return Shape(name, body, kind, tuple(_numbers(entry, kind.value, len(SIZES[kind]))), pose)
+        return mesh_shape(
+            name, body, pose, mesh_vertices(entry["mesh"], directory, scale)
+        )
+    return Shape(
+        name, body, kind, tuple(_numbers(entry, kind.value, len(SIZES[kind]))), pose
+    )
 
 
 def _kind(entry: Mapping[str, Any]) -> ShapeKind:
     """The kind of an entry, which has no keys that mean nothing to it."""
     if not isinstance(entry, Mapping):
-        raise InputError(f"expected a mapping such as {{body: link3, sphere: 0.06}}, got {entry!r}")
+        raise InputError(
+            f"expected a mapping such as {{body: link3, sphere: 0.06}}, got {entry!r}"
+        )
     kinds = [kind for kind in ShapeKind if kind.value in entry]
     if len(kinds) != 1:
         found = " and ".join(kinds) if kinds else "none"
-        raise InputError(f"it needs exactly one of {', '.join(ShapeKind)}; found {found}")
+        raise InputError(
+            f"it needs exactly one of {', '.join(ShapeKind)}; found {found}"
+        )
     valid = ("body", "name", kinds[0].value, *_ALLOWED[kinds[0]])
     strange = next((key for key in entry if key not in valid), None)
     if strange is not None:
-        raise InputError(f"'{strange}' has no meaning for a {kinds[0]} (valid: {', '.join(valid)})")
+        raise InputError(
+            f"'{strange}' has no meaning for a {kinds[0]} (valid: {', '.join(valid)})"
+        )
     return kinds[0]
 
 
@@ -368,7 +495,11 @@ def _body(name: object, mechanism: Mechanism) -> int:
     names = [body.name for body in mechanism.bodies]
     if name in names or name in WORLD:
         return names.index(str(name)) if name in names else GROUND
-    problem = f"there is no body '{name}'" if name is not None else "it does not name its body"
+    problem = (
+        f"there is no body '{name}'"
+        if name is not None
+        else "it does not name its body"
+    )
     raise InputError(f"{problem} (valid: {', '.join((*names, WORLD[0]))})")
 
 
@@ -394,7 +525,9 @@ def _numbers(entry: Mapping[str, Any], key: str, count: int) -> list[float]:
     except (TypeError, ValueError):
         values = []
     if len(values) != count or not np.all(np.isfinite(values)):
-        raise InputError(f"'{key}' needs {'a number' if count == 1 else f'{count} numbers'}, got {given!r}")
+        raise InputError(
+            f"'{key}' needs {'a number' if count == 1 else f'{count} numbers'}, got {given!r}"
+        )
     return values
 
 

@@ -46,9 +46,15 @@ SIZES = {
 }
 
 
-WORLD = ("world", "base", "ground")  # names of the fixed world, unless a body has one of them
+WORLD = (
+    "world",
+    "base",
+    "ground",
+)  # names of the fixed world, unless a body has one of them
 
-CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # corners of a box with half lengths of 1
+CORNERS = np.array(
+    list(product((-1.0, 1.0), repeat=3))
+)  # corners of a box with half lengths of 1
 
 Owner = tuple[int, str]
 """A body, −1 for the world, and the name of an obstacle; no name for all that belongs to the robot."""
@@ -119,7 +125,9 @@ def z_along(direction: npt.ArrayLike) -> Floats:
     return np.column_stack([x, np.cross(z, x), z])
 
 
-_DIRECTIONS = np.array([d for d in product((-1, 0, 1), repeat=3) if any(d)], dtype=float)
+_DIRECTIONS = np.array(
+    [d for d in product((-1, 0, 1), repeat=3) if any(d)], dtype=float
+)
 _UP = np.array([0.0, 0.0, 1.0])
 UNTOLD = 1e-6  # m, by which the planes of a normal may be nearer to each other than the points it is of
 _TOUCHING = 1e-9  # m, of witness points that are too near each other to tell a normal
@@ -132,7 +140,9 @@ def support(shape: Shape, directions: Floats) -> Floats:
         points, radius = shape.core
         return np.asarray((n @ points.T).max(axis=1) + radius)
     if shape.kind is ShapeKind.CYLINDER:
-        return np.asarray(shape.size[0] * np.hypot(n[:, 0], n[:, 1]) + shape.size[1] * np.abs(n[:, 2]))
+        return np.asarray(
+            shape.size[0] * np.hypot(n[:, 0], n[:, 1]) + shape.size[1] * np.abs(n[:, 2])
+        )
     return np.asarray(np.linalg.norm(n * shape.size, axis=1))
 
 
@@ -142,7 +152,11 @@ def bounding_sphere(shape: Shape) -> tuple[Floats, float]:
         points, radius = shape.core
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         return middle, radius + float(np.linalg.norm(points - middle, axis=1).max())
-    largest = np.linalg.norm(shape.size) if shape.kind is ShapeKind.CYLINDER else max(shape.size, default=np.inf)
+    largest = (
+        np.linalg.norm(shape.size)
+        if shape.kind is ShapeKind.CYLINDER
+        else max(shape.size, default=np.inf)
+    )
     return np.zeros(3), float(largest)
 
 
@@ -151,7 +165,9 @@ def extent(shape: Shape) -> float:
     rotation, origin = shape.placement[:3, :3], shape.placement[:3, 3]
     if shape.core is not None:
         points, radius = shape.core
-        return radius + float(np.linalg.norm(points @ rotation.T + origin, axis=1).max())
+        return radius + float(
+            np.linalg.norm(points @ rotation.T + origin, axis=1).max()
+        )
     return float(np.linalg.norm(origin)) + bounding_sphere(shape)[1]
 
 
@@ -163,20 +179,28 @@ class BoundingSpheres:
         self.radii = np.array([radius for _, radius in found])
         finite = self.radii[np.isfinite(self.radii)]
         self.size = float(2 * finite.max(initial=0.0))
-        self.centres = np.array([centre for centre, _ in found]).reshape(-1, 3)  # in the shapes' own frames, m
+        self.centres = np.array([centre for centre, _ in found]).reshape(
+            -1, 3
+        )  # in the shapes' own frames, m
 
     def gaps(self, places: Floats, pairs: Integers) -> Floats:
         """Lower bounds of distances, (N, P), exact for spheres and planes; only the first of a pair may be a plane."""
         first, second = pairs.T
-        centres = np.einsum("nsij,sj->nsi", places[..., :3], self.centres) + places[..., 3]
+        centres = (
+            np.einsum("nsij,sj->nsi", places[..., :3], self.centres) + places[..., 3]
+        )
         apart = centres[:, second] - centres[:, first]
         flat = np.isinf(self.radii)[first]
         heights = np.einsum("npi,npi->np", places[..., 2][:, first], apart)
         between = np.where(flat, heights, np.linalg.norm(apart, axis=2))
-        return np.asarray(between - np.where(flat, 0.0, self.radii[first]) - self.radii[second])
+        return np.asarray(
+            between - np.where(flat, 0.0, self.radii[first]) - self.radii[second]
+        )
 
 
-def plane_gaps(first: Shape, second: Shape, places: tuple[Floats, Floats], points: Floats) -> Floats:
+def plane_gaps(
+    first: Shape, second: Shape, places: tuple[Floats, Floats], points: Floats
+) -> Floats:
     """Lower bounds of signed distances, shape (N,), m, by pairs of parallel planes between two shapes.
 
     The second shape is not a plane.  Points of shape (N, 2, 3) that are nearest, or deepest, give the normals.
@@ -187,22 +211,37 @@ def plane_gaps(first: Shape, second: Shape, places: tuple[Floats, Floats], point
     lengths = np.linalg.norm(apart, axis=1, keepdims=True)
     normals = np.where(lengths > _TOUCHING, apart / np.maximum(lengths, _TOUCHING), _UP)
     # the points of overlapping shapes lie the other way round
-    found = np.maximum(_between(first, second, places, normals), _between(first, second, places, -normals))
+    found = np.maximum(
+        _between(first, second, places, normals),
+        _between(first, second, places, -normals),
+    )
     # points of faces that lie on each other, and of shapes that touch, tell no normal; axes of the shapes may be one
     untold = np.flatnonzero(np.abs(np.abs(found) - lengths[:, 0]) > UNTOLD)
     if len(untold):
         some = (places[0][untold], places[1][untold])
         axes = [place[:, :, k] for place in some for k in range(3)]
-        fixed = [np.broadcast_to(guess / np.linalg.norm(guess), (len(untold), 3)) for guess in _DIRECTIONS]
+        fixed = [
+            np.broadcast_to(guess / np.linalg.norm(guess), (len(untold), 3))
+            for guess in _DIRECTIONS
+        ]
         for normals in (*fixed, *axes, *(-axis for axis in axes)):
-            found[untold] = np.maximum(found[untold], _between(first, second, some, normals))
+            found[untold] = np.maximum(
+                found[untold], _between(first, second, some, normals)
+            )
     return found
 
 
-def _between(first: Shape, second: Shape, places: tuple[Floats, Floats], normals: Floats) -> Floats:
+def _between(
+    first: Shape, second: Shape, places: tuple[Floats, Floats], normals: Floats
+) -> Floats:
     """Distances of the planes with given normals that touch two shapes from between; a plane has its own normal."""
     total = np.einsum("ni,ni->n", normals, places[1][:, :, 3] - places[0][:, :, 3])
-    for shape, place, side in ((first, places[0], normals), (second, places[1], -normals)):
+    for shape, place, side in (
+        (first, places[0], normals),
+        (second, places[1], -normals),
+    ):
         if shape.kind is not ShapeKind.PLANE:
-            total = total - support(shape, np.einsum("nij,ni->nj", place[:, :, :3], side))
+            total = total - support(
+                shape, np.einsum("nij,ni->nj", place[:, :, :3], side)
+            )
     return np.asarray(total)

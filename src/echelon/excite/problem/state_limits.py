@@ -36,7 +36,12 @@ from echelon.program.intervals import Interval, interval_values
 from echelon.program.rewriting import smooth_function
 from echelon.program.tape import Program
 
-ORDERS = ("position", "velocity", "acceleration", "jerk")  # kinds of limits, by the order of the derivative
+ORDERS = (
+    "position",
+    "velocity",
+    "acceleration",
+    "jerk",
+)  # kinds of limits, by the order of the derivative
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +64,9 @@ class MotionLimit:
 Slopes = tuple[Floats | None, Floats | None, Floats | None]
 """Derivatives by q, q̇ and q̈, each of shape (N, m, n); None where there are none."""
 
-SECONDS_PER_FUNCTION = 2e-6  # work of a recorded function of the state with its slopes, as measured
+SECONDS_PER_FUNCTION = (
+    2e-6  # work of a recorded function of the state with its slopes, as measured
+)
 
 _NUMBERS = 2**22  # that are worked on together: every operation keeps its result
 
@@ -112,13 +119,19 @@ class StateLimits(Enclosed):
         """Derivatives of the functions by q, q̇ and q̈, each of shape (N, m, n)."""
         cuts = np.cumsum([len(argument) for argument in self._states])[:-1]
         found = np.split(self._kernels[1](self._given(q, qd, qdd)), cuts, axis=2)
-        parts = {argument.name: part for argument, part in zip(self._states, found, strict=True)}
+        parts = {
+            argument.name: part
+            for argument, part in zip(self._states, found, strict=True)
+        }
         return parts.get("q"), parts.get("qd"), parts.get("qdd")
 
     def enclosures(self, ranges: Mapping[str, Interval]) -> Interval:
         """Bounds of the functions while states stay in intervals, without smoothing, shape (cells, m)."""
         least, largest = enclosures_of(self.function, self.uniform, ranges)
-        low, high = np.zeros((len(least), len(self.labels))), np.zeros((len(least), len(self.labels)))
+        low, high = (
+            np.zeros((len(least), len(self.labels))),
+            np.zeros((len(least), len(self.labels))),
+        )
         rows = [row for (row,) in self.function.entries]
         low[:, rows], high[:, rows] = least, largest
         return low, high
@@ -129,24 +142,40 @@ class StateLimits(Enclosed):
 
     @property
     def _states(self) -> list[Argument]:
-        return [argument for argument in self.function.arguments if argument.name in STATE]
+        return [
+            argument for argument in self.function.arguments if argument.name in STATE
+        ]
 
     @cached_property
     def _kernels(self) -> tuple[Kernel, Kernel]:
-        function = self.function if self.smooth is None else smooth_function(self.function, self.smooth)
+        function = (
+            self.function
+            if self.smooth is None
+            else smooth_function(self.function, self.smooth)
+        )
         return Kernel(function), Kernel(state_slopes(function))
 
 
-def enclosures_of(function: Function, uniform: Mapping[str, Floats], ranges: Mapping[str, Interval]) -> Interval:
+def enclosures_of(
+    function: Function, uniform: Mapping[str, Floats], ranges: Mapping[str, Interval]
+) -> Interval:
     """Bounds of a function's entries while states stay in intervals, shape (cells, entries)."""
-    cells, together = len(ranges["q"][0]), max(_NUMBERS // max(len(function.program), 1), 16)
+    cells, together = (
+        len(ranges["q"][0]),
+        max(_NUMBERS // max(len(function.program), 1), 16),
+    )
     blocks = [slice(k, k + together) for k in range(0, cells, together)]
     parts = [_enclosed(function, uniform, ranges, block) for block in blocks]
-    return np.concatenate([low for low, _ in parts]), np.concatenate([high for _, high in parts])
+    return np.concatenate([low for low, _ in parts]), np.concatenate(
+        [high for _, high in parts]
+    )
 
 
 def _enclosed(
-    function: Function, uniform: Mapping[str, Floats], ranges: Mapping[str, Interval], cells: slice
+    function: Function,
+    uniform: Mapping[str, Floats],
+    ranges: Mapping[str, Interval],
+    cells: slice,
 ) -> Interval:
     inputs: dict[int, Interval] = {}
     for argument in function.arguments:
@@ -155,7 +184,10 @@ def _enclosed(
             inputs |= dict(zip(argument.nodes, exact, strict=True))
         else:
             low, high = ranges[argument.name]
-            inputs |= {node: (low[cells, k], high[cells, k]) for k, node in enumerate(argument.nodes)}
+            inputs |= {
+                node: (low[cells, k], high[cells, k])
+                for k, node in enumerate(argument.nodes)
+            }
     found = interval_values(function.program, function.outputs, inputs)
     shape = len(ranges["q"][0][cells]), len(found)
     bounds = np.zeros(shape), np.zeros(shape)
@@ -170,9 +202,19 @@ def state_slopes(function: Function) -> Function:
     inputs = [node for argument in states for node in argument.nodes]
     rows = [row for (row,) in function.entries]
     found = derivatives(function.program, function.outputs, inputs, reverse=True)
-    entries: dict[tuple[int, ...], int] = {(rows[i], j): node for (i, j), node in found.items()}
-    axis = tuple(f"{argument.name}[{label}]" for argument in states for label in argument.labels)
-    return Function(f"{function.name}_slopes", function.program, function.arguments, entries, (*function.axes, axis))
+    entries: dict[tuple[int, ...], int] = {
+        (rows[i], j): node for (i, j), node in found.items()
+    }
+    axis = tuple(
+        f"{argument.name}[{label}]" for argument in states for label in argument.labels
+    )
+    return Function(
+        f"{function.name}_slopes",
+        function.program,
+        function.arguments,
+        entries,
+        (*function.axes, axis),
+    )
 
 
 @dataclass(frozen=True)
@@ -195,18 +237,29 @@ def point_limits(mechanism: Mechanism, limits: Sequence[PointLimit]) -> StateLim
     entries: dict[tuple[int, ...], int] = {}
     for row, limit in enumerate(limits):
         if limit.body not in names:
-            raise InputError(f"there is no body '{limit.body}'{nearest_of(limit.body, names)}", element="frames")
+            raise InputError(
+                f"there is no body '{limit.body}'{nearest_of(limit.body, names)}",
+                element="frames",
+            )
         rotation, shift = frames[names.index(limit.body)]
         point = [program.constant(Fraction(x)) for x in limit.point]
         place = add(shift, apply(rotation, (point[0], point[1], point[2])))
-        value = sum((Fraction(d) * x for d, x in zip(limit.direction, place, strict=True)), program.zero)
+        value = sum(
+            (Fraction(d) * x for d, x in zip(limit.direction, place, strict=True)),
+            program.zero,
+        )
         if value.node != program.zero.node:
             entries[(row,)] = value.node
     arguments = Arguments(mechanism, program, {}).of(("q", "symbols"), entries.values())
     function = Function("points", program, arguments, entries, (_axis(limits),))
     uniform = geometry_values(mechanism, arguments)
-    low, high = np.array([limit.low for limit in limits]), np.array([limit.high for limit in limits])
-    return StateLimits(_axis(limits), ("m",) * len(limits), low, high, function, uniform)
+    low, high = (
+        np.array([limit.low for limit in limits]),
+        np.array([limit.high for limit in limits]),
+    )
+    return StateLimits(
+        _axis(limits), ("m",) * len(limits), low, high, function, uniform
+    )
 
 
 def _axis(limits: Sequence[PointLimit]) -> tuple[str, ...]:
@@ -215,7 +268,10 @@ def _axis(limits: Sequence[PointLimit]) -> tuple[str, ...]:
 
 # -- torques and forces ------------------------------------------------------------------------------------------------
 
-SIGNS = ("plus", "minus")  # signs of the deviations, in the order of EffortModel.extremes
+SIGNS = (
+    "plus",
+    "minus",
+)  # signs of the deviations, in the order of EffortModel.extremes
 
 _LEAST = 1e-6  # N·m or N, which are added to every deviation in squares: a root has no derivative at zero
 _ROUNDING = 1e-12
@@ -229,7 +285,9 @@ class EffortModel:
     # columns of the regressor that they belong to, while all other parameters count as zero: the pivots for base
     # parameters.  All standard parameters if omitted.
     columns: Sequence[int] | None = None
-    covariance: Floats | None = None  # shape (c, c); Σ, of the values, where these were identified
+    covariance: Floats | None = (
+        None  # shape (c, c); Σ, of the values, where these were identified
+    )
     deviations: float = 0.0  # how many standard deviations √(x̄ᵀ Σ x̄) of a predicted effort are kept free
 
     @property
@@ -239,11 +297,17 @@ class EffortModel:
 
     def places(self, mechanism: Mechanism) -> Sequence[int]:
         """Columns of a mechanism's regressor."""
-        return range(len(mechanism.parameters)) if self.columns is None else self.columns
+        return (
+            range(len(mechanism.parameters)) if self.columns is None else self.columns
+        )
 
     def part(self, columns: npt.NDArray[np.intp]) -> EffortModel:
         """The model of some of the values."""
-        covariance = None if self.covariance is None else self.covariance[np.ix_(columns, columns)]
+        covariance = (
+            None
+            if self.covariance is None
+            else self.covariance[np.ix_(columns, columns)]
+        )
         return EffortModel(self.values[columns], None, covariance, self.deviations)
 
     def extremes(self, x: Floats) -> Floats:
@@ -253,7 +317,12 @@ class EffortModel:
 
     def adjoints(self, x: Floats) -> Floats:
         """Derivatives of :meth:`extremes` by x, shape (2, N, c)."""
-        free = self.deviations * (x @ self._factor) @ self._factor.T / self._std(x)[:, None]
+        free = (
+            self.deviations
+            * (x @ self._factor)
+            @ self._factor.T
+            / self._std(x)[:, None]
+        )
         return np.stack([self.values + free, self.values - free])
 
     def enclosed(self, x: Interval) -> Interval:
@@ -262,8 +331,12 @@ class EffortModel:
         radius = radius + _ROUNDING * np.abs(middle)
         mean, wide = middle @ self.values, radius @ np.abs(self.values)
         along, across = np.abs(middle @ self._factor), radius @ np.abs(self._factor)
-        least = self.deviations * np.linalg.norm(np.maximum(along - across, 0.0), axis=1)
-        most = self.deviations * np.sqrt(np.sum((along + across) ** 2, axis=1) + _LEAST**2)
+        least = self.deviations * np.linalg.norm(
+            np.maximum(along - across, 0.0), axis=1
+        )
+        most = self.deviations * np.sqrt(
+            np.sum((along + across) ** 2, axis=1) + _LEAST**2
+        )
         low = np.stack([mean - wide + least, mean - wide - most], axis=1)
         high = np.stack([mean + wide + most, mean + wide - least], axis=1)
         return low, high
@@ -294,32 +367,57 @@ class EffortLimit:
 
 
 def effort_limits(
-    mechanism: Mechanism, limits: Sequence[EffortLimit], model: EffortModel, margin: float, smooth: float | None
+    mechanism: Mechanism,
+    limits: Sequence[EffortLimit],
+    model: EffortModel,
+    margin: float,
+    smooth: float | None,
 ) -> StateLimits | UncertainEfforts:
     """Limits of efforts as constraints of the state, of which a share, the margin, is kept free as well."""
     check_model(mechanism, model)
-    measured = replace(mechanism, measured=tuple(effort_output(mechanism, limit) for limit in limits))
-    labels = tuple(f"{'force' if limit.unit == 'N' else 'torque'} of {limit.name}" for limit in limits)
+    measured = replace(
+        mechanism, measured=tuple(effort_output(mechanism, limit) for limit in limits)
+    )
+    labels = tuple(
+        f"{'force' if limit.unit == 'N' else 'torque'} of {limit.name}"
+        for limit in limits
+    )
     units = tuple(limit.unit for limit in limits)
     high = np.array([limit.limit for limit in limits]) * (1 - margin)
     if model.certain:
         function = robot_function("inverse_dynamics", measured, model.places(mechanism))
-        uniform = {"parameters": model.values, **geometry_values(mechanism, function.arguments)}
+        uniform = {
+            "parameters": model.values,
+            **geometry_values(mechanism, function.arguments),
+        }
         return StateLimits(labels, units, -high, high, function, uniform, smooth)
     # plus deviations below the highest, minus deviations above the lowest value
-    labels = tuple(f"{label} {sign} {model.deviations:g} deviations" for label in labels for sign in SIGNS)
+    labels = tuple(
+        f"{label} {sign} {model.deviations:g} deviations"
+        for label in labels
+        for sign in SIGNS
+    )
     none = np.full(len(high), np.inf)
-    ends = np.column_stack([-none, -high]).ravel(), np.column_stack([high, none]).ravel()
+    ends = (
+        np.column_stack([-none, -high]).ravel(),
+        np.column_stack([high, none]).ravel(),
+    )
     regressor = StateRegressor(measured, model.places(measured), smooth)
-    return UncertainEfforts(labels, tuple(np.repeat(units, 2)), *ends, measured, model, regressor)
+    return UncertainEfforts(
+        labels, tuple(np.repeat(units, 2)), *ends, measured, model, regressor
+    )
 
 
 def check_model(mechanism: Mechanism, model: EffortModel) -> None:
     """Refuse a model that leaves parameters open."""
     columns = zip(model.places(mechanism), model.values, strict=True)
-    lacking = [mechanism.parameters[k] for k, value in columns if not np.isfinite(value)]
+    lacking = [
+        mechanism.parameters[k] for k, value in columns if not np.isfinite(value)
+    ]
     if lacking:
-        raise InputError(f"limits of torques need a prior model; {', '.join(lacking[:6])} have no values")
+        raise InputError(
+            f"limits of torques need a prior model; {', '.join(lacking[:6])} have no values"
+        )
 
 
 def effort_output(mechanism: Mechanism, limit: EffortLimit) -> Output:
@@ -340,7 +438,9 @@ class UncertainEfforts(Enclosed):
     def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """The functions at states of shape (N, n), shape (N, 2m)."""
         entries = self.regressor.entries(dict(zip(STATE, (q, qd, qdd), strict=True)))
-        return np.hstack([model.extremes(entries[:, mine]) for mine, model in self._rows])
+        return np.hstack(
+            [model.extremes(entries[:, mine]) for mine, model in self._rows]
+        )
 
     def slopes(self, q: Floats, qd: Floats, qdd: Floats) -> Slopes:
         """Derivatives of the functions by q, q̇ and q̈, each of shape (N, 2m, n)."""
@@ -351,17 +451,27 @@ class UncertainEfforts(Enclosed):
                 adjoint = np.zeros_like(entries)
                 adjoint[:, mine] = part
                 found.append(self.regressor.pulled(state, adjoint))
-        by_q, by_qd, by_qdd = (np.stack(parts, axis=1) for parts in zip(*found, strict=True))
+        by_q, by_qd, by_qdd = (
+            np.stack(parts, axis=1) for parts in zip(*found, strict=True)
+        )
         return by_q, by_qd, by_qdd
 
     def enclosures(self, ranges: Mapping[str, Interval]) -> Interval:
         """Bounds of the functions while states stay in intervals, without smoothing, shape (cells, 2m)."""
         recorded = self.regressor.recorded
-        low, high = enclosures_of(recorded, geometry_values(self.mechanism, recorded.arguments), ranges)
-        parts = [model.enclosed((low[:, mine], high[:, mine])) for mine, model in self._rows]
-        return np.hstack([part for part, _ in parts]), np.hstack([part for _, part in parts])
+        low, high = enclosures_of(
+            recorded, geometry_values(self.mechanism, recorded.arguments), ranges
+        )
+        parts = [
+            model.enclosed((low[:, mine], high[:, mine])) for mine, model in self._rows
+        ]
+        return np.hstack([part for part, _ in parts]), np.hstack(
+            [part for _, part in parts]
+        )
 
     @cached_property
     def _rows(self) -> list[tuple[slice, EffortModel]]:
         """For each effort, its entries and the model of their parameters."""
-        return [(row.entries, self.model.part(row.columns)) for row in self.regressor.rows]
+        return [
+            (row.entries, self.model.part(row.columns)) for row in self.regressor.rows
+        ]

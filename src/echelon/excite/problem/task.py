@@ -24,9 +24,20 @@ from echelon.dynamics.arguments import coordinate_units
 from echelon.errors import InputError, locating
 from echelon.excite.problem.allowances import POSES, allowances_of, without_touching
 from echelon.excite.problem.clearance import Clearance, clearance_of
-from echelon.excite.problem.closed_loops import LoopMotion, check_loops, loop_limits, loop_motion, passive_motions
+from echelon.excite.problem.closed_loops import (
+    LoopMotion,
+    check_loops,
+    loop_limits,
+    loop_motion,
+    passive_motions,
+)
 from echelon.excite.problem.prior_model import identified_efforts, prior_efforts
-from echelon.excite.problem.robot_shapes import STAND_IN, entry_shapes, inertia_boxes, read_geometry
+from echelon.excite.problem.robot_shapes import (
+    STAND_IN,
+    entry_shapes,
+    inertia_boxes,
+    read_geometry,
+)
 from echelon.excite.problem.shapes import Shape
 from echelon.excite.problem.state_limits import (
     ORDERS,
@@ -37,7 +48,12 @@ from echelon.excite.problem.state_limits import (
     effort_limits,
     point_limits,
 )
-from echelon.formats.schema.schema_excite import EVERY, ExcitationEntry, FrameEntry, LimitsEntry
+from echelon.formats.schema.schema_excite import (
+    EVERY,
+    ExcitationEntry,
+    FrameEntry,
+    LimitsEntry,
+)
 from echelon.formats.stated_limits import StatedLimits, stated_limits
 from echelon.hints import nearest_of
 from echelon.logs.finding import Finding, listed, note, warning
@@ -47,12 +63,17 @@ from echelon.mechanism.stated import known_values
 from echelon.setup.setup import Setup
 
 _PER = ("", "/s", "/s²", "/s³")
-_SPEEDS = {"rad": 1.0, "m": 0.25}  # speeds that are taken where none is stated: those of a careful first run
+_SPEEDS = {
+    "rad": 1.0,
+    "m": 0.25,
+}  # speeds that are taken where none is stated: those of a careful first run
 _SPEED_UP, _ONSET = 0.1, 0.05
 """Seconds to the full speed, and to the full acceleration, where accelerations and jerks are not stated."""
 
 
-MOST_TURNS = 4 * pi  # rad, beyond which a stated position is taken for degrees: no joint of an arm turns so far
+MOST_TURNS = (
+    4 * pi
+)  # rad, beyond which a stated position is taken for degrees: no joint of an arm turns so far
 SAME = 1e-3  # rad or m, by which a stated range may exceed the file's: rounded decimals
 
 
@@ -72,7 +93,9 @@ class ResolvedLimits:
         """The middle of the ranges; of unlimited ones, what is next to zero."""
         both = np.isfinite(self.low) & np.isfinite(self.high)
         with np.errstate(invalid="ignore"):
-            return np.where(both, (self.low + self.high) / 2, np.clip(0.0, self.low, self.high))
+            return np.where(
+                both, (self.low + self.high) / 2, np.clip(0.0, self.low, self.high)
+            )
 
 
 class _Resolver:
@@ -88,7 +111,9 @@ class _Resolver:
     ) -> None:
         self.entry, self.source, self.idle = entry, source, idle
         self.names = list(mechanism.independent_velocities)
-        all_units = dict(zip(mechanism.velocities, coordinate_units(mechanism, "qdd"), strict=True))
+        all_units = dict(
+            zip(mechanism.velocities, coordinate_units(mechanism, "qdd"), strict=True)
+        )
         self.units = {name: all_units[name].removesuffix("/s²") for name in self.names}
         self.stated = {name: stated.get(name, StatedLimits()) for name in self.names}
         self.drives = _drives(mechanism, self.names)
@@ -102,13 +127,30 @@ class _Resolver:
         # velocities, accelerations and jerks
         values = {name: _SPEEDS[unit] for name, unit in self.units.items()}
         for order, onset in ((1, 1.0), (2, _SPEED_UP), (3, _ONSET)):
-            values = {name: self._rate(order, name, value / onset) for name, value in values.items()}
-            limits += [self._limit(name, order, -value, value) for name, value in values.items()]
+            values = {
+                name: self._rate(order, name, value / onset)
+                for name, value in values.items()
+            }
+            limits += [
+                self._limit(name, order, -value, value)
+                for name, value in values.items()
+            ]
         limits += self._of_drives()
-        low, high = (np.array([positions[name][k] for name in self.names]) for k in (0, 1))
-        kept = tuple(limit for limit in limits if isfinite(limit.low) or isfinite(limit.high))
+        low, high = (
+            np.array([positions[name][k] for name in self.names]) for k in (0, 1)
+        )
+        kept = tuple(
+            limit for limit in limits if isfinite(limit.low) or isfinite(limit.high)
+        )
         efforts = tuple(self._efforts())
-        return ResolvedLimits(kept, efforts, low, high, tuple(self.units.values()), tuple(self._findings()))
+        return ResolvedLimits(
+            kept,
+            efforts,
+            low,
+            high,
+            tuple(self.units.values()),
+            tuple(self._findings()),
+        )
 
     # -- names -----------------------------------------------------------------------------------------------------
 
@@ -118,7 +160,9 @@ class _Resolver:
             for name in getattr(self.entry, kind):
                 if name not in valid and name not in self.idle:
                     problem = f"there is no moving coordinate or actuator '{name}'{nearest_of(name, valid)}"
-                    raise InputError(problem, source=self.source, element=f"{kind} limits")
+                    raise InputError(
+                        problem, source=self.source, element=f"{kind} limits"
+                    )
 
     def _stated(self, kind: str, name: str) -> float | tuple[float, float] | None:
         """The limit that the set-up states."""
@@ -176,7 +220,9 @@ class _Resolver:
 
     def _limit(self, name: str, order: int, low: float, high: float) -> MotionLimit:
         weights = np.eye(len(self.names))[self.names.index(name)]
-        return MotionLimit(name, self.units[name] + _PER[order], order, weights, low, high)
+        return MotionLimit(
+            name, self.units[name] + _PER[order], order, weights, low, high
+        )
 
     def _default(self, kind: str, name: str, value: str) -> None:
         self.defaults.setdefault(kind, {}).setdefault(value, []).append(name)
@@ -189,7 +235,9 @@ class _Resolver:
     def _findings(self) -> Iterator[Finding]:
         """Defaults that were taken, by kind."""
         for kind, taken in self.defaults.items():
-            values = "; ".join(f"{', '.join(names)} {value}" for value, names in taken.items())
+            values = "; ".join(
+                f"{', '.join(names)} {value}" for value, names in taken.items()
+            )
             text = f"no {kind} limits are stated, so these are taken: {values}"
             yield note("default limit", self.source, text)
         if self.unlimited:
@@ -209,20 +257,39 @@ class _Resolver:
                 value = getattr(self.entry, kind).get(name)
                 if value is not None and name not in self.names:
                     low, high = value if order == 0 else (-value, value)
-                    found.append(MotionLimit(name, unit + _PER[order], order, weights, low, high))
+                    found.append(
+                        MotionLimit(name, unit + _PER[order], order, weights, low, high)
+                    )
         return found
 
     def _efforts(self) -> Sequence[EffortLimit]:
         found = []
-        for name in [*self.names, *(drive for drive in self.drives if drive not in self.names)]:
-            value = self._stated("effort", name) if name in self.names else self.entry.effort.get(name)
-            if value is None and name in self.names and (effort := self.stated[name].effort) is not None:
+        for name in [
+            *self.names,
+            *(drive for drive in self.drives if drive not in self.names),
+        ]:
+            value = (
+                self._stated("effort", name)
+                if name in self.names
+                else self.entry.effort.get(name)
+            )
+            if (
+                value is None
+                and name in self.names
+                and (effort := self.stated[name].effort) is not None
+            ):
                 value = effort * self.entry.scale
             if value is None and name in self.names:
                 self._note_zero_effort(name)
             if value is not None and value != inf:
-                first = name if name in self.names else self.names[int(np.flatnonzero(self.drives[name])[0])]
-                found.append(EffortLimit(name, "N·m" if self.units[first] == "rad" else "N", float(value)))  # type: ignore[arg-type]
+                first = (
+                    name
+                    if name in self.names
+                    else self.names[int(np.flatnonzero(self.drives[name])[0])]
+                )
+                unit = "N·m" if self.units[first] == "rad" else "N"
+                assert not isinstance(value, tuple)
+                found.append(EffortLimit(name, unit, float(value)))
         return found
 
 
@@ -271,25 +338,47 @@ def task_of(setup: Setup, entry: ExcitationEntry) -> Task:
         positions = _held(setup, entry, findings)
         mechanism = lock_joints(setup.mechanism, positions)
         if not mechanism.velocities:
-            raise InputError("nothing moves: every coordinate is held", element="excitation")
+            raise InputError(
+                "nothing moves: every coordinate is held", element="excitation"
+            )
         base = base_parameters(mechanism, seed=setup.seed)
         if not base.rank:
-            raise InputError("no output depends on a parameter, however the robot moves: the base set is empty")
+            raise InputError(
+                "no output depends on a parameter, however the robot moves: the base set is empty"
+            )
         stated = stated_limits(setup.robot_file, mechanism) if setup.robot_file else {}
-        limits = _Resolver(mechanism, entry.limits, stated, setup.source, names_of(setup.mechanism)).resolved()
+        limits = _Resolver(
+            mechanism, entry.limits, stated, setup.source, names_of(setup.mechanism)
+        ).resolved()
         findings += limits.findings
-        smooth = _SMOOTH * min([limit.high for limit in limits.motion if limit.order == 1], default=1.0)
+        smooth = _SMOOTH * min(
+            [limit.high for limit in limits.motion if limit.order == 1], default=1.0
+        )
         constraints = _constraints(setup, entry, mechanism, limits, smooth, findings)
         weights = _weights(setup, entry, base)
-        return Task(setup, entry, base, positions, limits, constraints, weights, smooth, tuple(findings))
+        return Task(
+            setup,
+            entry,
+            base,
+            positions,
+            limits,
+            constraints,
+            weights,
+            smooth,
+            tuple(findings),
+        )
 
 
 def names_of(mechanism: Mechanism) -> frozenset[str]:
     """Coordinates and actuators of a mechanism."""
-    return frozenset((*mechanism.velocities, *(actuator.name for actuator in mechanism.actuators)))
+    return frozenset(
+        (*mechanism.velocities, *(actuator.name for actuator in mechanism.actuators))
+    )
 
 
-def _held(setup: Setup, entry: ExcitationEntry, findings: list[Finding]) -> dict[str, float]:
+def _held(
+    setup: Setup, entry: ExcitationEntry, findings: list[Finding]
+) -> dict[str, float]:
     """Motions that do not move, and where they are."""
     mechanism = setup.mechanism
     if not lockable(mechanism):
@@ -299,17 +388,30 @@ def _held(setup: Setup, entry: ExcitationEntry, findings: list[Finding]) -> dict
     names = [m.name for m in motions]
     for name in (*(entry.move or ()), *entry.hold):
         if name not in names:
-            raise InputError(f"there is no coordinate '{name}'{nearest_of(name, names)}", element="excitation")
+            raise InputError(
+                f"there is no coordinate '{name}'{nearest_of(name, names)}",
+                element="excitation",
+            )
     free = {m.name for m in passive_motions(mechanism)}
-    moving = [name for name in names if name not in free] if entry.move is None else list(entry.move)
+    moving = (
+        [name for name in names if name not in free]
+        if entry.move is None
+        else list(entry.move)
+    )
     undriven = [name for name in moving if name in free]
     if undriven:
-        problem = f"'{undriven[0]}' is not driven by a motor of its own: it can only be held"
+        problem = (
+            f"'{undriven[0]}' is not driven by a motor of its own: it can only be held"
+        )
         raise InputError(problem, element="move")
     if entry.move is None and free:
         text = f"{', '.join(sorted(free))} are held: a floating base is moved by nothing but its joints"
         findings.append(note("held", setup.source, text))
-    return {name: float(entry.hold.get(name, 0.0)) for name in names if name not in moving or name in entry.hold}
+    return {
+        name: float(entry.hold.get(name, 0.0))
+        for name in names
+        if name not in moving or name in entry.hold
+    }
 
 
 def _constraints(
@@ -323,7 +425,9 @@ def _constraints(
     """Limits of torques, points and distances; one constraint of all of them where there are loops."""
     model = None
     if limits.efforts and entry.model is not None:
-        model = identified_efforts(setup, entry.model, entry.deviations, mechanism, limits.efforts)
+        model = identified_efforts(
+            setup, entry.model, entry.deviations, mechanism, limits.efforts
+        )
     elif limits.efforts:
         model = prior_efforts(setup, entry, mechanism, findings)
     else:
@@ -336,16 +440,29 @@ def _constraints(
     clearance = _clearance(setup, entry, mechanism, limits, findings)
     found += [] if clearance is None else [clearance]
     if model is not None:
-        found.insert(0, effort_limits(mechanism, limits.efforts, model, entry.effort_margin, smooth))
+        found.insert(
+            0,
+            effort_limits(
+                mechanism, limits.efforts, model, entry.effort_margin, smooth
+            ),
+        )
     motion = loop_motion(mechanism)
     return (loop_limits(motion, found),) if motion else tuple(found)
 
 
 def _clearance(
-    setup: Setup, entry: ExcitationEntry, mechanism: Mechanism, limits: ResolvedLimits, findings: list[Finding]
+    setup: Setup,
+    entry: ExcitationEntry,
+    mechanism: Mechanism,
+    limits: ResolvedLimits,
+    findings: list[Finding],
 ) -> Clearance | None:
     """Distances between bodies, and to obstacles."""
-    section, file, folder = entry.collisions, setup.robot_file, Path(setup.source).parent
+    section, file, folder = (
+        entry.collisions,
+        setup.robot_file,
+        Path(setup.source).parent,
+    )
     if "collisions" not in entry.model_fields_set:
         text = f"{UNCHECKED}: state the section collisions, with obstacles and shapes"
         findings.append(warning("collisions", setup.source, text))
@@ -369,7 +486,9 @@ def _clearance(
             text = "boxes of the inertias stand for links that cannot be read: distances are theirs, not the links'"
             findings.append(warning("collisions", setup.source, text))
         findings += [note("collisions", setup.source, text) for text in geometry.notes]
-    around = stated("obstacles", [{"body": "world", **obstacle} for obstacle in section.obstacles])
+    around = stated(
+        "obstacles", [{"body": "world", **obstacle} for obstacle in section.obstacles]
+    )
     shapes += [replace(shape, obstacle=True) for shape in around]
     if not section.self:
         excluded += combinations([body.name for body in mechanism.bodies], 2)
@@ -380,12 +499,23 @@ def _clearance(
     unchecked: list[str] = []
     if section.ignore_touching:
         names = mechanism.independent_velocities
-        start = np.array([entry.centre.get(name, middle) for name, middle in zip(names, limits.middle, strict=True)])
-        found = without_touching(clearance, motion.positioned(start[None]).q[0] if motion else start)
+        start = np.array(
+            [
+                entry.centre.get(name, middle)
+                for name, middle in zip(names, limits.middle, strict=True)
+            ]
+        )
+        found = without_touching(
+            clearance, motion.positioned(start[None]).q[0] if motion else start
+        )
         clearance, unchecked = found.clearance, [*found.unchecked]
     if len(clearance.pairs):
         found = allowances_of(clearance, _random_poses(limits, motion, entry.seed))
-        clearance, lowered, unchecked = found.clearance, [*found.lowered], [*unchecked, *found.unchecked]
+        clearance, lowered, unchecked = (
+            found.clearance,
+            [*found.lowered],
+            [*unchecked, *found.unchecked],
+        )
     findings += [note("collisions", setup.source, text) for text in lowered]
     findings += [warning("collisions", setup.source, text) for text in unchecked]
     return clearance
@@ -396,10 +526,14 @@ def _unreadable(notes: Sequence[str]) -> str:
     first = notes[0].removeprefix("left out: ").removesuffix(f"; {STAND_IN}")
     others = f" (and {len(notes) - 1} more)" if len(notes) > 1 else ""
     ways = "unreadable: boxes (of the inertias, whose distances are not those of the links), or none (not checked)"
-    return f"{first}{others}; convert them, state shapes, or write under collisions {ways}"
+    return (
+        f"{first}{others}; convert them, state shapes, or write under collisions {ways}"
+    )
 
 
-def _random_poses(limits: ResolvedLimits, motion: LoopMotion | None, seed: int) -> Floats:
+def _random_poses(
+    limits: ResolvedLimits, motion: LoopMotion | None, seed: int
+) -> Floats:
     """Poses within the position limits, of all positions where there are loops."""
     low = np.where(np.isfinite(limits.low), limits.low, limits.middle - pi)
     high = np.where(np.isfinite(limits.high), limits.high, limits.middle + pi)
@@ -415,33 +549,65 @@ def _weights(setup: Setup, entry: ExcitationEntry, base: BaseModel) -> Floats:
     every = [output.name for output in setup.mechanism.outputs]
     for name in entry.noise:
         if name not in (EVERY, *every):
-            raise InputError(f"there is no output '{name}'{nearest_of(name, every)}", element="noise")
+            raise InputError(
+                f"there is no output '{name}'{nearest_of(name, every)}", element="noise"
+            )
     rest = entry.noise.get(EVERY, 1.0)
-    return np.array([1 / entry.noise.get(output.name, rest) ** 2 for output in base.mechanism.outputs])
+    return np.array(
+        [
+            1 / entry.noise.get(output.name, rest) ** 2
+            for output in base.mechanism.outputs
+        ]
+    )
 
 
 def _point_limits(entry: FrameEntry) -> list[PointLimit]:
-    name = entry.body if not any(entry.point) else f"{entry.body} at {', '.join(f'{x:g}' for x in entry.point)}"
+    name = (
+        entry.body
+        if not any(entry.point)
+        else f"{entry.body} at {', '.join(f'{x:g}' for x in entry.point)}"
+    )
     if entry.above is not None:
         normal = entry.above.normal
-        label = f"height of {name} above the plane {', '.join(f'{x:g}' for x in normal)}"
-        return [PointLimit(label, entry.body, entry.point, normal, entry.above.offset + entry.radius, np.inf)]
+        label = (
+            f"height of {name} above the plane {', '.join(f'{x:g}' for x in normal)}"
+        )
+        return [
+            PointLimit(
+                label,
+                entry.body,
+                entry.point,
+                normal,
+                entry.above.offset + entry.radius,
+                np.inf,
+            )
+        ]
     found = []
     for axis, letter in enumerate("xyz"):
         ends = getattr(entry.box, letter)
         if ends is not None:
             direction = (float(axis == 0), float(axis == 1), float(axis == 2))
             low, high = ends[0] + entry.radius, ends[1] - entry.radius
-            found.append(PointLimit(f"{letter} of {name}", entry.body, entry.point, direction, low, high))
+            found.append(
+                PointLimit(
+                    f"{letter} of {name}", entry.body, entry.point, direction, low, high
+                )
+            )
     return found
 
 
-def changed(entry: ExcitationEntry, changes: Mapping[str, Any], source: str) -> ExcitationEntry:
+def changed(
+    entry: ExcitationEntry, changes: Mapping[str, Any], source: str
+) -> ExcitationEntry:
     """A section with some fields replaced, checked like the section itself."""
-    stated = entry.model_dump(mode="json", exclude_unset=True)  # where what is unlimited is written none
+    stated = entry.model_dump(
+        mode="json", exclude_unset=True
+    )  # where what is unlimited is written none
     try:
         return ExcitationEntry.model_validate(stated | dict(changes))
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(("excitation", *map(str, first["loc"])))
-        raise InputError(first["msg"].removeprefix("Value error, "), source=source, element=where) from None
+        raise InputError(
+            first["msg"].removeprefix("Value error, "), source=source, element=where
+        ) from None

@@ -56,7 +56,9 @@ class Combined(Basis):
     """Combinations of the functions of some bases of one duration: all of them side by side without a matrix."""
 
     parts: tuple[Basis, ...]
-    matrix: Floats | None = None  # shape (functions, size); columns are the new functions in terms of the parts'
+    matrix: Floats | None = (
+        None  # shape (functions, size); columns are the new functions in terms of the parts'
+    )
 
     @property
     def duration(self) -> float:  # type: ignore[override]
@@ -66,7 +68,11 @@ class Combined(Basis):
     @property
     def size(self) -> int:
         """Number of functions."""
-        return sum(part.size for part in self.parts) if self.matrix is None else int(self.matrix.shape[1])
+        return (
+            sum(part.size for part in self.parts)
+            if self.matrix is None
+            else int(self.matrix.shape[1])
+        )
 
     @property
     def frequency(self) -> float:
@@ -85,11 +91,17 @@ class Combined(Basis):
 
     def motion(self, t: Floats, coefficients: Floats, order: int = 0) -> Floats:
         """Derivatives of combinations, shape (N, n)."""
-        return sum((part.motion(t, own, order) for part, own in self.split(coefficients)), np.zeros(()))
+        return sum(
+            (part.motion(t, own, order) for part, own in self.split(coefficients)),
+            np.zeros(()),
+        )
 
     def bounds(self, coefficients: Floats, order: int) -> Floats:
         """Sum of the bounds of the parts, shape (n,)."""
-        return sum((part.bounds(own, order) for part, own in self.split(coefficients)), np.zeros(()))
+        return sum(
+            (part.bounds(own, order) for part, own in self.split(coefficients)),
+            np.zeros(()),
+        )
 
     def split(self, coefficients: Floats) -> list[tuple[Basis, Floats]]:
         """The parts with their own coefficients."""
@@ -104,8 +116,15 @@ def resting_ends(basis: Basis) -> Combined:
     ends = np.array([0.0, basis.duration])
     conditions = np.vstack([basis.values(ends, 1), basis.values(ends, 2)])
     free = Combined((basis,), _solutions(conditions))
-    speeds = np.sqrt(np.mean(free.values(np.linspace(0, basis.duration, 8 * basis.size), 1) ** 2, axis=0))
-    return Combined((basis,), free.matrix / np.where(speeds > 1e-9 * speeds.max(initial=1.0), speeds, 1.0))
+    speeds = np.sqrt(
+        np.mean(
+            free.values(np.linspace(0, basis.duration, 8 * basis.size), 1) ** 2, axis=0
+        )
+    )
+    return Combined(
+        (basis,),
+        free.matrix / np.where(speeds > 1e-9 * speeds.max(initial=1.0), speeds, 1.0),
+    )
 
 
 def _solutions(conditions: Floats) -> Floats:
@@ -113,7 +132,9 @@ def _solutions(conditions: Floats) -> Floats:
     with extra("excite"):
         from scipy.linalg import qr, solve
 
-    scaled = conditions / np.maximum(np.abs(conditions).max(axis=1, keepdims=True), 1e-300)
+    scaled = conditions / np.maximum(
+        np.abs(conditions).max(axis=1, keepdims=True), 1e-300
+    )
     _, triangle, order = qr(scaled, pivoting=True, mode="economic")
     diagonal = np.abs(np.diag(triangle))
     rank = int(np.sum(diagonal > 1e-10 * diagonal.max(initial=0.0)))
@@ -166,7 +187,9 @@ class Fourier(Basis):
     def bounds(self, coefficients: Floats, order: int) -> Floats:
         """Sum of the amplitudes, shape (n,)."""
         pairs = coefficients[1:].reshape(self.harmonics, 2, -1)
-        amplitudes: Floats = np.vstack([np.abs(coefficients[:1]), np.linalg.norm(pairs, axis=1)])
+        amplitudes: Floats = np.vstack(
+            [np.abs(coefficients[:1]), np.linalg.norm(pairs, axis=1)]
+        )
         rates: Floats = np.append(0.0, self._rates)
         return np.asarray(rates**order) @ amplitudes
 
@@ -187,7 +210,9 @@ class Splines(Basis):
 
     def __post_init__(self) -> None:
         if self.degree < DEGREE:
-            raise InputError(f"splines have degree {DEGREE} at least, so that jerks are continuous; got {self.degree}")
+            raise InputError(
+                f"splines have degree {DEGREE} at least, so that jerks are continuous; got {self.degree}"
+            )
 
     @property
     def duration(self) -> float:  # type: ignore[override]
@@ -233,7 +258,9 @@ class Splines(Basis):
 
     @property
     def _knots(self) -> Floats:
-        return np.concatenate([[0.0] * self.degree, self.breaks, [self.duration] * self.degree])
+        return np.concatenate(
+            [[0.0] * self.degree, self.breaks, [self.duration] * self.degree]
+        )
 
 
 def uniform_splines(duration: float, segments: int) -> Splines:
@@ -246,7 +273,9 @@ DURATIONS = (1e-6, 1e6)
 
 SHORTEST_STEP = 1e-9  # between samples, s; clocks count no finer
 
-LARGEST = 1e12  # position, velocity, acceleration or jerk, SI, that no robot comes near to
+LARGEST = (
+    1e12  # position, velocity, acceleration or jerk, SI, that no robot comes near to
+)
 
 
 @public
@@ -288,7 +317,9 @@ class Trajectory:
         -------
         array of shape (N, n)
         """
-        return self.basis.motion(np.atleast_1d(np.asarray(t, dtype=float)), self.coefficients, order)
+        return self.basis.motion(
+            np.atleast_1d(np.asarray(t, dtype=float)), self.coefficients, order
+        )
 
     def bounds(self, order: int) -> Floats:
         """Upper bounds of the absolute derivatives of an order at any time, shape (n,)."""

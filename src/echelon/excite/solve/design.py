@@ -16,11 +16,22 @@ from echelon.arrays import Flags, Floats, Integers
 from echelon.errors import InputError, locating
 from echelon.excite.problem.allowances import POSES
 from echelon.excite.problem.closed_loops import state_regressor
-from echelon.excite.problem.information import Information, OptimalityCriterion, sample_times
+from echelon.excite.problem.information import (
+    Information,
+    OptimalityCriterion,
+    sample_times,
+)
 from echelon.excite.problem.optimisation import Problem
 from echelon.excite.problem.state_limits import StateConstraint
 from echelon.excite.problem.task import ResolvedLimits, Task, names_of
-from echelon.excite.problem.trajectory import Basis, Combined, Fourier, Trajectory, resting_ends, uniform_splines
+from echelon.excite.problem.trajectory import (
+    Basis,
+    Combined,
+    Fourier,
+    Trajectory,
+    resting_ends,
+    uniform_splines,
+)
 from echelon.excite.solve.solver import TOLERANCE, Search, SearchResult, Watch
 from echelon.excite.verify import Margin, margins_of, motion_margins
 from echelon.extras import extra
@@ -30,13 +41,20 @@ from echelon.hints import nearest_of
 REFINED = 4  # the best random poses, from which broken limits are minimised, a tenth of a second each
 NAMED = 6  # limits that a message names
 _KEPT = 1e-9  # what rounding may leave of a broken limit, relative to its size
-_NEARBY = 0.1  # share of a coordinate's range to either side within which poses are nearby
+_NEARBY = (
+    0.1  # share of a coordinate's range to either side within which poses are nearby
+)
 _AROUND = 32  # poses nearby that are looked at
 _NARROW = 0.1  # share of them that may break a limit before more room is looked for
 _STEPS, _SWEEPS = 9, 3  # places that are tried for a coordinate, and how often
 
 
-def start_pose(wanted: Floats, limits: ResolvedLimits, constraints: Sequence[StateConstraint], seed: int) -> Floats:
+def start_pose(
+    wanted: Floats,
+    limits: ResolvedLimits,
+    constraints: Sequence[StateConstraint],
+    seed: int,
+) -> Floats:
     """A pose at rest that keeps all limits: the middle of the ranges if that is one with room to move about it.
 
     Wanted coordinates of shape (n,) are NaN where the set-up leaves them open.
@@ -45,13 +63,30 @@ def start_pose(wanted: Floats, limits: ResolvedLimits, constraints: Sequence[Sta
     pose: Floats = np.where(np.isnan(wanted), limits.middle, wanted)
     outside = np.flatnonzero((pose < low) | (pose > high))
     if len(outside):
-        name = next(limit.name for limit in limits.motion if limit.order == 0 and limit.weights[outside[0]])
-        raise InputError(f"the centre of '{name}' is outside of its position limits", element="centre")
+        name = next(
+            limit.name
+            for limit in limits.motion
+            if limit.order == 0 and limit.weights[outside[0]]
+        )
+        raise InputError(
+            f"the centre of '{name}' is outside of its position limits",
+            element="centre",
+        )
     free, over = np.isnan(wanted), broken(pose[None], constraints)[0]
     if over.any() and not free.any():
-        names = ", ".join(label for label, value in zip(_labels(constraints), over, strict=True) if value > 0)
-        raise InputError(f"the pose at which motions start breaks the limits of {names}", element="centre")
-    low, high = np.where(np.isfinite(low), low, pose - np.pi), np.where(np.isfinite(high), high, pose + np.pi)
+        names = ", ".join(
+            label
+            for label, value in zip(_labels(constraints), over, strict=True)
+            if value > 0
+        )
+        raise InputError(
+            f"the pose at which motions start breaks the limits of {names}",
+            element="centre",
+        )
+    low, high = (
+        np.where(np.isfinite(low), low, pose - np.pi),
+        np.where(np.isfinite(high), high, pose + np.pi),
+    )
     search = _PoseSearch(free, low, high, constraints, seed)
     return search.roomier(search.feasible(pose) if over.any() else pose)
 
@@ -62,8 +97,14 @@ def broken(poses: Floats, constraints: Sequence[StateConstraint]) -> Floats:
     parts = [np.zeros((len(poses), 0))]
     for constraint in constraints:
         values = constraint.values(poses, still, still)
-        over = np.maximum(np.maximum(constraint.low - values, values - constraint.high), 0.0)
-        size = np.where(np.isfinite(constraint.high), np.abs(constraint.high), np.abs(constraint.low))
+        over = np.maximum(
+            np.maximum(constraint.low - values, values - constraint.high), 0.0
+        )
+        size = np.where(
+            np.isfinite(constraint.high),
+            np.abs(constraint.high),
+            np.abs(constraint.low),
+        )
         parts.append(np.where(over > _KEPT * np.maximum(size, 1.0), over, 0.0))
     return np.hstack(parts)
 
@@ -85,7 +126,9 @@ class _PoseSearch:
         over = broken(poses, self.constraints)
         good = np.flatnonzero(~over.any(axis=1))
         if len(good):
-            away = np.linalg.norm((poses[good] - pose) / np.maximum(self.high - self.low, 1e-300), axis=1)
+            away = np.linalg.norm(
+                (poses[good] - pose) / np.maximum(self.high - self.low, 1e-300), axis=1
+            )
             return np.asarray(poses[good[int(np.argmin(away))]])
         scale = np.maximum(over.max(axis=0), 1e-300)
         # where all poses break one limit, more of them say no more
@@ -111,7 +154,9 @@ class _PoseSearch:
             found: Floats = broken(full[None], self.constraints)[0] / scale
             return found
 
-        found = least_squares(residuals, np.clip(pose[free], low, high), bounds=(low, high))
+        found = least_squares(
+            residuals, np.clip(pose[free], low, high), bounds=(low, high)
+        )
         result = pose.copy()
         result[free] = found.x
         return result
@@ -120,11 +165,18 @@ class _PoseSearch:
         """The pose, or if it is in a narrow place another, each coordinate where fewer poses nearby break limits."""
         # about a pose beside a limit, a motion can hardly be made smaller, nor that limit tighter
         low, high, near = self.low, self.high, _NEARBY * (self.high - self.low)
-        around = near * np.random.default_rng(self.seed).uniform(-1, 1, (_AROUND, len(pose)))
+        around = near * np.random.default_rng(self.seed).uniform(
+            -1, 1, (_AROUND, len(pose))
+        )
 
         def crowded(poses: Floats) -> Integers:
             """How many poses nearby break each limit, shape (poses, functions)."""
-            found = broken((poses[:, None] + around).reshape(-1, len(pose)), self.constraints) > 0
+            found = (
+                broken(
+                    (poses[:, None] + around).reshape(-1, len(pose)), self.constraints
+                )
+                > 0
+            )
             return np.asarray(found.reshape(len(poses), _AROUND, -1).sum(axis=1))
 
         if crowded(pose[None]).max(initial=0) <= _NARROW * _AROUND:
@@ -135,7 +187,11 @@ class _PoseSearch:
                 tried = np.tile(pose, (_STEPS + 1, 1))
                 tried[1:, j] = np.linspace(low[j] + near[j], high[j] - near[j], _STEPS)
                 good = tried[~broken(tried, self.constraints).any(axis=1)]
-                pose = good[np.lexsort((np.abs(good - pose)[:, j], crowded(good).sum(axis=1)))[0]]
+                pose = good[
+                    np.lexsort((np.abs(good - pose)[:, j], crowded(good).sum(axis=1)))[
+                        0
+                    ]
+                ]
             if np.array_equal(pose, before):
                 break
         return pose
@@ -148,7 +204,10 @@ def _conflict(over: Floats, constraints: Sequence[StateConstraint]) -> str:
     never = np.flatnonzero((over > 0).all(axis=0)).tolist()
     if never:
         units = [unit for constraint in constraints for unit in constraint.units]
-        named = [f"{labels[k]} (by {over[:, k].min():.3g} {units[k]} at least)" for k in never[:NAMED]]
+        named = [
+            f"{labels[k]} (by {over[:, k].min():.3g} {units[k]} at least)"
+            for k in never[:NAMED]
+        ]
         return f"{start} the limits of {', '.join(named)}; {_advice([labels[k] for k in never])}"
     some = np.flatnonzero(over.any(axis=0)).tolist()
     for i, j in combinations(some, 2):
@@ -161,7 +220,11 @@ def _conflict(over: Floats, constraints: Sequence[StateConstraint]) -> str:
 
 def _advice(labels: Sequence[str]) -> str:
     """Lines of a set-up that would make limits possible."""
-    pairs = [label.removeprefix("distance of ") for label in labels if label.startswith("distance of ")]
+    pairs = [
+        label.removeprefix("distance of ")
+        for label in labels
+        if label.startswith("distance of ")
+    ]
     if not pairs:
         return "widen one of them, or the position limits"
     first = ", ".join(pairs[0].split(" and ", 1))
@@ -188,7 +251,12 @@ class Design:
     def trajectory(self, x: Floats) -> Trajectory:
         """The trajectory with these coefficients."""
         names = self.task.mechanism.independent_velocities
-        return Trajectory(names, self.task.limits.units, self.problem.basis, x.reshape(self.problem.shape))
+        return Trajectory(
+            names,
+            self.task.limits.units,
+            self.problem.basis,
+            x.reshape(self.problem.shape),
+        )
 
 
 def designed(task: Task, prior: Floats | None = None) -> Design:
@@ -197,7 +265,9 @@ def designed(task: Task, prior: Floats | None = None) -> Design:
         entry, base, limits = task.entry, task.base, task.limits
         prior = np.zeros((base.rank, base.rank)) if prior is None else prior
         if prior.shape != (base.rank, base.rank):
-            raise InputError(f"prior_information has shape {prior.shape}; the robot has {base.rank} base parameters")
+            raise InputError(
+                f"prior_information has shape {prior.shape}; the robot has {base.rank} base parameters"
+            )
         centre = start_pose(_stated_centre(task), limits, task.constraints, entry.seed)
         n = base.mechanism.degrees_of_freedom
         regressor = state_regressor(base.mechanism, base.matrix.pivots, task.smooth)
@@ -206,9 +276,14 @@ def designed(task: Task, prior: Floats | None = None) -> Design:
         basis = resting_ends(family(entry, n))
         times = sample_times(basis.duration, entry.rate)
         information = Information(regressor, basis, times, task.weights, prior)
-        problem = Problem(basis, n, information, criterion, limits.motion, task.constraints, centre)
+        problem = Problem(
+            basis, n, information, criterion, limits.motion, task.constraints, centre
+        )
         if entry.criterion == "a_optimal":
-            problem = replace(problem, criterion=OptimalityCriterion("a_optimal", _sizes(problem, entry.seed)))
+            problem = replace(
+                problem,
+                criterion=OptimalityCriterion("a_optimal", _sizes(problem, entry.seed)),
+            )
         return Design(task, centre, problem)
 
 
@@ -223,7 +298,9 @@ def _stated_centre(task: Task) -> Floats:
 
 def _sizes(problem: Problem, seed: int) -> Floats:
     """Units in which every parameter contributes alike to a random motion, so that variances can be added up."""
-    seen = problem.information(problem.random(np.random.default_rng(seed)).reshape(problem.shape))
+    seen = problem.information(
+        problem.random(np.random.default_rng(seed)).reshape(problem.shape)
+    )
     sizes = np.sqrt(np.diag(seen.F))
     return np.asarray(1 / np.where(sizes > 0, sizes, 1.0))
 
@@ -231,9 +308,18 @@ def _sizes(problem: Problem, seed: int) -> Floats:
 def family(entry: ExcitationEntry, count: int) -> Basis:
     """The family of motions that a set-up asks for, with any ends."""
     duration = DURATION if entry.duration is None else entry.duration
-    harmonics = min(max(FUNCTIONS // count, FEWEST), MOST) if entry.harmonics is None else entry.harmonics
-    series, splines = Fourier(duration, harmonics), uniform_splines(duration, entry.segments)
-    return {"fourier": series, "bspline": splines, "sum": Combined((series, splines))}[entry.family]
+    harmonics = (
+        min(max(FUNCTIONS // count, FEWEST), MOST)
+        if entry.harmonics is None
+        else entry.harmonics
+    )
+    series, splines = (
+        Fourier(duration, harmonics),
+        uniform_splines(duration, entry.segments),
+    )
+    return {"fourier": series, "bspline": splines, "sum": Combined((series, splines))}[
+        entry.family
+    ]
 
 
 # -- the search --------------------------------------------------------------------------------------------------------
@@ -242,7 +328,9 @@ RANDOM = 24  # random motions: the best ones start the search, and all show what
 ROOM_TO_START = 1e-3  # share of a limit's size that is left at a start, so that a step has somewhere to go
 BACK = 0.98  # share of a motion at its limits, from which the next search starts: from a limit no step is long
 TRIAL_STEPS = 20  # steps of every start, after which the best one goes on: most of what can be gained is gained then
-SEARCH_SHARE = 0.75  # share of the work for the search, the rest is for making its motion safe
+SEARCH_SHARE = (
+    0.75  # share of the work for the search, the rest is for making its motion safe
+)
 
 
 @dataclass(frozen=True)
@@ -272,7 +360,10 @@ def searched(design: Design, watch: Watch) -> Searched:
     entry, problem = design.task.entry, design.problem
     watch.tell(f"{RANDOM} random motions")
     rng = np.random.default_rng(entry.seed)
-    motions = [problem.inside(problem.random(rng), ROOM_TO_START) for _ in range(max(RANDOM, entry.starts))]
+    motions = [
+        problem.inside(problem.random(rng), ROOM_TO_START)
+        for _ in range(max(RANDOM, entry.starts))
+    ]
     best = sorted(motions, key=problem.value)[: entry.starts]
     watch.seconds -= len(motions) * problem.seconds_per_step
     reserve = watch.seconds * (1 - SEARCH_SHARE)
@@ -281,16 +372,26 @@ def searched(design: Design, watch: Watch) -> Searched:
     for k, motion in enumerate(best, 1):
         search = Search.from_start(problem, motion)
         if search is not None:
-            searches.append(search.run(min(TRIAL_STEPS, entry.iterations), watch, f"start {k} of {len(best)}"))
+            searches.append(
+                search.run(
+                    min(TRIAL_STEPS, entry.iterations),
+                    watch,
+                    f"start {k} of {len(best)}",
+                )
+            )
     solutions = [search.solution for search in searches]
     if searches:
         best_one = min(range(len(searches)), key=lambda k: solutions[k].value)
-        solutions[best_one] = _finished(problem, searches[best_one], entry.iterations, watch)
+        solutions[best_one] = _finished(
+            problem, searches[best_one], entry.iterations, watch
+        )
     watch.seconds += reserve
     return Searched(tuple(solutions), tuple(motions))
 
 
-def _finished(problem: Problem, search: Search, most: int, watch: Watch) -> SearchResult:
+def _finished(
+    problem: Problem, search: Search, most: int, watch: Watch
+) -> SearchResult:
     """The search to its end, and again from a little off its limits as long as that finds something better."""
     # where many limits are near, steps are short; a little off them the way along them is free
     found = search.run(most, watch, "the best start").solution
@@ -298,7 +399,9 @@ def _finished(problem: Problem, search: Search, most: int, watch: Watch) -> Sear
         again = Search.from_start(problem, problem.scaled(found.x, BACK))
         if again is None:
             break
-        next_one = again.run(most - found.iterations, watch, "the best start again").solution
+        next_one = again.run(
+            most - found.iterations, watch, "the best start again"
+        ).solution
         better = found.value - next_one.value
         steps = found.iterations + next_one.iterations
         if better > 0:
@@ -306,7 +409,9 @@ def _finished(problem: Problem, search: Search, most: int, watch: Watch) -> Sear
             found = replace(next_one, iterations=steps, history=(*found.history, *more))
         if better < TOLERANCE:
             break
-    return replace(found, status="converged" if found.status == "stalled" else found.status)
+    return replace(
+        found, status="converged" if found.status == "stalled" else found.status
+    )
 
 
 # -- a motion that is safe ---------------------------------------------------------------------------------------------
@@ -319,7 +424,9 @@ MUCH_LESS = (0.97, 0.9, 0.75, 0.5)  # shares that are better than nothing
 SAFE_STEPS = 30  # of a solver that starts next to its goal
 
 
-def safe(design: Design, solutions: Sequence[SearchResult], watch: Watch) -> tuple[Floats, list[Margin]]:
+def safe(
+    design: Design, solutions: Sequence[SearchResult], watch: Watch
+) -> tuple[Floats, list[Margin]]:
     """The best solution, changed so that every limit holds at every time, and the margins."""
     # a slightly smaller motion makes up for what is missing between samples.  Where that costs too much, the broken
     # limits are tightened and the search goes on
@@ -335,18 +442,31 @@ def safe(design: Design, solutions: Sequence[SearchResult], watch: Watch) -> tup
             worst = ", ".join(margin.label for margin in broken[:NAMED])
             problem = _tightened(problem, margins, design)
             starts = (problem.scaled(x, share) for share in (BACK, *MUCH_LESS))
-            search = next(filter(None, (Search.from_start(problem, start) for start in starts)), None)
+            search = next(
+                filter(None, (Search.from_start(problem, start) for start in starts)),
+                None,
+            )
             if search is None or watch.ended:
                 break
             x = search.run(SAFE_STEPS, watch, "with tighter limits").best
         found, margins = _smaller(design, solution.x, MUCH_LESS)
         if all(margin.kept for margin in margins):
             return found, margins
-    reason = f"the limits of {worst} are broken between samples" if worst else "no start found a motion that keeps them"
-    raise InputError(f"no trajectory keeps all limits: {reason}", source=design.task.setup.source, element="excitation")
+    reason = (
+        f"the limits of {worst} are broken between samples"
+        if worst
+        else "no start found a motion that keeps them"
+    )
+    raise InputError(
+        f"no trajectory keeps all limits: {reason}",
+        source=design.task.setup.source,
+        element="excitation",
+    )
 
 
-def _smaller(design: Design, x: Floats, shares: Sequence[float]) -> tuple[Floats, list[Margin]]:
+def _smaller(
+    design: Design, x: Floats, shares: Sequence[float]
+) -> tuple[Floats, list[Margin]]:
     """The largest of some shares of a motion about its centre that keeps all limits, or the whole, and the margins."""
     whole = _within(design, x)
     first = margins_of(design.trajectory(whole), design.task)
@@ -364,8 +484,13 @@ def _within(design: Design, x: Floats) -> Floats:
     """The motion made smaller by the little that limits of the motion are exceeded between samples."""
     problem, limits = design.problem, design.task.limits.motion
     still = motion_margins(design.trajectory(problem.at_rest), limits)
-    for _ in range(ROUNDS):  # bounds are wider than what is reached by less than what is added each time
-        share = min(map(_share, still, motion_margins(design.trajectory(x), limits)), default=1.0)
+    for _ in range(
+        ROUNDS
+    ):  # bounds are wider than what is reached by less than what is added each time
+        share = min(
+            map(_share, still, motion_margins(design.trajectory(x), limits)),
+            default=1.0,
+        )
         if share >= 1:
             break
         x = problem.scaled(x, share - LITTLE)
@@ -378,7 +503,10 @@ def _share(still: Margin, moving: Margin) -> float:
         (still.high - still.largest, moving.largest - still.largest),
         (still.least - still.low, still.least - moving.least),
     )
-    return min((max(room, 0.0) / reached for room, reached in ends if reached > room), default=1.0)
+    return min(
+        (max(room, 0.0) / reached for room, reached in ends if reached > room),
+        default=1.0,
+    )
 
 
 def _tightened(problem: Problem, margins: Sequence[Margin], design: Design) -> Problem:

@@ -25,7 +25,9 @@ LAST_BARRIER = 1e-9
 SHORT_STEP = 0.3  # share of a step, below which the barrier does not fall yet: limits are in the way
 TO_THE_LIMIT = 0.9  # share of the way to the first limit that a step goes at most
 LEFT_OF_ROOM = 0.1  # share of a limit's room that a step leaves at least
-DUAL_SPREAD = 5.0  # factor by which a multiplier may differ from the barrier's own, weight / room
+DUAL_SPREAD = (
+    5.0  # factor by which a multiplier may differ from the barrier's own, weight / room
+)
 HALVINGS = 12  # of a step, after which it is no longer one
 DESCENT = 1e-4  # share of the promised decrease that a step has to keep (Armijo)
 DAMPING = 0.2  # share of the old curvature along a step that the new one keeps (Powell)
@@ -39,7 +41,9 @@ TOLD = 5  # steps between two reports of progress
 class Watch:
     """Work that is left to a search, whether it is to stop, and who is told how far it is."""
 
-    seconds: float  # of work, counted by :attr:`Problem.seconds_per_step` and not by a clock
+    seconds: (
+        float  # of work, counted by :attr:`Problem.seconds_per_step` and not by a clock
+    )
     stopped: Callable[[], bool] = bool
     tell: Callable[[str], object] = str
 
@@ -63,7 +67,9 @@ class SearchResult:
     value: float  # their criterion
     status: str  # ``"converged"``, ``"stalled"``, ``"iterations"``, ``"budget"`` or ``"stopped"``
     iterations: int
-    history: tuple[float, ...]  # the criterion of the best motion so far, each time it became better: descending
+    history: tuple[
+        float, ...
+    ]  # the criterion of the best motion so far, each time it became better: descending
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +91,9 @@ class _Iterate:
 
     def pushed(self, weights: Floats) -> Floats:
         """Derivatives of −Σ weights · slacks by the coefficients, weights of shape (2, T, M)."""
-        return self.problem.gathered(self.slopes, (weights[1] - weights[0]) / self.problem.sizes)
+        return self.problem.gathered(
+            self.slopes, (weights[1] - weights[0]) / self.problem.sizes
+        )
 
     def barrier(self, weight: float) -> float:
         """The criterion with −weight · log of all slacks."""
@@ -118,7 +126,9 @@ class Search:
             return None
         now = _Iterate.at(problem, start, slacks)
         weight = FIRST_BARRIER / np.sqrt(max(slacks[0].size, 1))
-        steepness = max(float(np.linalg.norm(now.gradient)) / np.sqrt(problem.size), 1e-3)
+        steepness = max(
+            float(np.linalg.norm(now.gradient)) / np.sqrt(problem.size), 1e-3
+        )
         search = cls(now, weight, weight / slacks, steepness * np.eye(problem.size))
         search._remember()
         return search
@@ -126,14 +136,22 @@ class Search:
     @property
     def solution(self) -> SearchResult:
         """The best motion so far."""
-        return SearchResult(self.best, self.history[-1], self.status, len(self.values) - 1, tuple(self.history))
+        return SearchResult(
+            self.best,
+            self.history[-1],
+            self.status,
+            len(self.values) - 1,
+            tuple(self.history),
+        )
 
     def run(self, most: int, watch: Watch, name: str) -> Search:
         """Go on until a number of steps is reached, or something else ends the search."""
         # matrices are small: threads that wait for each other cost more than they bring, and the order of additions is
         # the same wherever it runs
         with one_thread():
-            self.status = watch.ended or ("" if len(self.values) <= most else "iterations")
+            self.status = watch.ended or (
+                "" if len(self.values) <= most else "iterations"
+            )
             while not self.status:
                 watch.seconds -= self.now.problem.seconds_per_step
                 moved = self.advance()
@@ -146,13 +164,18 @@ class Search:
                     self.status = watch.ended or ("iterations" if steps >= most else "")
                 if steps % TOLD == 0 or self.status:
                     room = float(self.now.slacks.min(initial=np.inf))
-                    watch.tell(f"{name}: step {steps}, criterion {self.history[-1]:.4g}, smallest room {room:.2%}")
+                    watch.tell(
+                        f"{name}: step {steps}, criterion {self.history[-1]:.4g}, smallest room {room:.2%}"
+                    )
         return self
 
     @property
     def converged(self) -> bool:
         """Whether the criterion falls no more."""
-        return len(self.values) > PATIENCE and self.values[-1 - PATIENCE] - self.values[-1] < TOLERANCE
+        return (
+            len(self.values) > PATIENCE
+            and self.values[-1 - PATIENCE] - self.values[-1] < TOLERANCE
+        )
 
     def advance(self) -> bool:
         """Take a step; False if there is none."""
@@ -169,7 +192,11 @@ class Search:
         self.resets = 0
         if share > SHORT_STEP:
             finite = np.isfinite(slacks)
-            mean = float((self.duals[finite] * slacks[finite]).mean()) if finite.any() else 0.0
+            mean = (
+                float((self.duals[finite] * slacks[finite]).mean())
+                if finite.any()
+                else 0.0
+            )
             self.weight = max(min(self.weight, BARRIER_FALL * mean), LAST_BARRIER)
         return True
 
@@ -190,7 +217,11 @@ class Search:
         """The share of a step that keeps all limits and lowers the barrier function, and the slacks there."""
         now, problem = self.now, self.now.problem
         falling = changes < 0
-        share = min(1.0, TO_THE_LIMIT * float((now.slacks[falling] / -changes[falling]).min(initial=np.inf)))
+        share = min(
+            1.0,
+            TO_THE_LIMIT
+            * float((now.slacks[falling] / -changes[falling]).min(initial=np.inf)),
+        )
         before, promised = now.barrier(self.weight), float(self._slope() @ step)
         for _ in range(HALVINGS):
             x = now.x + share * step
@@ -215,14 +246,25 @@ class Search:
         wanted = (self.weight - self.duals * changes) / last.slacks
         falls = self.duals - wanted
         falling = falls > 0
-        share = min(1.0, TO_THE_LIMIT * float((self.duals[falling] / falls[falling]).min(initial=np.inf)))
+        share = min(
+            1.0,
+            TO_THE_LIMIT
+            * float((self.duals[falling] / falls[falling]).min(initial=np.inf)),
+        )
         own = self.weight / self.now.slacks
-        self.duals = np.clip(self.duals - share * falls, own / DUAL_SPREAD, own * DUAL_SPREAD)
+        self.duals = np.clip(
+            self.duals - share * falls, own / DUAL_SPREAD, own * DUAL_SPREAD
+        )
 
     def _learn(self, last: _Iterate) -> None:
         """Update the curvature of the Lagrangian by the change of its gradient (damped BFGS)."""
         moved = self.now.x - last.x
-        turned = self.now.gradient - last.gradient + self.now.pushed(self.duals) - last.pushed(self.duals)
+        turned = (
+            self.now.gradient
+            - last.gradient
+            + self.now.pushed(self.duals)
+            - last.pushed(self.duals)
+        )
         if len(self.values) == 1 and turned @ moved > 0:
             self.curvature = (turned @ turned) / (turned @ moved) * np.eye(len(moved))
         old = self.curvature @ moved
