@@ -531,3 +531,14 @@ def test_motions_of_little_use_are_warned_about() -> None:
         for finding in found.findings
     )
     assert found.safe
+
+
+def test_dry_friction_above_the_limit_of_a_torque_is_refused_at_once(
+    tmp_path: Path,
+) -> None:
+    text = MESH.replace(
+        '<limit lower="-1"', '<dynamics friction="120"/><limit lower="-1"'
+    )
+    (tmp_path / "m.urdf").write_text(text)
+    message = refusal(tmp_path / "m.urdf")
+    assert "dry friction alone needs 120 N·m, and 90 N·m are allowed" in message

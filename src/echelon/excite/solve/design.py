@@ -22,7 +22,7 @@ from echelon.excite.problem.information import (
     sample_times,
 )
 from echelon.excite.problem.optimisation import Problem
-from echelon.excite.problem.state_limits import StateConstraint
+from echelon.excite.problem.state_limits import Enclosed, StateConstraint
 from echelon.excite.problem.task import ResolvedLimits, Task, names_of
 from echelon.excite.problem.trajectory import (
     Basis,
@@ -39,6 +39,7 @@ from echelon.formats.schema.schema_excite import ExcitationEntry
 from echelon.hints import nearest_of
 
 REFINED = 4  # the best random poses, from which broken limits are minimised, a tenth of a second each
+ONSET_SPEED = 1e-9  # rad/s or m/s, within which dry friction has both signs
 NAMED = 6  # limits that a message names
 _KEPT = 1e-9  # what rounding may leave of a broken limit, relative to its size
 _NEARBY = (
@@ -269,6 +270,7 @@ def designed(task: Task, prior: Floats | None = None) -> Design:
                 f"prior_information has shape {prior.shape}; the robot has {base.rank} base parameters"
             )
         centre = start_pose(_stated_centre(task), limits, task.constraints, entry.seed)
+        _check_friction(centre, task.constraints)
         n = base.mechanism.degrees_of_freedom
         regressor = state_regressor(base.mechanism, base.matrix.pivots, task.smooth)
         criterion = OptimalityCriterion(entry.criterion, np.ones(base.rank))
@@ -285,6 +287,28 @@ def designed(task: Task, prior: Floats | None = None) -> Design:
                 criterion=OptimalityCriterion("a_optimal", _sizes(problem, entry.seed)),
             )
         return Design(task, centre, problem)
+
+
+def _check_friction(centre: Floats, constraints: Sequence[StateConstraint]) -> None:
+    """Refuse limits of efforts that dry friction alone exceeds, which every motion has in both directions."""
+    still = np.zeros((1, len(centre)))
+    turning = (still - ONSET_SPEED, still + ONSET_SPEED)
+    ranges = {"q": (centre[None], centre[None]), "qd": turning, "qdd": (still, still)}
+    for constraint in constraints:
+        if not isinstance(constraint, Enclosed):
+            continue
+        low, high = constraint.enclosures(ranges)
+        needed, allowed = (high - low)[0] / 2, (constraint.high - constraint.low) / 2
+        for k in np.flatnonzero(needed > allowed).tolist():
+            unit, label = constraint.units[k], constraint.labels[k]
+            problem = (
+                f"no motion keeps the limit of {label}: dry friction alone needs "
+                f"{needed[k]:.3g} {unit}, and {allowed[k]:.3g} {unit} are allowed"
+            )
+            advice = (
+                "raise it under limits: effort, lower effort_margin, or hold the joint"
+            )
+            raise InputError(f"{problem}; {advice}", element="limits")
 
 
 def _stated_centre(task: Task) -> Floats:
