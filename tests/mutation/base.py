@@ -9,7 +9,7 @@ CLAIMS = "claims/test_false_claims.py"
 FAULTS = (
     Fault(
         "base/elimination.py",
-        "return all(vanishes(x, bits) for x in left.flat)",
+        "return all((vanishes(x, bits) for x in left.flat))",
         "return True",
         "what holds at few poses is taken to hold at all",
         "base/test_real_states.py::test_relations_hold_in_other_rows",
@@ -21,7 +21,7 @@ FAULTS = (
         "a false claim about an invisible parameter",
         CLAIMS,
     ),
-    Fault(PRIMES, "0, : self.sampler.regions]", "0, :1]", "one region is looked at", CLAIMS),
+    Fault(PRIMES, "0, :self.sampler.regions]", "0, :1]", "one region is looked at", CLAIMS),
     Fault(
         CERTIFICATE,
         "if minor.rank < self.matrix.rank:",
@@ -52,7 +52,7 @@ FAULTS = (
     ),
     Fault(
         BALLS,
-        "return bool(difference < _LOOSEST * abs(found)) and not difference > numbers.radius",
+        "return bool(difference < _LOOSEST * abs(found)) and (not difference > numbers.radius)",
         "return True",
         "rounded coefficients are the solved ones",
         "base/test_budget.py",
@@ -97,8 +97,8 @@ FAULTS = (
     Fault("base/lift.py", "base_values - b @ prior", "base_values", "lift with a prior", "base/test_lift.py"),
     Fault(
         "exact/polynomial.py",
-        '[0 if generator.startswith("cos(") else 1]',
-        '[1 if generator.startswith("cos(") else 0]',
+        "[0 if generator.startswith('cos(') else 1]",
+        "[1 if generator.startswith('cos(') else 0]",
         "cosines and sines of B",
         "exact/test_polynomial.py",
     ),

@@ -66,7 +66,7 @@ FAULTS = (
         "angles of Pinocchio's frames",
         "formats/test_robot_sources.py",
     ),
-    Fault("logs/units.py", 'degrees °": _PI / 180', 'degrees °": _PI / 200', "degrees", UNITS),
+    Fault("logs/units.py", "degrees °': _PI / 180", "degrees °': _PI / 200", "degrees", UNITS),
     Fault("logs/units.py", "sign = -1 if operator", "sign = 1 if operator", "quotients of units", UNITS),
     Fault(
         "logs/columns/conversion.py",
@@ -84,8 +84,8 @@ FAULTS = (
     ),
     Fault(
         "logs/files/csv_file.py",
-        'text = text.replace(b",", b".")',
-        'text = text.replace(b",", b"")',
+        "text = text.replace(b',', b'.')",
+        "text = text.replace(b',', b'')",
         "decimal commas",
         "logs/test_log_text.py logs/test_log_files.py",
     ),
@@ -120,8 +120,8 @@ FAULTS = (
     Fault("signals/filters.py", "2.285 * 2 * np.pi", "2.285 * 4 * np.pi", "length of a filter", FILTERS),
     Fault(
         "signals/filters.py",
-        "first * self.step - half :",
-        "first * self.step - half + 1 :",
+        "first * self.step - half:",
+        "first * self.step - half + 1:",
         "a filter without delay",
         FILTERS,
     ),
@@ -156,7 +156,7 @@ FAULTS = (
         "identification/test_band.py",
     ),
     Fault("signals/spectrum.py", "step = 2 * np.sin(", "step = np.sin(", "power of positions", SIGNALS),
-    Fault("setup/setup.py", '{"n": i + 1, "i": i', '{"n": i, "i": i', "numbers in names of columns", SETUP),
+    Fault("setup/setup.py", "{'n': i + 1, 'i': i", "{'n': i, 'i': i", "numbers in names of columns", SETUP),
     Fault(
         "setup/setup.py",
         "{**known_values(mechanism), PI: math.pi}",
@@ -164,7 +164,7 @@ FAULTS = (
         "π in scales",
         f"{SETUP} identification/test_gains.py",
     ),
-    Fault("setup/setup.py", 'f"log[{k}]" if many', 'f"log[0]" if many', "which log an error is about", SETUP),
+    Fault("setup/setup.py", "f'log[{k}]' if many", "f'log[0]' if many", "which log an error is about", SETUP),
     Fault(
         "setup/setup.py",
         "replace(options, usual_effects=True)",

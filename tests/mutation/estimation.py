@@ -13,15 +13,15 @@ EFFORTS, AUDIT = "excite/test_state_limits.py", "claims/test_audit.py claims/tes
 FAULTS = (
     Fault(
         "identification/estimators/least_squares.py",
-        "solution.triangle.residual**2 / solution.degrees",
-        "solution.triangle.residual**2 / solution.triangle.rows",
+        "solution.triangle.residual ** 2 / solution.degrees",
+        "solution.triangle.residual ** 2 / solution.triangle.rows",
         "noise of ordinary least squares",
         ESTIMATORS,
     ),
     Fault(
         "identification/estimators/least_squares.py",
-        "factor = solution.triangle.residual**2 / degrees",
-        "factor = solution.triangle.residual**2",
+        "factor = solution.triangle.residual ** 2 / degrees",
+        "factor = solution.triangle.residual ** 2",
         "common factor of noise",
         ESTIMATORS,
     ),
@@ -70,8 +70,8 @@ FAULTS = (
     ),
     Fault(
         "identification/physics/fit.py",
-        "chosen = max(k for k",
-        "chosen = min(k for k",
+        "chosen = max((k for k",
+        "chosen = min((k for k",
         "choice of the prior's weight",
         WEIGHT,
     ),
@@ -115,7 +115,7 @@ FAULTS = (
     Fault("excite/problem/information.py", "* (2 * weight)", "* weight", "derivative of the information", GRADIENTS),
     Fault(
         "excite/problem/information.py",
-        "(vectors / values**2) @ vectors.T / trace",
+        "(vectors / values ** 2) @ vectors.T / trace",
         "(vectors / values) @ vectors.T / trace",
         "derivative of A-optimality",
         f"{CRITERIA} {GRADIENTS}",
@@ -137,7 +137,7 @@ FAULTS = (
         "bounds of Fourier series",
         FAMILIES,
     ),
-    Fault("excite/verify.py", "h**2 / 2 *", "h**2 / 9 *", "Taylor's remainder", MARGINS),
+    Fault("excite/verify.py", "h ** 2 / 2 *", "h ** 2 / 9 *", "Taylor's remainder", MARGINS),
     Fault(
         "excite/verify.py",
         "(trajectory.duration / count) ** 2 / 8",
@@ -195,7 +195,7 @@ FAULTS = (
         "coefficients of zero",
         "results/test_independent_verifier.py results/test_serialize.py",
     ),
-    Fault("results/saved.py", "rel_tol=1e-9", "rel_tol=1e-1", "forged values", "results/test_independent_verifier.py"),
+    Fault("results/saved.py", "rel_tol=1e-09", "rel_tol=0.1", "forged values", "results/test_independent_verifier.py"),
     Fault("results/saved.py", "or not same_text", "", "forged expressions", "results/test_independent_verifier.py"),
     Fault(
         "results/identified.py",

@@ -32,8 +32,8 @@ FAULTS = (
     ),
     Fault(
         FIELD,
-        "cosine, sine = (1 - square) * scale",
-        "cosine, sine = (1 + square) * scale",
+        "cosine, sine = ((1 - square) * scale",
+        "cosine, sine = ((1 + square) * scale",
         "circle points",
         "exact/test_field.py::test_circle_is_the_half_angle_formula",
     ),
@@ -172,7 +172,7 @@ FAULTS = (
     ),
     Fault(
         "exact/ring.py",
-        "total *= scale**exponent",
+        "total *= scale ** exponent",
         "total *= scale",
         "constants of repeated factors",
         "exact/test_rational.py",

@@ -1,7 +1,8 @@
-"""What a fault is."""
+"""Small mistakes planted in the source, found by syntax: comments, line breaks and parentheses do not matter."""
 
 from __future__ import annotations
 
+import ast
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,12 +14,15 @@ ROOT = Path(__file__).parents[2]
 class Fault:
     """A small mistake in one file.
 
+    The file is parsed and printed by :func:`ast.unparse`, which decides about blanks, quotes and parentheses; the
+    layout of the file itself may change.
+
     Attributes
     ----------
     file : str
         Below ``src/echelon``.
     old, new : str
-        What stands there, exactly once, and what is put in its place.
+        Code that occurs exactly once in the printed file, and the code that replaces it.
     breaks : str
         What becomes wrong.
     tests : str
@@ -37,13 +41,15 @@ class Fault:
         return Path("src", "echelon", self.file)
 
     def applied(self, text: str) -> str:
-        """The text with the fault.
+        """Source text of the file with the fault.
 
         Raises
         ------
         ValueError
-            If the old text does not stand there exactly once, or nothing would change.
+            If the old code does not occur exactly once, or nothing would change.
         """
-        if text.count(self.old) != 1 or self.old == self.new:
-            raise ValueError(f"{self.file}: {text.count(self.old)} times {self.old!r}; bring the list up to date")
-        return text.replace(self.old, self.new)
+        printed = ast.unparse(ast.parse(text))
+        count = printed.count(self.old)
+        if count != 1 or self.old == self.new:
+            raise ValueError(f"{self.file}: {count} times {self.old!r}; bring the list up to date")
+        return printed.replace(self.old, self.new)

@@ -19,12 +19,12 @@ FAULTS = (
     ),
     Fault(
         URDF,
-        '"ixz", "iyy"',
-        '"iyy", "ixz"',
+        "'ixz', 'iyy'",
+        "'iyy', 'ixz'",
         "products of inertia",
         "formats/test_urdf.py::test_fixed_links_are_lumped_or_kept",
     ),
-    Fault(URDF, '"multiplier", "1"', '"multiplier", "-1"', "mimic without a multiplier", "formats/test_urdf.py"),
+    Fault(URDF, "'multiplier', '1'", "'multiplier', '-1'", "mimic without a multiplier", "formats/test_urdf.py"),
     Fault(
         INERTIA,
         "cy * sp * sr - sy * cr",
@@ -76,8 +76,8 @@ FAULTS = (
     ),
     Fault(
         "formats/literal.py",
-        "offset, constant = offset + value, Polynomial({})",
-        "offset, constant = offset, Polynomial({})",
+        "offset, constant = (offset + value, Polynomial({}))",
+        "offset, constant = (offset, Polynomial({}))",
         "offsets of mimics of mimics",
         "formats/test_urdf.py::test_mimics_follow_their_leader",
     ),
@@ -90,7 +90,7 @@ FAULTS = (
     ),
     Fault(
         "formats/literal.py",
-        "inner, constant = dict(known[name].terms), known[name].offset",
+        "inner, constant = (dict(known[name].terms), known[name].offset)",
         "constant = known[name].offset",
         "couplings to coupled coordinates",
         "formats/test_description.py::test_examples",

@@ -13,7 +13,7 @@ FAULTS = (
         "inverse placements",
         "mechanism/test_joints.py::test_a_placement_and_its_inverse",
     ),
-    Fault(JOINT, "= c, -s, s, c", "= c, s, -s, c", "sense of turns", JOINTS),
+    Fault(JOINT, "= (c, -s, s, c)", "= (c, s, -s, c)", "sense of turns", JOINTS),
     Fault(
         JOINT,
         "multiply(self.rotation, other.rotation)",
@@ -22,7 +22,7 @@ FAULTS = (
         JOINTS,
     ),
     Fault(JOINT, "merged.pop() @ step", "step @ merged.pop()", "order of fixed frames", JOINTS),
-    Fault(JOINT, '.angle", normal)', '.angle", first)', "axis of a planar joint", JOINTS),
+    Fault(JOINT, ".angle', normal)", ".angle', first)", "axis of a planar joint", JOINTS),
     Fault(
         JOINT,
         "Motion(MotionKind.SCREW, name, axis, sign, pitch)",
@@ -46,15 +46,15 @@ FAULTS = (
     ),
     Fault(
         SUBSTITUTE,
-        "return tuple(_mapped(part, put) for part in value)",
+        "return tuple((_mapped(part, put) for part in value))",
         "return value",
         "nested expressions at values of symbols",
         "mechanism/test_substitute.py",
     ),
     Fault(
         SUBSTITUTE,
-        '"couplings", "closures", ',
-        '"couplings", ',
+        "'couplings', 'closures', ",
+        "'couplings', ",
         "closures at values of symbols",
         "mechanism/test_substitute.py",
     ),

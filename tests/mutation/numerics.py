@@ -78,7 +78,7 @@ FAULTS = (
     Fault("observe/observation.py", "/ safe[:, None] / safe)", "/ safe[:, None])", "normal equations", OBSERVE),
     Fault("codegen/views.py", "_at_least(Binding.PRODUCT, b)", "b[0]", "a − (b + c)", CODE),
     Fault("codegen/views.py", "_at_least(Binding.ATOM, b)", "b[0]", "a / (b·c)", CODE),
-    Fault("codegen/language.py", 'Op.ABS: "ca.fabs({x})"', 'Op.ABS: "ca.sign({x})"', "absolute values in CasADi", CODE),
+    Fault("codegen/language.py", "Op.ABS: 'ca.fabs({x})'", "Op.ABS: 'ca.sign({x})'", "absolute values in CasADi", CODE),
     Fault("codegen/views.py", "range(0, self.places, LANES)", "range(0, LANES, LANES)", "blocks of angles", CODE),
     Fault("inertia.py", "(square - centre[..., :, None]", "(square + centre[..., :, None]", "Steiner", CONVERT),
     Fault(
@@ -109,5 +109,5 @@ FAULTS = (
         "constants that are given",
         "base/test_linear_model.py",
     ),
-    Fault("models.py", 'f"y{i + 1}"', 'f"y{i}"', "names of outputs", "base/test_linear_model.py"),
+    Fault("models.py", "f'y{i + 1}'", "f'y{i}'", "names of outputs", "base/test_linear_model.py"),
 )
